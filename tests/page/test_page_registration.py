@@ -117,6 +117,8 @@ def test_stop_in_a_session_ends_it_and_a_killed_one_is_said(browser, tmp_path):
         watched = open_tab(browser, page, "/", "&pace=1")
         watched.start()
         watched.wait_for(BADGE, "^SEARCHING$")
+        # The first frame of the search.
+        watched.tab.wait_for_selector(".ms-panel-curve svg circle")
         watched.tab.locator(".ms-stop").click()
         watched.wait_for(BADGE, "^STOPPED$")
         assert page.children() == []

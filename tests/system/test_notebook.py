@@ -36,3 +36,17 @@ def test_the_notebook_searches_draws_and_counts(tmp_path: Path, monkeypatch: pyt
     acquisitions = int(re.findall(r">acquisitions</th><td[^>]*>(\d+)<", searched["text/html"])[0])
     assert [table["text/html"].count(f">{role}<") for role in ("search", "confirmation")] == [acquisitions, 1]
     assert "-8." in bank["text/plain"]
+
+
+def test_the_notebook_of_a_registration_registers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nbformat = pytest.importorskip("nbformat", reason="needs the packages of the tests")
+    nbclient = pytest.importorskip("nbclient", reason="needs the packages of the tests")
+    for name in ("IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    book = nbformat.read(ROOT / "examples" / "register.ipynb", as_version=4)
+    code = [cell for cell in book.cells if cell.cell_type == "code"]
+    assert sum(len(cell.source.splitlines()) for cell in code) <= 22
+    nbclient.NotebookClient(book, timeout=300, kernel_name="python3").execute()
+    said = "".join(each.get("text", "") for cell in code for each in cell.outputs)
+    assert said.count("found") >= 4
+    assert float(re.findall(r"true error ([\d.]+) mm", said)[0]) < 2.5

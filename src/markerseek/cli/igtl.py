@@ -15,13 +15,13 @@ from markerseek.cli.options import RigFile, Trust
 from markerseek.cli.signals import Stopped, heeded
 from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
-from markerseek.registration import read_registration
 
 EXAMPLES = """
     markerseek igtl
     markerseek igtl --rig examples/rigs/bench.toml
     markerseek igtl --play run.journal --pace 0.1
     markerseek igtl --registration registration.json
+    markerseek igtl --registration SESSION
     markerseek igtl --host 192.0.2.10 --allow 192.0.2.7
 """
 
@@ -44,7 +44,10 @@ def command(
     ] = None,
     registration: Annotated[
         Path | None,
-        typer.Option(help="Also send the transform of the da Vinci camera that `markerseek register` wrote."),
+        typer.Option(
+            help="Also send the transform of the da Vinci camera: of the file that `markerseek register` wrote, or of "
+            "a session's folder, after each marker."
+        ),
     ] = None,
     pace: Annotated[
         float | None,
@@ -70,16 +73,21 @@ def command(
         # A file that cannot be used is refused now, not when somebody asks for a search.
         read_rig(rig, trust=trust)
     recording = None if play is None else bridges.open_recording(play)
+    source = None if registration is None else bridges.open_registration(registration)
     service = igtl.SearchService(
         bridges.SearchOptions(rig=rig, pace=pace or 0.0) if recording is None else None,
         # The name of a file may be no text, and is sent as text.
         recording=None if recording is None else printable(recording.name),
-        registration=None if registration is None else read_registration(registration),
+        registration=source,
         version=1 if header_version == 1 else 2,
         allowed=[_address(text) for text in allow or []],
         on_note=_note,
     )
-    code = asyncio.run(_serve(service, host, port, recording, pace=1.0 if pace is None else pace))
+    try:
+        code = asyncio.run(_serve(service, host, port, recording, pace=1.0 if pace is None else pace))
+    finally:
+        if source is not None:
+            source.close()
     raise Stopped(code)
 
 

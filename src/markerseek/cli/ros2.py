@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,11 +19,11 @@ from markerseek.cli.ros2_devices import ros_node
 from markerseek.cli.signals import Stopped, noted_signals
 from markerseek.cli.terminal import print_json, stderr
 from markerseek.core import SearchPlan, SimulationOptions
-from markerseek.registration import read_registration
 from markerseek.ros import topics
 
 _SEARCH_EXAMPLES = """
     markerseek ros2 search
+    markerseek ros2 search --registration SESSION
     markerseek ros2 search --once --rig ros2-rig.toml --json
 """
 
@@ -36,7 +37,10 @@ def search(
     trust: Trust = False,
     registration: Annotated[
         Path | None,
-        typer.Option(help="Also publish the transform of the da Vinci camera that `markerseek register` wrote."),
+        typer.Option(
+            help="Also publish the transform of the da Vinci camera: of the file that `markerseek register` wrote, or "
+            "of a session's folder, after each marker."
+        ),
     ] = None,
     once: Annotated[
         bool, typer.Option("--once", help="Search at once, then end with the exit code of the search.")
@@ -48,17 +52,17 @@ def search(
     The search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
     armed, each time; no message arms it.
     """
-    known = None if registration is None else read_registration(registration)
     asked = bridges.AskedSearch(plan=plan, simulation=simulation)
     if rig is not None:
         # Asked now, not when a node calls.
         read_rig(rig, trust=trust)
     options = bridges.SearchOptions(rig=rig)
-    made = ros_node("pa_search", publishes=topics.RESULT, arguments=ctx.obj)
-    with made as node, noted_signals() as stopped:
-        if known is not None:
-            ros2.publish_registration(node, known)
+    with ExitStack() as open_:
+        source = None if registration is None else open_.enter_context(bridges.open_registration(registration))
+        node = open_.enter_context(ros_node("pa_search", publishes=topics.RESULT, arguments=ctx.obj))
+        stopped = open_.enter_context(noted_signals())
         served = ros2.SearchNode(node=node, options=options, asked=asked, publishes_angle=not _is_over_ros(rig))
+        registered = None if source is None else ros2.RegistrationTopics(node=node, source=source)
         try:
             if once:
                 served.start()
@@ -67,6 +71,8 @@ def search(
             while not stopped and not (once and not served.running):
                 node.spin(0.1)
                 served.step()
+                if registered is not None and (said := registered.step()) is not None:
+                    stderr.print(said, markup=False)
         finally:
             served.close()
         outcome = served.outcome

@@ -138,11 +138,12 @@ class IgtlEncoder(IgtlMessages):
         if not came:
             return None
         newest = came[-1]
-        self._said = self._objection(newest)
-        if self._said or not self._stamps.is_used(newest.time_s, self._unix_s()):
-            return None
         assert isinstance(newest.content, igtl.Transform)  # noqa: S101  by the kind in its header
-        return self._transforms.angle_deg(newest.content.matrix)
+        matrix = newest.content.matrix
+        self._said = self._objection(newest)
+        if self._said or matrix is None or not self._stamps.is_used(newest.time_s, self._unix_s()):
+            return None
+        return self._transforms.angle_deg(matrix)
 
     def _objection(self, transform: igtl.Message) -> str:
         """Why a transform is not believed; empty if it is: a server sends its last matrix with a status of INVALID."""
@@ -152,7 +153,10 @@ class IgtlEncoder(IgtlMessages):
             if transform.version == 1:
                 return f"{said}: it came in header version 1; {VERSION_CURE}, or set stage.require_status = false"
             return f"{said}; let the server send it, or set stage.require_status = false if it never can"
-        return "" if status in (None, "OK") else f"it says that its transform is {status[:20]!r}"
+        if status not in (None, "OK"):
+            return f"it says that its transform is {status[:20]!r}"
+        known = isinstance(transform.content, igtl.Transform) and transform.content.matrix is not None
+        return "" if known else "its transform is NaN"
 
 
 class Ros2Encoder:

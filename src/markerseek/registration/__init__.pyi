@@ -2,7 +2,16 @@ from .choice import Choice, SeenMarker, choose
 from .device_room import DeviceRoom
 from .points import point_pairs, spot_pairs
 from .poses import Place, Poses, Prediction, Reach
-from .record import CAMERA_IMAGES, SessionRecord, camera_text, default_folder, follow_session, read_session
+from .record import (
+    CAMERA_IMAGES,
+    SessionRecord,
+    camera_text,
+    default_folder,
+    follow_session,
+    is_running,
+    read_session,
+    session_folder,
+)
 from .report import (
     TARGET_DEPTH_M,
     KnownRegistration,
@@ -15,6 +24,7 @@ from .report import (
 from .session import REGISTRATION_TOLERANCE_MM, RegistrationSession, Room, SessionPlan
 from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
 from .simulated_room import SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
+from .state import RegistrationState
 from .steps import (
     Begun,
     Ended,
@@ -52,6 +62,7 @@ __all__ = [
     "Registered",
     "RegistrationReport",
     "RegistrationSession",
+    "RegistrationState",
     "Room",
     "Searching",
     "SeenMarker",
@@ -75,11 +86,13 @@ __all__ = [
     "default_folder",
     "focal_shared_m",
     "follow_session",
+    "is_running",
     "point_pairs",
     "read_registration",
     "read_session",
     "read_stereo",
     "register_pairs",
+    "session_folder",
     "spot_pairs",
     "target_pixels",
     "target_views",

@@ -18,6 +18,7 @@ from markerseek.core import AnglePrior, ConfigError, Float64, Interval
 from markerseek.geometry import (
     MIN_POINTS,
     Registration,
+    StereoCameras,
     registration_errors,
 )
 from markerseek.registration.choice import Choice, SeenMarker

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
@@ -19,8 +20,8 @@ import msgspec
 import numpy as np
 
 from markerseek.core import RecordError, UInt8
-from markerseek.files import MIB, as_read_error, data_folder, read_input
-from markerseek.records.journal import is_written, make_folder
+from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input, sync_folder
+from markerseek.records.journal import is_written, lock, make_folder
 from markerseek.registration.steps import Begun, RecordedStep, TakenMarker
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.vision import opencv
@@ -34,49 +35,59 @@ _MOST_BYTES = 64 * MIB
 class SessionRecord:
     """The record of a session, open for writing; made by `create` or `reopen`."""
 
-    def __init__(self, folder: Path, begun: Begun, taken: Sequence[TakenMarker], descriptor: int) -> None:
-        self.folder, self.begun = folder, begun
-        self.taken: list[TakenMarker] = list(taken)
-        self._descriptor = descriptor
+    def __init__(self, folder: Path, descriptor: int) -> None:
+        """Take a record that is open; `RecordError` if another program writes it."""
+        self.folder, self._descriptor = folder, descriptor
+        self.begun: Begun
+        self.taken: list[TakenMarker] = []
+        """Markers that were taken; not those that are one of them, measured again."""
+        try:
+            lock(descriptor)
+        except BlockingIOError as problem:
+            self.close()
+            raise RecordError(f"{folder}: another markerseek runs this session; wait until it ends") from problem
 
     @classmethod
     def create(cls, folder: Path, begun: Begun) -> Self:
-        """A new record in a folder that does not exist, or is empty."""
-        try:
+        """A new record in a folder that does not exist, or holds no session."""
+        with _as_write_error(folder):
             make_folder(folder)
-            path = folder / NAME
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o600)
-        except FileExistsError as problem:
-            raise RecordError(
-                f"{folder}: it holds a session already; continue it by --continue, or name another folder"
-            ) from problem
-        except OSError as problem:
-            raise RecordError(f"{folder}: no session can be recorded there: {problem.strerror}") from problem
-        record = cls(folder, begun, [], descriptor)
-        record._lock()
-        record._write(begun)
+            record = cls(folder, os.open(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600))
+        try:
+            record._begin(begun)
+        except BaseException:
+            record.close()
+            raise
         return record
 
     @classmethod
     def reopen(cls, path: Path) -> Self:
         """Open the record of a session to continue it; ``path``: its folder, or the file in it."""
-        folder = path.parent if path.name == NAME else path
-        (begun, *steps), end = read_session(folder)
-        assert isinstance(begun, Begun)  # noqa: S101  as it was read
-        taken = [step for step in steps if isinstance(step, TakenMarker)]
+        folder = session_folder(path) or path
+        # Refuses what is no session before it is opened for writing.
+        read_session(folder)
+        with _as_write_error(folder):
+            record = cls(folder, os.open(folder / NAME, os.O_RDWR | os.O_APPEND))
         try:
-            descriptor = os.open(folder / NAME, os.O_RDWR | os.O_APPEND)
-        except OSError as problem:
-            raise RecordError(f"{folder / NAME}: it cannot be written: {problem.strerror}") from problem
-        record = cls(folder, begun, taken, descriptor)
-        record._lock()
-        os.ftruncate(descriptor, end)
+            # Read again, now that nobody else writes.
+            (begun, *steps), end = read_session(folder)
+            assert isinstance(begun, Begun)  # noqa: S101  as it was read
+            with _as_write_error(folder):
+                os.ftruncate(record._descriptor, end)
+        except BaseException:
+            record.close()
+            raise
+        record.begun = begun
+        record.taken += [step for step in steps if isinstance(step, TakenMarker) and step.again is None]
         return record
 
     def add(self, step: RecordedStep) -> None:
-        """Record a step; it is on the disk when this returns."""
+        """Record a step; it is on the disk when this returns, and nothing of it is read if this fails for want of room.
+
+        Raises `RecordError` if it cannot be written.
+        """
         self._write(step)
-        if isinstance(step, TakenMarker):
+        if isinstance(step, TakenMarker) and step.again is None:
             self.taken.append(step)
 
     def show(self, left: UInt8[np.ndarray, "rows columns"], right: UInt8[np.ndarray, "rows columns"]) -> None:
@@ -84,8 +95,9 @@ class SessionRecord:
         for name, image in zip(CAMERA_IMAGES, (left, right), strict=True):
             _, coded = opencv("images of a session").imencode(".jpg", image)
             part = self.folder / f".{name}"
-            part.write_bytes(coded.tobytes())
-            part.replace(self.folder / name)
+            with _as_write_error(self.folder):
+                part.write_bytes(coded.tobytes())
+                part.replace(self.folder / name)
 
     def journal_path(self, name: str) -> Path:
         """Path of a journal for the search of a marker; another one for each try."""
@@ -100,39 +112,79 @@ class SessionRecord:
             os.close(self._descriptor)
             self._descriptor = -1
 
-    def _lock(self) -> None:
-        import fcntl
-
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as problem:
+    def _begin(self, begun: Begun) -> None:
+        # A first line that was never finished is no session.
+        if _whole_lines(self._descriptor, 0, self.folder / NAME):
             raise RecordError(
-                f"{self.folder}: another markerseek continues this session; wait until it ends"
-            ) from problem
+                f"{self.folder}: it holds a session already; continue it by --continue, or name another folder"
+            )
+        with _as_write_error(self.folder):
+            os.ftruncate(self._descriptor, 0)
+            sync_folder(self.folder)
+        self.begun = begun
+        self._write(begun)
 
     def _write(self, value: RecordedStep) -> None:
         text = msgspec.json.encode(value) + b"\n"
-        try:
-            os.write(self._descriptor, b"%08x " % zlib.crc32(text) + text)
+        left = memoryview(b"%08x " % zlib.crc32(text) + text)
+        with _as_write_error(self.folder):
+            end = os.fstat(self._descriptor).st_size
+            try:
+                # The system may take less than it is given.
+                while left:
+                    left = left[os.write(self._descriptor, left) :]
+            except OSError:
+                # The next line must not begin within this one.
+                os.ftruncate(self._descriptor, end)
+                raise
             os.fdatasync(self._descriptor)
-        except OSError as problem:
-            raise RecordError(
-                f"{self.folder / NAME}: it cannot be written: {problem.strerror}; make room on the disk, and continue "
-                "the session by --continue"
-            ) from problem
+
+
+@contextmanager
+def _as_write_error(folder: Path) -> Iterator[None]:
+    """Turn errors of the file system into a `RecordError` that names the session and the cure."""
+    try:
+        yield
+    except OSError as problem:
+        raise RecordError(
+            f"{folder}: the session cannot be recorded: {problem.strerror or problem}; make room on the disk or check "
+            "the rights, then continue the session by --continue, or name another folder"
+        ) from problem
+
+
+def session_folder(path: Path) -> Path | None:
+    """Folder of a session that is named by its folder, or by the record in it; None for another file."""
+    if path.name == NAME:
+        return path.parent
+    return path if path.is_dir() else None
+
+
+def is_running(folder: Path) -> bool:
+    """Whether a program runs the session: it has its record open for writing."""
+    path = folder / NAME
+    with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
+        return is_written(file.fileno())
 
 
 def read_session(folder: Path) -> tuple[list[RecordedStep], int]:
     """The steps of a session, `Begun` first, and the bytes up to the end of its last whole line."""
     path = folder / NAME
     if not path.is_file():
-        raise RecordError(f"{folder}: there is no {NAME} in it; name the folder of a session, as `register` prints it")
+        raise RecordError(
+            f"{folder}: there is no {NAME} in it, so that no session has begun; name the folder of a session, as "
+            "`register` prints it"
+        )
     with as_read_error(path):
         content = read_input(path, most_bytes=_MOST_BYTES)
     end = content.rfind(b"\n") + 1
+    tail = content[end:]
+    if tail[:-1] and _agrees(tail[:-1]):
+        raise RecordError(f"{path}: the end of its last line was changed; another program changed the file")
     steps = [_step(line, path, number) for number, line in enumerate(content[:end].splitlines(), start=1)]
     if not steps:
-        raise RecordError(f"{path}: its first line was never finished; begin a new session")
+        raise RecordError(
+            f"{path}: its first line is not finished, so that no session has begun; try again, or begin a new one"
+        )
     return steps, end
 
 
@@ -146,7 +198,7 @@ def follow_session(
 
     ``is_over``: whether no more will be written; None: once no program has the session open for writing. Where it is
     given, the folder need not exist yet. ``wait``: called where nothing new is there. Raises `RecordError` at the
-    first line that does not agree with its check sum.
+    first line that does not agree with its check sum, and if the file is deleted or steps are cut off.
     """
     path = folder / NAME
     while is_over is not None and not path.exists():
@@ -154,26 +206,44 @@ def follow_session(
             return
         wait()
     end = number = 0
-    with as_read_error(path), path.open("rb") as file:
+    with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
         while True:
             # Asked before the file is read: what was written before the end is read after it.
             over = not is_written(file.fileno()) if is_over is None else is_over()
-            # A line that is not finished is read again from its beginning: it may be cut off meanwhile.
-            file.seek(end)
-            for line in file:
-                if not line.endswith(b"\n"):
-                    break
-                end, number = end + len(line), number + 1
-                yield _step(line.removesuffix(b"\n"), path, number)
+            lines = _whole_lines(file.fileno(), end, path)
+            for line in lines.splitlines():
+                number += 1
+                yield _step(line, path, number)
+            end += len(lines)
             if over:
                 return
             wait()
 
 
+def _whole_lines(descriptor: int, begin: int, path: Path) -> bytes:
+    """What is written behind a place, up to the last line that is finished.
+
+    The rest is read again from its beginning: it may be cut off meanwhile.
+    """
+    status = os.fstat(descriptor)
+    if status.st_nlink == 0:
+        raise RecordError(f"{path}: it was deleted while it was followed; what the session says is not known any more")
+    if status.st_size < begin:
+        raise RecordError(f"{path}: steps that were read are not in it any more; another program changed the file")
+    content = os.pread(descriptor, min(status.st_size - begin, _MOST_BYTES), begin)
+    return content[: content.rfind(b"\n") + 1]
+
+
+def _agrees(line: bytes) -> bool:
+    """Whether a line, without its end, agrees with its check sum."""
+    prefix, _, text = line.partition(b" ")
+    return prefix == b"%08x" % zlib.crc32(text + b"\n")
+
+
 def _step(line: bytes, path: Path, number: int) -> RecordedStep:
     """The step in a line without its end."""
-    prefix, _, text = line.partition(b" ")
-    if prefix != b"%08x" % zlib.crc32(text + b"\n"):
+    _, _, text = line.partition(b" ")
+    if not _agrees(line):
         raise RecordError(f"{path}, line {number}: it does not agree with its check sum; the file was changed")
     try:
         step: RecordedStep = msgspec.json.decode(text, type=RecordedStep)

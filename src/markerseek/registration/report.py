@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import msgspec
 import numpy as np
@@ -327,18 +327,46 @@ class KnownRegistration:
     """A registration to be shown to other programs."""
 
     name: str
+    """Name of its file, or of the folder of its session."""
     davinci_to_trus: RigidTransform
     """From the camera of the da Vinci system to the probe at 0 degrees, in metres."""
     simulated: bool
     """Whether markers and camera were simulated."""
     fre_m: float
     tre_m: float
-    """``fre_m`` and ``tre_m``: fiducial registration error, and expected error at the target."""
+    tre95_m: float
+    """``fre_m``, ``tre_m`` and ``tre95_m``: fiducial registration error, expected error at the target, and the bound of
+    95 % of the errors there."""
+    markers: int
+    """Number of the markers, or points, of which it is made."""
+
+    @classmethod
+    def of(cls, report: RegistrationReport, *, source: Path, simulated: bool) -> Self:
+        """The registration of a report that was accepted; `RecordError` if its transform is not rigid.
+
+        ``source``: where the report was read.
+        """
+        rows = report.davinci_to_trus
+        if rows is None or [len(row) for row in rows] != [4] * 4 or rows[3] != [0, 0, 0, 1]:
+            raise RecordError(f"{source}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
+        try:
+            transform = davinci_to_probe_home(rows)
+        except ConfigError as problem:
+            raise RecordError(f"{source}: {problem}") from problem
+        return cls(
+            name=source.name,
+            davinci_to_trus=transform,
+            simulated=simulated,
+            fre_m=report.fre_m,
+            tre_m=report.tre_m,
+            tre95_m=report.tre95_m,
+            markers=len(report.points),
+        )
 
     @property
-    def known(self) -> dict[str, object]:
-        """What is shown beside the transform."""
-        return {"file": self.name, "simulated": self.simulated, "fre_m": self.fre_m, "tre_m": self.tre_m}
+    def errors(self) -> dict[str, float | int]:
+        """Its errors, as they are shown beside the transform."""
+        return {"fre_m": self.fre_m, "tre_m": self.tre_m, "tre95_m": self.tre95_m, "markers": self.markers}
 
 
 class _File(RegistrationReport, frozen=True, kw_only=True):
@@ -363,21 +391,8 @@ def read_registration(path: Path) -> KnownRegistration:
         _File,
         most_bytes=8 * MIB,
         what="a registration as JSON",
-        cure="make one with 'markerseek register points.csv'",
+        cure="make one with 'markerseek register points.csv', or name the folder of a session",
     )
     if not stored.registered or stored.davinci_to_trus is None:
         raise RecordError(f"{path}: its registration was not accepted ({stored.reason}); register again")
-    rows = stored.davinci_to_trus
-    if [len(row) for row in rows] != [4] * 4 or rows[3] != [0, 0, 0, 1]:
-        raise RecordError(f"{path}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
-    try:
-        transform = davinci_to_probe_home(rows)
-    except ConfigError as problem:
-        raise RecordError(f"{path}: {problem}") from problem
-    return KnownRegistration(
-        name=path.name,
-        davinci_to_trus=transform,
-        simulated=stored.simulation is not None,
-        fre_m=stored.fre_m,
-        tre_m=stored.tre_m,
-    )
+    return KnownRegistration.of(stored, source=path, simulated=stored.simulation is not None)

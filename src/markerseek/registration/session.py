@@ -529,7 +529,7 @@ class RegistrationSession:
             else "it has not moved by more than that"
         )
         said = f"marker {first.name} is {1e3 * moved_m:.2f} ± {1e3 * sigma_m:.2f} mm from where it was: {verdict}"
-        return MovedMarker(name=first.name, moved_m=moved_m, sigma_m=sigma_m, said=said)
+        return MovedMarker(name=first.name, moved_m=moved_m, sigma_m=sigma_m, moved=moved, said=said)
 
     def _ended(self, state: Registered) -> Ended:
         took = f"{counted(len(self.taken), 'marker')} in {self.rig_s:.0f} s of the rig"

@@ -19,7 +19,7 @@ from markerseek.registration.shared_errors import (
 )
 from markerseek.registration.steps import Registered, TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
-from markerseek.rigs import Rig, movable
+from markerseek.rigs import Beside, Rig, movable
 from markerseek.sim import (
     EndoscopeFaults,
     EndoscopeSettings,
@@ -68,6 +68,8 @@ class SimulatedRoomSettings:
     shared_errors: bool = True
     """Whether sound speed, face radius, zero of the angle and focal length are wrong, each by a draw from what a
     registration assumes of it."""
+    beside: Beside | None = None
+    """Draws what is beside each marker; None: nothing but the clutter of the material."""
     places_m: tuple[tuple[float, float], ...] | None = None
     """Places (x, y) in the TRUS frame that are lit in turn, whatever is asked for; None: the places asked for."""
     faults: EndoscopeFaults = field(default_factory=EndoscopeFaults)
@@ -104,7 +106,7 @@ class SimulatedRoom:
         self._settings, self._seed = settings, seed
         rng = np.random.default_rng(seed)
         self._rng = rng
-        self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace)
+        self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace, beside=settings.beside)
         self._rig = self._movable.rig
         tissue_m = settings.rig.marker.radius_m
         self._tissue_m = tissue_m

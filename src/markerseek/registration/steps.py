@@ -159,6 +159,8 @@ class MovedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="again"):
     sigma_m: float
     """``moved_m`` and ``sigma_m``: how far it is from where it was, as seen from the camera, and the standard deviation
     of that."""
+    moved: bool
+    """Whether it has moved by more than that explains: the registration does not hold."""
     said: str
 
 

@@ -1,5 +1,5 @@
 from .bench_rig import bench, bench_part
-from .moved_marker import MovableMarker, movable
+from .moved_marker import Beside, MovableMarker, movable
 from .probe_file import blanked_samples, chosen_probe, preset_of, probe_facts, read_recording, with_probe_facts
 from .replay import replayed
 from .rig import (
@@ -21,6 +21,7 @@ from .simulation import simulated
 __all__ = [
     "USUAL_CELLS",
     "BenchRecipe",
+    "Beside",
     "MovableMarker",
     "ReaderRecipe",
     "Recipe",

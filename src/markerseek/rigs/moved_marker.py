@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import SupportsIndex
+from typing import SupportsIndex, TypeAlias
 
 import numpy as np
 
+from markerseek.acoustics import Absorber
 from markerseek.rigs.rig import Rig
 from markerseek.rigs.scene import Scene, draw_scene, image_reader
 from markerseek.rigs.simulated_devices import require_seed, rig_in_world
 from markerseek.sim import SimulatedSettings, VirtualClock, World
+
+Beside: TypeAlias = Callable[[Scene, np.random.Generator], tuple[Absorber, ...]]
+"""Draws what is beside a marker that was moved, with strengths in counts."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -22,19 +27,24 @@ class MovableMarker:
     world: World
     settings: SimulatedSettings
     rng: np.random.Generator
+    beside: Beside | None = None
 
     def move(self, *, angle_deg: float, radius_m: float, lateral_m: float) -> Rig:
         """Put the spot of light elsewhere, with clutter drawn anew, and return the rig."""
         scene = _scene(self.settings, self.rng, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m)
-        self.world.replace_absorbers(scene.absorbers)
+        others = () if self.beside is None else self.beside(scene, self.rng)
+        self.world.replace_absorbers((*scene.absorbers, *others))
         self.rig = replace(self.rig, facts=replace(self.rig.facts, truth_deg=angle_deg))
         return self.rig
 
 
-def movable(seed: SupportsIndex, settings: SimulatedSettings, *, pace: float = 0.0) -> MovableMarker:
+def movable(
+    seed: SupportsIndex, settings: SimulatedSettings, *, pace: float = 0.0, beside: Beside | None = None
+) -> MovableMarker:
     """A simulated rig of channel data whose marker can be moved.
 
-    Gain and noise are those of a marker in the middle of the range. ``pace``: as of `simulated`.
+    Gain and noise are those of a marker in the middle of the range. ``pace``: as of `simulated`. ``beside``: draws what
+    is beside the marker, anew with each move; None: nothing but the clutter of the material.
     """
     rng = np.random.default_rng(require_seed(seed))
     middle_deg = settings.limits.search.centre_deg
@@ -50,7 +60,7 @@ def movable(seed: SupportsIndex, settings: SimulatedSettings, *, pace: float = 0
         truth_deg=None,
         rng=rng,
     )
-    return MovableMarker(rig=rig, world=world, settings=settings, rng=rng)
+    return MovableMarker(rig=rig, world=world, settings=settings, rng=rng, beside=beside)
 
 
 def _scene(

@@ -126,13 +126,18 @@ def _turned(angle_deg: float) -> tuple[float, float, float, float]:
     return 0.0, math.sin(half), 0.0, math.cos(half)
 
 
-def registered(davinci_to_trus: RigidTransform, *, time_s: float, simulated: bool) -> Any:
-    """The camera of the da Vinci system in the home frame of the probe, as a geometry_msgs/TransformStamped."""
+def registered(davinci_to_trus: RigidTransform | None, *, time_s: float, simulated: bool) -> Any:
+    """The camera of the da Vinci system in the home frame of the probe, as a geometry_msgs/TransformStamped.
+
+    ``davinci_to_trus``: None is sent as NaN, which no program can take for a place, and tf2 refuses.
+    """
+    frames = HOME, SIMULATED_CAMERA if simulated else CAMERA
+    if davinci_to_trus is None:
+        return _transform(time_s, frames, quaternion=(math.nan,) * 4, place_m=(math.nan,) * 3)
     from scipy.spatial.transform import Rotation
 
     x, y, z, w = map(float, Rotation.from_matrix(davinci_to_trus.rotation).as_quat())
     place_x_m, place_y_m, place_z_m = map(float, davinci_to_trus.translation_m)
-    frames = HOME, SIMULATED_CAMERA if simulated else CAMERA
     return _transform(time_s, frames, quaternion=(x, y, z, w), place_m=(place_x_m, place_y_m, place_z_m))
 
 

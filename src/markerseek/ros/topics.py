@@ -42,7 +42,10 @@ BMODE = "/TRUS/bmode/image"
 
 REGISTRATION, STATIC_FRAMES = "/pa_search/registration", "/tf_static"
 """The camera of the da Vinci system in the home frame of the probe, latched, as geometry_msgs/TransformStamped, and for
-tf2 with the type of `FRAMES`."""
+tf2 with the type of `FRAMES`; that of a session is not static, and is sent on `FRAMES` while it holds."""
+
+REGISTRATION_STATE = "/pa_search/registration_state"
+"""Whether the registration holds, and its errors, latched: std_msgs/String with JSON."""
 
 BANK, SAMPLE, INTENSITY = "/pa_search/bank", "/pa_search/sample", "/pa_search/intensity"
 """What is known of the rig, latched; each acquisition as JSON; its intensity as std_msgs/Float64."""

@@ -153,7 +153,8 @@ class SimulatedSettings:
 
 
 STREAMING = SimulatedSettings(
-    stage=StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0), receiver=ReceiverSettings(readout_s=0.02)
+    stage=StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0),
+    receiver=ReceiverSettings(readout_s=0.02, single_pulses=True),
 )
 """A rig for sweeps: a PRM1Z8 at its limits, and a receiver that streams 20 frames a second."""
 

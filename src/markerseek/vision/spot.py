@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.optimize import least_squares
 
-from markerseek.core import Bool, ConfigError, Float32, Float64, Int64, UInt8
+from markerseek.core import ConfigError, Float32, Float64, Int64, UInt8
 from markerseek.vision.opencv import opencv
 
 MAX_SIZE_PX = 61
@@ -106,8 +106,9 @@ def find_spot(
     """
     _require_alike([*frames, *dark])
     gray = [_gray(frame) for frame in frames]
-    background = np.mean([_gray(frame) for frame in dark], axis=0, dtype=np.float32) if dark else np.float32(0)
-    mean = np.asarray(np.mean(gray, axis=0, dtype=np.float32) - background)
+    mean = _mean(gray)
+    background = _mean([_gray(frame) for frame in dark]) if dark else np.zeros_like(mean)
+    mean -= background
     height = _height(mean)
     middle = float(np.median(height))
     # The median deviation of Gaussian noise is 0.6745 of its standard deviation.
@@ -121,14 +122,13 @@ def find_spot(
             "check that the laser is on and in view, and that the camera does not block infrared light"
         )
     first = (int(column), int(row))
-    clear = np.max(gray, axis=0) < _FULL_COUNTS
-    spot = _fitted(mean, clear, first)
+    spot = _fitted(mean, gray, first)
     if spot is None:
         return NoSpot(reason="the brightest place has not the form of a spot; hide reflections, or use a smaller spot")
     second = _second(height, spot, first, level=max(level, SECOND_SHARE * peak))
     if second is not None:
         return TwoSpots(places_px=((float(first[0]), float(first[1])), second))
-    return _judged(spot, [frame - background for frame in gray])
+    return _judged(spot, [frame[spot.pixels] - background[spot.pixels] for frame in gray])
 
 
 def _require_alike(images: list[UInt8[np.ndarray, " ..."]]) -> None:
@@ -152,9 +152,18 @@ def _require_alike(images: list[UInt8[np.ndarray, " ..."]]) -> None:
             )
 
 
-def _gray(image: UInt8[np.ndarray, " ..."]) -> Float32[np.ndarray, "rows columns"]:
+def _gray(image: UInt8[np.ndarray, " ..."]) -> UInt8[np.ndarray, "rows columns"]:
     """Brightness: the brightest channel, because a camera shows 785 nm in one or two of its three."""
-    return (image if image.ndim == 2 else image.max(axis=2)).astype(np.float32)
+    return image if image.ndim == 2 else image.max(axis=2)
+
+
+def _mean(images: Sequence[UInt8[np.ndarray, "rows columns"]]) -> Float32[np.ndarray, "rows columns"]:
+    # NumPy's mean of 25 large images would first make them one array.
+    total = np.zeros(images[0].shape, dtype=np.float32)
+    for image in images:
+        total += image
+    total /= len(images)
+    return total
 
 
 def _height(image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
@@ -188,16 +197,21 @@ def _second(
     """Brightest place above a level that is no part of the spot; None if there is none."""
     cv2 = opencv(_PURPOSE)
     _, labels = cv2.connectedComponents((height > level).astype(np.uint8), connectivity=8)
-    rows, columns = np.indices(height.shape)
+    rows, columns = np.nonzero((labels > 0) & (labels != labels[first[1], first[0]]))
     apart = np.hypot(columns - spot.x_px, rows - spot.y_px) > _TILE_SHARE * spot.reach_px
-    other = np.where((labels > 0) & (labels != labels[first[1], first[0]]) & apart, height, 0)
-    row, column = np.unravel_index(int(np.argmax(other)), other.shape)
-    return (float(column), float(row)) if other[row, column] > 0 else None
+    if not apart.any():
+        return None
+    rows, columns = rows[apart], columns[apart]
+    brightest = int(np.argmax(height[rows, columns]))
+    return float(columns[brightest]), float(rows[brightest])
 
 
-def _judged(spot: _Fit, frames: list[Float32[np.ndarray, "rows columns"]]) -> SpotAnswer:
-    """The spot with the scatter of its place from frame to frame, where enough frames show it."""
-    seen = np.stack([frame[spot.pixels] for frame in frames]).astype(np.float64)
+def _judged(spot: _Fit, frames: list[Float32[np.ndarray, " pixels"]]) -> SpotAnswer:
+    """The spot with the scatter of its place from frame to frame, where enough frames show it.
+
+    ``frames``: the pixels of the fit in each frame.
+    """
+    seen = np.stack(frames).astype(np.float64)
     change = (seen - seen.mean(axis=0)) @ spot.gain.T
     heights = spot.height + change[:, 0]
     shown = heights >= MIN_SHARE * spot.height
@@ -222,16 +236,21 @@ def _judged(spot: _Fit, frames: list[Float32[np.ndarray, "rows columns"]]) -> Sp
 
 
 def _fitted(
-    image: Float32[np.ndarray, "rows columns"], clear: Bool[np.ndarray, "rows columns"], first: tuple[int, int]
+    image: Float32[np.ndarray, "rows columns"],
+    frames: Sequence[UInt8[np.ndarray, "rows columns"]],
+    first: tuple[int, int],
 ) -> _Fit | None:
     """Least squares of a super-Gaussian profile, of any ellipse, on a plane; None where it has no such form.
+
+    ``image``: the mean of the frames over their background.
 
     A centroid was pulled by 0.1 px where a saturated top is cut off beside the middle, and by 0.3 px by texture.
     """
     half = MAX_SIZE_PX // 2
     column, row = first
     top, left = max(0, row - half), max(0, column - half)
-    rows, columns = np.nonzero(clear[top : row + half + 1, left : column + half + 1])
+    near = (slice(top, row + half + 1), slice(left, column + half + 1))
+    rows, columns = np.nonzero(np.max([frame[near] for frame in frames], axis=0) < _FULL_COUNTS)
     rows, columns = rows + top, columns + left
     # Height, x and y of the middle, ln of the radius, two of the ellipse, ln of the exponent, three of the plane.
     level = float(np.median(image[rows, columns]))
@@ -242,9 +261,9 @@ def _fitted(
     high = [np.inf, column + half, row + half, most, 0.9, 0.9, math.log(_EXPONENTS[1]), *[np.inf] * 3]
     reach_px = float(half)
     for _ in range(3):
-        near = np.hypot(columns - values[1], rows - values[2]) <= reach_px
-        x, y = columns[near].astype(np.float64), rows[near].astype(np.float64)
-        wanted = image[rows[near], columns[near]].astype(np.float64)
+        within = np.hypot(columns - values[1], rows - values[2]) <= reach_px
+        x, y = columns[within].astype(np.float64), rows[within].astype(np.float64)
+        wanted = image[rows[within], columns[within]].astype(np.float64)
         if len(wanted) < 4 * len(values):
             return None
         args = (x, y, wanted, centre)
@@ -266,7 +285,7 @@ def _fitted(
         y_px=float(values[2]),
         reach_px=reach_px,
         systematic_px=math.sqrt(variances[1:3].mean()),
-        pixels=(rows[near], columns[near]),
+        pixels=(rows[within], columns[within]),
         gain=np.linalg.lstsq(even.T @ even, even.T, rcond=None)[0][:3] / scale[:3, None],
     )
 

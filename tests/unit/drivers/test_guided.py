@@ -189,7 +189,7 @@ class Server:
         stamp_s = self.now_s if stamp_s is None else stamp_s
         message = igtl.Message(
             device="ProbeToProbeHome",
-            content=igtl.Transform(matrix=np.asarray(matrix, np.float64)),
+            content=igtl.Transform(matrix=None if matrix is None else np.asarray(matrix, np.float64)),
             time_s=stamp_s,
             metadata={"TransformStatus": status},
         )
@@ -233,6 +233,8 @@ def test_messages_that_are_not_of_now_tell_no_angle(server: Server) -> None:
     assert "carry no time" in server.encoder.unused
     assert server.send(home, status="INVALID") is None
     assert "INVALID" in server.encoder.unused
+    assert server.send(None) is None
+    assert server.encoder.unused == "its transform is NaN"
     assert server.send(home) == pytest.approx(1.0, abs=1e-4)
     assert server.encoder.unused == ""
 

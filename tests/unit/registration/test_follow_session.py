@@ -76,3 +76,36 @@ def test_without_an_end_it_ends_once_nobody_writes_and_a_changed_line_is_named(t
     path.write_bytes(b'00000000 {"type":"waiting"}\n')
     with pytest.raises(RecordError, match="line 1: it does not agree with its check sum"):
         list(follow_session(tmp_path / "session", wait=wait))
+
+
+def test_a_tail_that_is_cut_off_while_steps_are_taken_is_read_anew(tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    record = SessionRecord.create(folder, BEGUN)
+    record.close()
+    with (folder / "session.jsonl").open("ab") as file:
+        file.write(b"0000")
+    steps = follow_session(folder, is_over=lambda: True, wait=lambda: None)
+    assert next(steps) == BEGUN
+    record = SessionRecord.reopen(folder)
+    record.add(refused("1"))
+    record.close()
+    again = follow_session(folder, is_over=lambda: True, wait=lambda: None)
+    assert [*steps, *again][-2:] == [BEGUN, refused("1")]
+
+
+@pytest.mark.parametrize("how", ["deleted", "cut"])
+def test_a_record_whose_steps_are_gone_is_named(tmp_path: Path, how: str) -> None:
+    record = SessionRecord.create(tmp_path / "session", BEGUN)
+    record.add(refused("1"))
+    path = tmp_path / "session" / "session.jsonl"
+
+    def wait() -> None:
+        if how == "deleted":
+            path.unlink()
+        else:
+            os.truncate(path, path.stat().st_size // 2)
+
+    said = {"deleted": "deleted while it was followed", "cut": "not in it any more"}[how]
+    with pytest.raises(RecordError, match=said):
+        list(follow_session(tmp_path / "session", is_over=lambda: False, wait=wait))
+    record.close()

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Literal
 
 from markerseek.bridges.child import Outcome
+from markerseek.bridges.followed import RegistrationSource
 from markerseek.bridges.igtl.commands import (
     CommandAnswer,
     Request,
@@ -25,18 +26,21 @@ from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches, SearchOptions
 from markerseek.core import ConfigError, SearchError
 from markerseek.records.journal import JournalItem
-from markerseek.registration import KnownRegistration
 from markerseek.wire import igtl
 
 ALIVE_S = 1.0
 """Time from one sign of life to the next, in seconds."""
+
+FOLLOWED_S = 0.1
+"""Time from one look at the registration to the next, in seconds."""
 
 
 class SearchService:
     """The server, and one search at a time.
 
     ``options``: of the searches; None if a recording is played, and no search can be asked for. ``registration``: of
-    the da Vinci system to the probe, to be shown. ``on_note``: receives sentences for the terminal.
+    the da Vinci system to the probe, to be shown, and withdrawn when it holds no longer. ``on_note``: receives
+    sentences for the terminal.
     """
 
     def __init__(
@@ -44,14 +48,16 @@ class SearchService:
         options: SearchOptions | None,
         *,
         recording: str | None = None,
-        registration: KnownRegistration | None = None,
+        registration: RegistrationSource | None = None,
         version: Literal[1, 2] = 2,
         allowed: Collection[IPAddress] = (),
         on_note: Callable[[str], None],
     ) -> None:
         self._on_note = on_note
         self._searches = None if options is None else self._made(options)
-        self._streams = Streams(recording=recording, registration=registration)
+        self._registration = registration
+        known = self._registration_state = None if registration is None else registration.state
+        self._streams = Streams(recording=recording, registration=known)
         self.server = IgtlServer(on_request=self._requested, allowed=allowed, version=version, on_note=on_note)
         self._publish(self._streams.idle())
 
@@ -59,7 +65,7 @@ class SearchService:
         """Serve, and return the port; errors as of `IgtlServer.open`."""
         self._loop = asyncio.get_running_loop()
         taken = await self.server.open(host, port)
-        self._alive = asyncio.create_task(self._live())
+        self._tasks = [asyncio.create_task(self._live()), asyncio.create_task(self._follow_registration())]
         return taken
 
     async def close(self) -> None:
@@ -68,7 +74,8 @@ class SearchService:
             if self._searches is not None:
                 await asyncio.to_thread(self._searches.close)
         finally:
-            self._alive.cancel()
+            for task in self._tasks:
+                task.cancel()
             await self.server.close()
 
     async def play(self, recording: Recording, *, pace: float) -> None:
@@ -93,6 +100,14 @@ class SearchService:
         while True:
             await asyncio.sleep(ALIVE_S)
             self._publish([self._streams.status])
+
+    async def _follow_registration(self) -> None:
+        while self._registration is not None:
+            if (state := self._registration.state) is not self._registration_state:
+                self._registration_state = state
+                self._publish(self._streams.registered(state))
+                self._on_note(state.sentence)
+            await asyncio.sleep(FOLLOWED_S)
 
     def _made(self, options: SearchOptions) -> Searches:
         return Searches(options, on_start=self._started, on_item=self._seen, on_end=self._ended)

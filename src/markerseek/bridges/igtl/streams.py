@@ -1,11 +1,13 @@
 """What a search, or a recording, shows on OpenIGTLink: pure, contents of messages made from its view.
 
 TRANSFORM ``ProbeToProbeHome`` and ``DaVinciToProbeHome``, IMAGE ``PA_ProbeHome`` and ``BMode_ProbeHome``, POINT
-``PaMarker`` and POSITION ``PaMarkerToProbeHome``, STRING ``SearchState``, STATUS ``PaSearch``. Lengths are in
-millimetres; ProbeHome is the frame of the probe at 0 degrees.
+``PaMarker`` and POSITION ``PaMarkerToProbeHome``, STRING ``SearchState``, STATUS ``PaSearch`` and
+``DaVinciRegistration``. Lengths are in millimetres; ProbeHome is the frame of the probe at 0 degrees.
 
 A new client has a TRANSFORM and a marker at once. Until a search has found them, both say that they are not valid: the
-TRANSFORM and the POSITION by the metadata ``TransformStatus``, as in PLUS, the marker by its content.
+TRANSFORM and the POSITION by the metadata ``TransformStatus``, as in PLUS, the marker by its content. A registration is
+sent when it holds, and withdrawn when it holds no longer: its TRANSFORM is NaN then, which no client can take for a
+place, whether it reads metadata or not.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from markerseek.bridges.run_images import RunImages, since_fired_s
 from markerseek.core import Measured, Sample, ScanGeometry, UInt8
 from markerseek.records.exports import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Configuration, JournalItem
-from markerseek.registration import KnownRegistration
+from markerseek.registration import KnownRegistration, RegistrationState
 from markerseek.ros import messages
 from markerseek.runs import RunView
 from markerseek.wire import igtl
@@ -47,11 +49,12 @@ class Streams:
     """Shows the searches of one bridge, one after the other.
 
     ``recording``: name of the recording that is played; None if searches run. ``registration``: of the da Vinci system
-    to the probe.
+    to the probe, as it is now; None if none is shown.
     """
 
-    def __init__(self, *, recording: str | None = None, registration: KnownRegistration | None = None) -> None:
+    def __init__(self, *, recording: str | None = None, registration: RegistrationState | None = None) -> None:
         self._recording, self._registration = recording, registration
+        self._withdrawn = False
         self._begin("idle")
 
     def _begin(self, state: str) -> None:
@@ -65,9 +68,14 @@ class Streams:
         known = {} if self._view is None else {"rig": str(self._view.facts.kind)}
         if self._recording is not None:
             known["recording"] = self._recording
-        if self._registration is not None:
-            known["registration"] = "simulated" if self._registration.simulated else "measured"
+        if self._known_registration is not None:
+            known["registration"] = "simulated" if self._known_registration.simulated else "measured"
         return known
+
+    @property
+    def _known_registration(self) -> KnownRegistration | None:
+        """The registration that holds; None if there is none."""
+        return None if self._registration is None else self._registration.registration
 
     @property
     def status(self) -> Stream:
@@ -100,10 +108,19 @@ class Streams:
         """Before the first search; no angle is known, and TRANSFORM says so."""
         streams = [self.status, self._said(), _transform(0.0, known=False), *_marker(None)]
         if self._registration is not None:
-            matrix = self._registration.davinci_to_trus.matrix
-            matrix[:3, 3] *= 1e3
-            streams.append(Stream(device="DaVinciToProbeHome", content=igtl.Transform(matrix=matrix)))
+            streams.append(_registration_status(self._registration, withdrawn=False))
+        if self._known_registration is not None:
+            streams.append(_camera(self._known_registration))
         return streams
+
+    def registered(self, state: RegistrationState) -> list[Stream]:
+        """What changes with a new state of the registration: its transform only where it is another, or withdrawn."""
+        before, self._registration = self._known_registration, state
+        now = state.registration
+        # Once withdrawn, it is called so until there is another.
+        self._withdrawn = now is None and (self._withdrawn or before is not None)
+        streams = [] if now is before else [_camera(now)]
+        return [*streams, _registration_status(state, withdrawn=self._withdrawn), self._said()]
 
     def started(self) -> list[Stream]:
         """A search, or a recording, begins: the marker of the one before is withdrawn."""
@@ -205,6 +222,29 @@ def _known(view: RunView) -> dict[str, Any]:
 def _transform(angle_deg: float, *, known: bool) -> Stream:
     content = igtl.Transform(matrix=probe_to_probe_home(angle_deg))
     return Stream(device="ProbeToProbeHome", content=content, metadata=_validity(known=known))
+
+
+def _camera(known: KnownRegistration | None) -> Stream:
+    """The transform of the camera with its errors; None withdraws what clients have."""
+    errors: dict[str, str] = {}
+    matrix = None
+    if known is not None:
+        matrix = known.davinci_to_trus.matrix
+        matrix[:3, 3] *= 1e3
+        errors = {name: f"{value:g}" for name, value in known.errors.items()}
+    return Stream(
+        device="DaVinciToProbeHome",
+        content=igtl.Transform(matrix=matrix),
+        metadata=_validity(known=known is not None) | errors,
+    )
+
+
+def _registration_status(state: RegistrationState, *, withdrawn: bool) -> Stream:
+    """STATUS of the registration: sent on each change."""
+    holds = state.registration is not None
+    name = "REGISTERED" if holds else "WITHDRAWN" if withdrawn else "NOT_REGISTERED"
+    status = igtl.Status(code=igtl.OK if holds else igtl.NOT_READY, name=name, message=state.sentence)
+    return Stream(device="DaVinciRegistration", content=status)
 
 
 def _marker(point: igtl.Point | None) -> list[Stream]:

@@ -1,5 +1,5 @@
 from .acquisition_node import AcquisitionNode
-from .sample_topics import publish_registration
+from .registration_topics import RegistrationTopics
 from .search_node import SearchNode
 from .serving import MessagePump, Served, Serving, StepEnded, serve
 from .stage_node import StageNode
@@ -7,11 +7,11 @@ from .stage_node import StageNode
 __all__ = [
     "AcquisitionNode",
     "MessagePump",
+    "RegistrationTopics",
     "SearchNode",
     "Served",
     "Serving",
     "StageNode",
     "StepEnded",
-    "publish_registration",
     "serve",
 ]

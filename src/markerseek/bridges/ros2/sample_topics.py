@@ -7,7 +7,6 @@ from typing import Any
 from markerseek.bridges.run_images import RunImages, since_fired_s
 from markerseek.core import Measured
 from markerseek.records.journal import Configuration, Entry
-from markerseek.registration import KnownRegistration
 from markerseek.ros import RosNode, messages, topics
 from markerseek.runs import RunView
 
@@ -100,12 +99,3 @@ def publish_frames(node: RosNode, topic: str, transforms: list[Any]) -> None:
     together = kind == messages.FRAMES_KIND and bool(transforms)
     for message in [messages.made(kind, transforms=transforms)] if together else transforms:
         node.publish(topic, message)
-
-
-def publish_registration(node: RosNode, registration: KnownRegistration) -> None:
-    """Publish a registration, kept for subscribers that come later."""
-    message = messages.registered(registration.davinci_to_trus, time_s=node.now_s(), simulated=registration.simulated)
-    node.advertise(topics.REGISTRATION, "geometry_msgs/msg/TransformStamped", latched=True)
-    node.advertise(topics.STATIC_FRAMES, messages.frames_kind(), latched=True)
-    node.publish(topics.REGISTRATION, message)
-    publish_frames(node, topics.STATIC_FRAMES, [message])

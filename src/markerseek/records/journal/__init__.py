@@ -7,7 +7,7 @@ Numbers are stored exactly.
 from markerseek.records.configuration import Configuration, versions
 from markerseek.records.journal.encoding import decode, encode
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
-from markerseek.records.journal.file import is_journal, is_written, journals_folder
+from markerseek.records.journal.file import is_journal, is_written, journals_folder, lock
 from markerseek.records.journal.folder import (
     JournalSummary,
     default_journal,
@@ -52,6 +52,7 @@ __all__ = [
     "is_written",
     "journals_folder",
     "journals_in",
+    "lock",
     "make_folder",
     "read_journal",
     "run_state",

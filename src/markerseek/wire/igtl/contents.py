@@ -24,14 +24,15 @@ OK, UNKNOWN_ERROR, BUSY, NOT_READY = 1, 2, 6, 13
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Transform:
-    """TRANSFORM: a rigid or affine transform."""
+    """TRANSFORM: a rigid or affine transform, or None."""
 
     kind: ClassVar[str] = "TRANSFORM"
-    matrix: Float64[np.ndarray, "4 4"]
-    """4 x 4, the last row (0, 0, 0, 1)."""
+    matrix: Float64[np.ndarray, "4 4"] | None
+    """4 x 4, the last row (0, 0, 0, 1); None: sent as NaN."""
 
     def __post_init__(self) -> None:
-        _require_matrix(self.kind, self.matrix)
+        if self.matrix is not None:
+            _require_matrix(self.kind, self.matrix)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

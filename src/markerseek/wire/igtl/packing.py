@@ -55,7 +55,8 @@ def pack(content: contents.Content, *, version: int) -> bytes:
     """A content as bytes, for a header of that version."""
     match content:
         case contents.Transform():
-            return _by_pyigtl(_pyigtl().TransformMessage(content.matrix, timestamp=0.0))
+            matrix = np.full((4, 4), np.nan) if content.matrix is None else content.matrix
+            return _by_pyigtl(_pyigtl().TransformMessage(matrix, timestamp=0.0))
         case contents.Image():
             pixels = content.pixels
             return _by_pyigtl(_pyigtl().ImageMessage(pixels, content.matrix, content.system, timestamp=0.0))
@@ -94,7 +95,8 @@ def _transform(content: bytes) -> contents.Transform:
     _require_size("TRANSFORM", content, _TRANSFORM_BYTES)
     message = _pyigtl().TransformMessage()
     message.unpack(_PLAIN, content)
-    return contents.Transform(matrix=np.asarray(message.matrix, dtype=np.float64))
+    matrix = np.asarray(message.matrix, dtype=np.float64)
+    return contents.Transform(matrix=None if np.isnan(matrix[:3]).all() else matrix)
 
 
 def _image(content: bytes) -> contents.Image:

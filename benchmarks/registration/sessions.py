@@ -1,0 +1,350 @@
+"""Sessions of registration on the simulated rig and endoscope, under the conditions of each row, every one counted.
+
+``python -m benchmarks.registration.sessions --sessions 30 --out docs/data/sessions.csv`` runs those that the file does
+not have yet, and prints the table; the file grows session by session, so that an interrupted run is continued.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from multiprocessing import get_context
+from pathlib import Path
+from time import process_time
+from typing import cast
+
+import msgspec
+import numpy as np
+
+from benchmarks.registration.trials import GRID_STEP_M, MARKER_PLACES
+from markerseek.acoustics import Absorber, Clutter
+from markerseek.core import AnglePrior, MarkerseekError, SearchPlan, StereoPair
+from markerseek.registration import (
+    REGISTRATION_TOLERANCE_MM,
+    Prediction,
+    Registered,
+    RegistrationSession,
+    SeenMarker,
+    SessionPlan,
+    SimulatedRoom,
+    SimulatedRoomSettings,
+    Spot,
+    SpotRefused,
+)
+from markerseek.registration.session import _POLL_S, _Looked
+from markerseek.rigs import Scene, image_peak
+from markerseek.sim import STREAMING, SimulatedEndoscope, SimulatedSettings
+
+FIRST_SEED = 50_001
+"""Seed of the first session of each row; nothing was chosen on these."""
+
+WRONG_M = 3e-3
+"""Distance of a chosen marker from its spot from which it is another source."""
+
+PRIOR_OFF_DEG = 15.0
+"""How far a wrong prediction is off, towards the middle of the range; it says that it is sure to 1 deg."""
+
+SPOT_SIGMA_PX, LIGHT_TIMES = 0.1, 3
+"""Standard deviation of a spot that a session without images is told, and how often the laser is fired to look: as of
+sessions with images."""
+
+
+class _NoImages:
+    """The source of images of a session that is told where the spots are."""
+
+    name = "spots as images show them"
+
+    def newest(self) -> list[StereoPair]:
+        return []
+
+    def close(self) -> None:
+        pass
+
+
+class _Room(SimulatedRoom):
+    """A room that tells where both cameras see the spot."""
+
+    def __init__(self, settings: SimulatedRoomSettings, *, seed: int, images: bool) -> None:
+        super().__init__(settings, seed=seed)
+        self._without_images = not images
+        self._scatter = np.random.default_rng((seed, 1))
+
+    @property
+    def images(self) -> SimulatedEndoscope:
+        return cast("SimulatedEndoscope", _NoImages()) if self._without_images else self._images
+
+    def spot(self) -> Spot:
+        """The spot, as the mean of some images shows it."""
+        exact_px = self._images._spot_px  # noqa: SLF001  what no image source tells
+        places = []
+        for side in ("left", "right"):
+            x_px, y_px = (exact_px[side] + SPOT_SIGMA_PX * self._scatter.standard_normal(2)).tolist()
+            places.append((x_px, y_px))
+        return Spot(left_px=places[0], right_px=places[1], sigma_px=SPOT_SIGMA_PX)
+
+
+class _Session(RegistrationSession):
+    """A session that may be without images, or be misled.
+
+    Images take two thirds of the computing time. Without them each spot is drawn as images show it: with the
+    calibration's error of its place, the scatter of the mean of some images, and the time that looking takes; it stands
+    still.
+    """
+
+    def __init__(self, room: _Room, row: Row, *, images: bool) -> None:
+        search = SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM, sweep=row.sweep)
+        super().__init__(room, plan=SessionPlan(markers=row.markers, guided=row.guided, search=search))
+        self._row, self._told, self._without_images = row, room, not images
+
+    def _look(self) -> _Looked:
+        if not self._without_images:
+            return super()._look()
+        self._room.arm()
+        scanner = self._room.rig.scanner
+        scanner.clock.wait(_POLL_S)
+        for _ in range(LIGHT_TIMES):
+            scanner.light()
+            scanner.clock.wait(_POLL_S)
+        return _Looked(spot=self._told.spot())
+
+    def _moved(self, looked: _Looked, later: Sequence[StereoPair]) -> str | None:
+        return None if self._without_images else super()._moved(looked, later)
+
+    def _prediction(self, seen: SeenMarker) -> Prediction | None:
+        prediction = super()._prediction(seen)
+        if prediction is None or not self._row.misled or len(self.taken) < 2:
+            return prediction
+        mean_deg = prediction.prior.mean_deg
+        inwards_deg = -PRIOR_OFF_DEG if mean_deg > self._room.rig.limits.search.centre_deg else PRIOR_OFF_DEG
+        return replace(prediction, prior=AnglePrior(mean_deg=mean_deg + inwards_deg, sigma_deg=1.0))
+
+
+def _eight_absorbers(scene: Scene, rng: np.random.Generator) -> tuple[Absorber, ...]:
+    """Eight absorbers, the loudest 3 to 20 dB below the marker in the image, as in ``studies/answers-clutter.toml``."""
+    drawn = Clutter(count=8, strength=1.0, nearest_m=35e-3, farthest_m=70e-3).draw(rng)
+    scale = 10 ** (rng.uniform(-20.0, -3.0) / 20) / max(abs(each.strength) for each in drawn)
+    return tuple(
+        replace(
+            each,
+            strength=each.strength
+            * scale
+            * scene.peak
+            / image_peak([replace(each, strength=1.0)], scene.model, angle_deg=each.angle_deg),
+        )
+        for each in drawn
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """Conditions of sessions."""
+
+    title: str
+    rig: SimulatedSettings = STREAMING
+    sweep: bool = True
+    guided: bool = True
+    markers: int = 4
+    places_m: tuple[tuple[float, float], ...] | None = None
+    beside: Callable[[Scene, np.random.Generator], tuple[Absorber, ...]] | None = None
+    misled: bool = False
+    """Whether predictions are wrong from the third marker on."""
+
+
+_GRID = tuple((GRID_STEP_M * x, GRID_STEP_M * y) for x, y in MARKER_PLACES[9])
+
+ROWS = {
+    "points": Row(title="points, sweeps"),
+    "muscle": Row(title="muscle, sweeps", rig=replace(STREAMING, tissue="muscle")),
+    "liver": Row(title="liver, sweeps", rig=replace(STREAMING, tissue="liver")),
+    "rest": Row(title="stop and go, 10 s a read-out", rig=SimulatedSettings(), sweep=False),
+    "rest-alone": Row(title="the same, not guided by the camera", rig=SimulatedSettings(), sweep=False, guided=False),
+    "clutter": Row(title="eight absorbers around each marker, sweeps", beside=_eight_absorbers),
+    "misled": Row(title="predictions 15° wrong from the third marker on, sweeps", misled=True),
+    "places": Row(title="nine markers, the places of the session, sweeps", markers=9),
+    "grid": Row(title="nine markers, the paper's grid in its order, sweeps", markers=9, places_m=_GRID),
+}
+"""The rows, by name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What came of one session; lengths in millimetres."""
+
+    row: str
+    seed: int
+    registered: bool
+    rig_s: float
+    acquisitions: int
+    markers: int
+    """Markers that were searched."""
+    chosen: int
+    """Markers that the registration uses."""
+    wrong: int
+    """Of these, those that are another source."""
+    refused: int
+    """Spots that were refused."""
+    target_error_mm: float | None
+    tre_mm: float | None
+    tre95_mm: float | None
+    tre_by_marker_mm: str
+    """Expected TRE after each marker that was searched; - where there is no registration."""
+    images: bool
+    """Whether it had images; else it was told where the spots are."""
+    error: str
+    """Why the session broke off; empty if it did not."""
+    cpu_s: float
+    commit: str
+
+
+def run(name: str, seed: int, *, commit: str, images: bool = False) -> Outcome:
+    """Run one session of a row."""
+    row = ROWS[name]
+    began_s = process_time()
+    receiver = replace(row.rig.receiver, single_pulses=row.sweep)
+    settings = SimulatedRoomSettings(rig=replace(row.rig, receiver=receiver), places_m=row.places_m, beside=row.beside)
+    room = _Room(settings, seed=seed, images=images)
+    session = _Session(room, row, images=images)
+    expected_mm, refused, error = list[str](), 0, ""
+    try:
+        for step in session.steps():
+            refused += isinstance(step, SpotRefused)
+            if isinstance(step, Registered):
+                report = step.report
+                known = report is not None and report.registered
+                expected_mm.append(f"{1e3 * report.tre_m:.3f}" if report is not None and known else "-")
+    except MarkerseekError as problem:
+        error = f"{type(problem).__name__}: {problem}"
+    state = session.last
+    truth = room.truth(state, session.taken, rig_s=session.rig_s)
+    report = state.report if state is not None and state.decided else None
+    chosen = {} if state is None else state.chosen
+    return Outcome(
+        row=name,
+        seed=seed,
+        registered=report is not None and not error,
+        rig_s=round(session.rig_s, 2),
+        acquisitions=sum(marker.acquisitions for marker in session.taken),
+        markers=len(session.taken),
+        chosen=len(chosen),
+        wrong=sum(off_m > WRONG_M for off_m in truth.marker_errors_m.values()),
+        refused=refused,
+        target_error_mm=None if truth.target_error_m is None else round(1e3 * truth.target_error_m, 4),
+        tre_mm=None if report is None else round(1e3 * report.tre_m, 4),
+        tre95_mm=None if report is None else round(1e3 * report.tre95_m, 4),
+        tre_by_marker_mm=" ".join(expected_mm),
+        images=images,
+        error=error[:300],
+        cpu_s=round(process_time() - began_s, 1),
+        commit=commit,
+    )
+
+
+def _run(task: tuple[str, int, str, bool]) -> Outcome:
+    name, seed, commit, images = task
+    return run(name, seed, commit=commit, images=images)
+
+
+def read(path: Path) -> list[Outcome]:
+    """Outcomes of a file; none where there is no file."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = [{key: value or None for key, value in row.items()} for row in csv.DictReader(file)]
+    texts = {each.name for each in fields(Outcome) if each.type == "str"}
+    full = [{key: ("" if value is None and key in texts else value) for key, value in row.items()} for row in rows]
+    return msgspec.convert(full, list[Outcome], strict=False)
+
+
+def outcomes(tasks: list[tuple[str, int, str, bool]], *, workers: int) -> Iterator[Outcome]:
+    """Run sessions, and give each when it is done."""
+    with get_context("spawn").Pool(workers) as pool:
+        yield from pool.imap_unordered(_run, tasks)
+
+
+def append(path: Path, outcome: Outcome) -> None:
+    """Write one more session to a file."""
+    names = [each.name for each in fields(Outcome)]
+    new = not path.exists()
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if new:
+            writer.writerow(names)
+        writer.writerow(["" if (value := getattr(outcome, name)) is None else value for name in names])
+
+
+def table(found: list[Outcome]) -> str:
+    """The table of all rows as Markdown."""
+    lines = [
+        "| sessions | registered | rig, s | acquisitions | TRE mean, rms, mm | 95 % covers | other source |",
+        "|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for name, row in ROWS.items():
+        mine = [each for each in found if each.row == name]
+        if mine:
+            lines.append(f"| {row.title} ({len(mine)}) | {' | '.join(_cells(mine))} |")
+    for goal_mm in (0.5, 0.7, 1.0):
+        needed = [f"{ROWS[name].title}: {markers_until(found, name, goal_mm)}" for name in ("places", "grid")]
+        lines.append(f"\nMarkers until an expected TRE of {goal_mm} mm, mean: {'; '.join(needed)}.")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(mine: list[Outcome]) -> list[str]:
+    known = [each for each in mine if each.registered and each.target_error_mm is not None]
+    tre_mm = np.array([each.target_error_mm for each in known], dtype=float)
+    covered = [(each.target_error_mm or 0.0) <= (each.tre95_mm or 0.0) for each in known]
+    some = len(known) > 0
+    return [
+        f"{sum(each.registered for each in mine)} of {len(mine)}",
+        f"{np.mean([each.rig_s for each in mine]):.1f}",
+        f"{np.mean([each.acquisitions for each in mine]):.0f}",
+        f"{tre_mm.mean():.2f}, {np.sqrt(np.mean(tre_mm**2)):.2f}" if some else "",
+        f"{100 * np.mean(covered):.0f} %" if some else "",
+        f"{sum(each.wrong > 0 for each in mine)} of {len(mine)}",
+    ]
+
+
+def markers_until(found: list[Outcome], name: str, goal_mm: float) -> str:
+    """Mean number of markers that a row searched until the expected TRE was so small, and how many sessions got there.
+
+    A session that does not get there counts with one marker more than it searched.
+    """
+    needed, reached = [], 0
+    for each in found:
+        if each.row == name:
+            said = [float(part) if part != "-" else np.inf for part in each.tre_by_marker_mm.split()]
+            below = [number for number, tre_mm in enumerate(said, start=1) if tre_mm <= goal_mm]
+            reached += bool(below)
+            needed.append(below[0] if below else len(said) + 1)
+    return f"{np.mean(needed):.2f} ({reached} of {len(needed)} sessions)" if needed else "none run"
+
+
+def main() -> None:
+    """Run what is missing, and print the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.registration.sessions", description=__doc__)
+    parser.add_argument("--sessions", type=int, default=30, help="sessions of each row (30)")
+    parser.add_argument("--rows", nargs="+", choices=[*ROWS], default=[*ROWS], help="rows to run (all)")
+    parser.add_argument("--workers", type=int, default=2, help="processes (2)")
+    parser.add_argument("--images", action="store_true", help="with camera images, at three times the computing time")
+    parser.add_argument("--out", type=Path, required=True, help="the CSV file of all sessions, which is added to")
+    arguments = parser.parse_args()
+    done = {(each.row, each.seed, each.images) for each in read(arguments.out)}
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    tasks = [
+        (name, seed, commit, arguments.images)
+        for seed in range(FIRST_SEED, FIRST_SEED + arguments.sessions)
+        for name in arguments.rows
+        if (name, seed, arguments.images) not in done
+    ]
+    for outcome in outcomes(tasks, workers=arguments.workers):
+        append(arguments.out, outcome)
+        sys.stderr.write(f"{outcome}\n")
+    sys.stdout.write(table(read(arguments.out)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+"""The registration that bridges hand on: that of a finished file, or of a session that is followed while it runs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+from markerseek._closing import Closing
+from markerseek.core import RecordError
+from markerseek.registration import (
+    Begun,
+    RecordedStep,
+    RegistrationState,
+    follow_session,
+    is_running,
+    read_registration,
+    read_session,
+    session_folder,
+)
+
+_POLL_S = 0.1
+"""Time from one look at the record to the next, in seconds."""
+
+
+class RegistrationSource(Closing):
+    """Says what a registration is now, that of a finished file until a session changes it; read `state` at any time."""
+
+    def __init__(self, state: RegistrationState) -> None:
+        self.state = state
+        """The newest; another object only if something has changed."""
+
+    def close(self) -> None:
+        """Follow no longer; allowed twice."""
+
+
+class FollowedSession(RegistrationSource):
+    """The registration of a session, followed in a thread of its own until it is closed.
+
+    A session that was stopped is followed too: it goes on here when it is continued.
+
+    Raises
+    ------
+    RecordError
+        If the session has not begun, cannot be read, or has ended without a registration that holds.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        steps, _ = read_session(folder)
+        state = _state_after(steps, folder)
+        if state.session == "ended" and state.registration is None:
+            raise RecordError(
+                f"{folder}: the session has ended without a registration that holds ({state.said}); register again"
+            )
+        self._folder, self._closed = folder, threading.Event()
+        super().__init__(self._as_it_runs(state))
+        self._thread = threading.Thread(target=self._follow, args=[len(steps)], name="registration", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Follow no longer; allowed twice."""
+        self._closed.set()
+        self._thread.join()
+
+    def _follow(self, known: int) -> None:
+        """Follow the session from a number of steps on, which are known."""
+        newest = shown = self.state
+
+        def look() -> None:
+            nonlocal shown
+            # What has come at once is shown at once: what held in between is over already.
+            state = self._as_it_runs(newest)
+            if newest is not shown or state.session != self.state.session:
+                shown, self.state = newest, state
+            self._closed.wait(_POLL_S)
+
+        try:
+            steps = follow_session(self._folder, is_over=self._closed.is_set, wait=look)
+            for step in islice(steps, known, None):
+                newest = newest.after(step)
+        except RecordError as problem:
+            self.state = self.state.unreadable(str(problem))
+
+    def _as_it_runs(self, state: RegistrationState) -> RegistrationState:
+        """The state, and whether a program runs the session."""
+        if state.session == "ended":
+            return state
+        return replace(state, session="running" if is_running(self._folder) else "stopped")
+
+
+def _state_after(steps: Sequence[RecordedStep], folder: Path) -> RegistrationState:
+    begun, *later = steps
+    assert isinstance(begun, Begun)  # noqa: S101  as it was read
+    state = RegistrationState.of_session(begun, folder)
+    for step in later:
+        state = state.after(step)
+    return state
+
+
+def open_registration(path: Path) -> RegistrationSource:
+    """The registration in ``registration.json``, or of a session by its folder or the record in it.
+
+    Raises `RecordError` if there is none, and none can come.
+    """
+    folder = session_folder(path)
+    if folder is not None:
+        return FollowedSession(folder)
+    return RegistrationSource(RegistrationState.of_file(read_registration(path), path))

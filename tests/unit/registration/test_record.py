@@ -1,0 +1,214 @@
+"""The record of a session: torn, changed, full, written twice, and killed after each step."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from markerseek.core import RecordError
+from markerseek.registration import (
+    Registered,
+    SessionRecord,
+    SpotRefused,
+    TakenMarker,
+    Waiting,
+    is_running,
+    read_session,
+)
+from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING
+
+STEPS = [WAITING, SpotRefused(name="2", reason="no light"), MOVED, ENDED]
+
+
+def written(folder: Path) -> Path:
+    record = SessionRecord.create(folder, BEGUN)
+    for step in STEPS:
+        record.add(step)
+    record.close()
+    return folder / "session.jsonl"
+
+
+def test_each_truncation_is_read_as_a_prefix_of_the_steps_and_continued_there(tmp_path: Path) -> None:
+    path = written(tmp_path / "s")
+    whole = path.read_bytes()
+    ends = [number + 1 for number, byte in enumerate(whole) if byte == ord("\n")]
+    for size in range(len(whole) + 1):
+        path.write_bytes(whole[:size])
+        expected = [BEGUN, *STEPS][: sum(end <= size for end in ends)]
+        if not expected:
+            with pytest.raises(RecordError, match="its first line is not finished, so that no session has begun"):
+                read_session(tmp_path / "s")
+            continue
+        assert read_session(tmp_path / "s")[0] == expected
+        record = SessionRecord.reopen(tmp_path / "s")
+        record.add(WAITING)
+        record.close()
+        assert read_session(tmp_path / "s")[0] == [*expected, WAITING]
+
+
+def test_each_changed_byte_is_named(tmp_path: Path) -> None:
+    path = written(tmp_path / "s")
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        for bit in (0x01, 0x20):
+            changed = bytearray(whole)
+            changed[place] ^= bit
+            path.write_bytes(changed)
+            with pytest.raises(RecordError, match=r"session\.jsonl.*(check sum|was changed)"):
+                read_session(tmp_path / "s")
+
+
+def test_a_first_line_that_was_never_finished_is_no_session(tmp_path: Path) -> None:
+    path = written(tmp_path / "s")
+    path.write_bytes(path.read_bytes()[:50])
+    SessionRecord.create(tmp_path / "s", BEGUN).close()
+    assert read_session(tmp_path / "s")[0] == [BEGUN]
+    with pytest.raises(RecordError, match="it holds a session already; continue it by --continue"):
+        SessionRecord.create(tmp_path / "s", BEGUN)
+
+
+def test_there_is_one_writer_and_those_who_look_on_do_not_disturb_it(tmp_path: Path) -> None:
+    record = SessionRecord.create(tmp_path / "s", BEGUN)
+    for second in (lambda: SessionRecord.reopen(tmp_path / "s"), lambda: SessionRecord.create(tmp_path / "s", BEGUN)):
+        with pytest.raises(RecordError, match="another markerseek runs this session; wait until it ends"):
+            second()
+    # A refused writer cuts nothing off.
+    record.add(WAITING)
+    record.close()
+    assert not is_running(tmp_path / "s")
+    over = threading.Event()
+
+    def look() -> None:
+        while not over.is_set():
+            is_running(tmp_path / "s")
+
+    looking = [threading.Thread(target=look) for _ in range(3)]
+    for each in looking:
+        each.start()
+    for _ in range(30):
+        SessionRecord.reopen(tmp_path / "s").close()
+    over.set()
+    for each in looking:
+        each.join()
+    assert read_session(tmp_path / "s")[0] == [BEGUN, WAITING]
+
+
+def test_a_full_disk_leaves_no_part_of_a_step_and_room_lets_it_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = SessionRecord.create(tmp_path / "s", BEGUN)
+    write, room = os.write, [30]
+
+    def full(descriptor: int, data: bytes) -> int:
+        if not room[0]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken = write(descriptor, bytes(data[: room[0]]))
+        room[0] -= taken
+        return taken
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", full)
+        with pytest.raises(RecordError, match="No space left on device; make room on the disk"):
+            record.add(WAITING)
+    assert (tmp_path / "s" / "session.jsonl").read_bytes().endswith(b"}\n")
+    record.add(ENDED)
+    assert read_session(tmp_path / "s")[0] == [BEGUN, ENDED]
+    record.close()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", full)
+        with pytest.raises(RecordError, match="No space left on device"):
+            SessionRecord.create(tmp_path / "new", BEGUN)
+    # Once there is room, the same folder can be taken.
+    SessionRecord.create(tmp_path / "new", BEGUN).close()
+
+
+def test_a_line_that_the_system_takes_in_parts_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, bytes(data[:7])))
+    written(tmp_path / "s")
+    assert read_session(tmp_path / "s")[0] == [BEGUN, *STEPS]
+
+
+def marker(name: str, *, again: str | None = None) -> TakenMarker:
+    return TakenMarker(
+        name=name,
+        spot={"left_px": (1.0, 2.0), "right_px": (1.0, 2.0), "sigma_px": 0.1},
+        camera_m=[0.0, 0.0, 0.1],
+        camera_covariance_m2=[[0.0] * 3] * 3,
+        camera_shared_m=[[0.0]] * 3,
+        answer="not found",
+        reason=None,
+        candidates=[],
+        acquisitions=5,
+        rig_s=1.0,
+        prior=None,
+        journal=None,
+        at="2026-01-01T00:00:00+00:00",
+        again=again,
+    )
+
+
+def test_a_marker_that_was_measured_again_is_no_marker_more(tmp_path: Path) -> None:
+    record = SessionRecord.create(tmp_path / "s", BEGUN)
+    record.add(marker("1"))
+    record.add(marker("1-again", again="1"))
+    assert [each.name for each in record.taken] == ["1"]
+    record.close()
+    record = SessionRecord.reopen(tmp_path / "s")
+    assert [each.name for each in record.taken] == ["1"]
+    record.close()
+
+
+def run(folder: Path, *until: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "tests.unit.registration.killed_session", str(folder), *until]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=500)
+
+
+def require_whole(folder: Path, last: subprocess.CompletedProcess[str]) -> None:
+    """No marker is lost, none is asked for after it was taken, and the session is registered."""
+    assert last.returncode == 0, last.stderr
+    steps, _ = read_session(folder)
+    taken: list[str] = []
+    for step in steps:
+        if isinstance(step, Waiting):
+            assert step.name == str(1 + len(taken))
+        if isinstance(step, TakenMarker):
+            assert step.name == str(1 + len(taken))
+            taken.append(step.name)
+    assert taken == ["1", "2", "3"]
+    state = [step for step in steps if isinstance(step, Registered)][-1]
+    assert state.decided
+    truth = json.loads(last.stdout)
+    # Of markers that an earlier process took, only the camera knows where their spots were.
+    assert truth["marker_errors_m"].keys() <= state.chosen.keys()
+    assert truth["target_error_m"] < 4 * state.report.tre_m
+
+
+def test_a_session_that_is_killed_in_a_search_looks_for_the_same_marker_again(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    assert run(folder, "search", "2").returncode == -signal.SIGKILL
+    former = (folder / "2.journal").read_bytes()
+    require_whole(folder, run(folder))
+    assert (folder / "2.journal").read_bytes() == former
+    assert {path.name for path in folder.glob("*.journal")} == {"1.journal", "2.journal", "2-2.journal", "3.journal"}
+
+
+@pytest.mark.long
+def test_a_session_that_is_killed_after_each_step_loses_no_marker(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    for name in ("1", "2", "3"):
+        for step in ("Waiting", "SpotSeen", "search", "TakenMarker", "Registered"):
+            killed = run(folder, step, name)
+            assert killed.returncode == -signal.SIGKILL, (step, name, killed.stderr)
+            steps, _ = read_session(folder)
+            taken = [each.name for each in steps if isinstance(each, TakenMarker)]
+            assert taken == ["1", "2", "3"][: int(name) - (step not in ("TakenMarker", "Registered"))]
+    require_whole(folder, run(folder))
