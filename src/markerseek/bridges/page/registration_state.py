@@ -120,7 +120,7 @@ class RegistrationState:
         if self.stereo is None:
             return ""
         width, height = (self.stereo.left if side == "left" else self.stereo.right).size_px
-        parts = [self._target(side)]
+        parts = []
         for marker in self.taken:
             x, y = _pixel(marker.spot, side)
             css = "out" if self.use_of(marker) != "used" else "marker"
@@ -129,6 +129,7 @@ class RegistrationState:
             parts.append(
                 f'<text x="{x + width / 60:.1f}" y="{y - width / 60:.1f}" font-size="{size}">{marker.name}</text>'
             )
+        parts.append(self._target(side))
         if self.waiting is not None and self.waiting.place is not None:
             x, y = _pixel(self.waiting.place, side)
             parts.append(f'<circle class="ms-mark-place" cx="{x:.1f}" cy="{y:.1f}" r="{width / 18:.0f}"/>')
@@ -155,10 +156,14 @@ class RegistrationState:
         squares, axes = np.linalg.eigh(covariance_px2)
         small, large = np.sqrt(_CHI95 * squares)
         turn_deg = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
-        place = f"translate({pixel[0]:.1f} {pixel[1]:.1f}) rotate({turn_deg:.1f})"
+        x, y = pixel
+        width = self.stereo.left.size_px[0]
+        # An ellipse of a millimetre is small in an image: its name is what is found from two metres.
+        label = f'x="{x:.1f}" y="{y + large + width / 20:.1f}" font-size="{width // 26}" text-anchor="middle"'
         return (
-            f'<g transform="{place}"><ellipse class="ms-mark-target" rx="{large:.1f}" ry="{small:.1f}"/>'
-            f'<circle class="ms-mark-middle" r="{self.stereo.left.size_px[0] / 240:.0f}"/></g>'
+            f'<g transform="translate({x:.1f} {y:.1f}) rotate({turn_deg:.1f})">'
+            f'<ellipse class="ms-mark-target" rx="{large:.1f}" ry="{small:.1f}"/></g>'
+            f'<text class="ms-mark-name" {label}>target</text>'
         )
 
     def use_of(self, marker: TakenMarker) -> str:
