@@ -18,7 +18,6 @@ from markerseek.core import (
     option,
     options_of,
 )
-from markerseek.registration import SessionPlan
 from markerseek.search import require_plan
 from markerseek.sim import SimulatedSettings, with_options
 
@@ -129,6 +128,9 @@ class AskedRegistration(Asked):
     """Real seconds per second of the simulated rig: 0 does not wait, 1 is real time."""
 
     def __post_init__(self) -> None:
+        # Imported here: a command line that names this class needs no mathematics of a registration.
+        from markerseek.registration import SessionPlan
+
         SessionPlan(goal_m=1e-3 * self.tre_mm, markers=self.markers)
         SimulationOptions(seed=self.seed, pace=self.pace)
 
