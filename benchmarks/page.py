@@ -87,7 +87,7 @@ def delays_s(page: Served, lines: list[tuple[float, str]]) -> list[float]:
 def endurance(minutes: float) -> None:
     """Searches one after another with three viewers."""
     with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as page, browsing() as browser:
-        viewers = [open_tab(browser, page, "/", f"&pace={PACE}") for _ in range(3)]
+        viewers = [open_tab(browser, page, "/search", f"&pace={PACE}") for _ in range(3)]
         began_s, used_s, seed, reports = time.monotonic(), processor_s(page.process.pid), 0, []
         lines: list[tuple[float, str]] = []
         while (spent_s := time.monotonic() - began_s) < 60 * minutes or seed < 3:

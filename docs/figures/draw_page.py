@@ -1,4 +1,4 @@
-"""Draws docs/figures/page.png and page.gif: the live page during a search on the simulated rig.
+"""Draws docs/figures/registration-page.png, page.png and page.gif: the live page of a session, and of a search.
 
 Run by ``make figures``; it needs Chromium and the packages of the tests.
 """
@@ -26,6 +26,9 @@ HERE = Path(__file__).parent
 QUERY = "&seed=3&readout_s=0.1&pace=1.6"
 """A search whose marker is near an end of the range, with a receiver that streams, so that the probe is seen to turn.
 It runs slower than a rig would, so that a busy computer has the time to take all pictures."""
+
+SESSION_SEED = 2
+"""A session in which more than four markers are needed."""
 
 EVENT = 16
 """Event that the still picture shows: the posterior has found a side, and the probe is on its way."""
@@ -71,6 +74,22 @@ def record(tab: Page) -> list[Image.Image]:
     return shots
 
 
+def register(tab: Page, link: str) -> None:
+    """A screenshot of a session on the simulated rig, once it asks for the fifth marker."""
+    tab.set_viewport_size({"width": 1400, "height": 900})
+    tab.goto(f"{link}&seed={SESSION_SEED}")
+    tab.wait_for_function("window.markerseekBeat > 0")
+    tab.get_by_role("button", name="Start", exact=True).click()
+    asks = "document.querySelectorAll('.ms-table tbody tr').length > 3 && document.querySelector('.ms-mark-place')"
+    tab.wait_for_function(asks, timeout=600_000)
+    # An image is loaded after the marks over it.
+    tab.wait_for_timeout(300)
+    tab.screenshot(path=HERE / "registration-page.png")
+    tab.locator(".ms-stop").click()
+    tab.wait_for_selector("text=STOPPED")
+    tab.set_viewport_size({"width": 1280, "height": 800})
+
+
 def save_gif(shots: list[Image.Image], path: Path) -> None:
     """One loop of the screenshots."""
     small = [each.convert("RGB").resize((GIF_WIDTH, GIF_WIDTH * each.height // each.width)) for each in shots]
@@ -94,7 +113,8 @@ def main() -> None:
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
         # A busy computer is slow, not broken.
         tab.set_default_timeout(120_000)
-        tab.goto(link + QUERY)
+        register(tab, link)
+        tab.goto(link.replace("/?", "/search?") + QUERY)
         tab.wait_for_function("window.markerseekBeat > 0")
         # The kernels of posterior and images are loaded in the background.
         tab.wait_for_timeout(4000)

@@ -48,7 +48,7 @@ def opened(browser, page):
 
     tabs = []
 
-    def open_one(path="/", query="", *, of=page, **options):
+    def open_one(path="/search", query="", *, of=page, **options):
         tabs.append(open_tab(browser, of, path, query, **options))
         return tabs[-1]
 

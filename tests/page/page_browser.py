@@ -36,6 +36,9 @@ COLOURS = """canvas => { const c = canvas.getContext('2d');
     return seen.size; }"""
 """How many different colours a canvas has, as a function of the browser."""
 
+AA = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"], "resultTypes": ["violations"]}
+"""Rules of WCAG 2.2 AA."""
+
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
 
 
@@ -190,7 +193,7 @@ def browsing() -> Iterator[sync_api.Browser]:
         browser.close()
 
 
-def open_tab(browser: sync_api.Browser, page: Served, path: str = "/", query: str = "", **options) -> Watched:
+def open_tab(browser: sync_api.Browser, page: Served, path: str = "/search", query: str = "", **options) -> Watched:
     """A tab with the page, whose requests and messages are watched."""
     options.setdefault("viewport", {"width": 1280, "height": 800})
     tab = browser.new_context(**options).new_page()
@@ -216,3 +219,10 @@ def open_tab(browser: sync_api.Browser, page: Served, path: str = "/", query: st
     # The first beat: the page is connected.
     tab.wait_for_function("window.markerseekBeat > 0")
     return watched
+
+
+def violations(watched: Watched) -> list[tuple[str, list[str]]]:
+    """What axe-core finds: rule, and the elements."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+    found = axe.Axe().run(watched.tab, options=AA).response["violations"]
+    return [(each["id"], [node["html"] for node in each["nodes"]]) for each in found]

@@ -33,7 +33,7 @@ class Viewer:
         self._origin = f"{place.scheme}://{place.netloc}"
         jar = http.cookiejar.CookieJar()
         opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(jar))
-        with opener.open(f"{link}&{urlencode(query)}") as answer:
+        with opener.open(f"{self._origin}/search?{place.query}&{urlencode(query)}") as answer:
             text = answer.read().decode()
         self._cookie = "; ".join(f"{each.name}={each.value}" for each in jar)
         self._client_id = re.findall(r"'client_id': '([^']+)'", text)[0]

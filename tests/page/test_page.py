@@ -149,7 +149,7 @@ def test_killed_child_is_said_and_can_go_on(opened, page, command_result):
 def test_link_holds_the_settings(opened, command_result):
     watched = opened(query="&method=ternary&seed=7&snr_db=30&pace=0&tissue=liver")
     watched.tab.get_by_label("seed").fill("8")
-    watched.tab.wait_for_url("**/?method=ternary&seed=8&snr_db=30&tissue=liver&pace=0")
+    watched.tab.wait_for_url("**/search?method=ternary&seed=8&snr_db=30&tissue=liver&pace=0")
     watched.search()
     watched.wait_for(STATUS, r"^(found at|unsure|not found|ambiguous|at bound)")
     options = ("--method", "ternary", "--tissue", "liver", "--snr-db", "30", "--seed", "8")
@@ -177,7 +177,7 @@ def test_setting_that_cannot_be_used_is_said(opened):
     assert watched.tab.get_by_role("button", name="Start", exact=True).is_disabled()
     watched.tab.get_by_label("method").click()
     watched.tab.get_by_role("option", name="ternary").click()
-    watched.tab.wait_for_url("**/?method=ternary&as_published=1*")
+    watched.tab.wait_for_url("**/search?method=ternary&as_published=1*")
     sync_api.expect(watched.tab.locator(".ms-problem:visible")).to_have_count(0)
     sync_api.expect(watched.tab.get_by_role("button", name="Start", exact=True)).to_be_enabled()
 

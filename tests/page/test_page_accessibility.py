@@ -4,26 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from tests.page.page_browser import needs_browser, sync_api
-
-axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+from tests.page.page_browser import needs_browser, sync_api, violations
 
 pytestmark = [pytest.mark.long, pytest.mark.real_time, needs_browser]
-
-AA = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"], "resultTypes": ["violations"]}
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
 
-def violations(watched):
-    """What axe-core finds: rule, and the elements."""
-    found = axe.Axe().run(watched.tab, options=AA).response["violations"]
-    return [(each["id"], [node["html"] for node in each["nodes"]]) for each in found]
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_page_violates_aa_in_any_state(opened, scheme):
-    watched = opened("/", "&pace=0.02&seed=3&magic=1", color_scheme=scheme)
+    watched = opened("/search", "&pace=0.02&seed=3&magic=1", color_scheme=scheme)
     # With a link that is partly wrong, while a search runs, and with its answer.
     assert violations(watched) == []
     watched.start()
@@ -36,11 +26,11 @@ def test_no_page_violates_aa_in_any_state(opened, scheme):
     watched.tab.get_by_label("acquisitions").fill("1")
     watched.tab.wait_for_selector(".ms-problem:visible")
     assert violations(watched) == []
-    for path in ("/race", "/replay"):
+    for path in ("/", "/race", "/replay"):
         assert violations(opened(path, color_scheme=scheme)) == [], path
 
 
-@pytest.mark.parametrize("path", ["/", "/race", "/replay"])
+@pytest.mark.parametrize("path", ["/", "/search", "/race", "/replay"])
 def test_targets_of_a_finger_and_width_of_a_phone(opened, path):
     watched = opened(path, **PHONE)
     assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 390
@@ -52,7 +42,7 @@ def test_targets_of_a_finger_and_width_of_a_phone(opened, path):
 
 @pytest.mark.parametrize("options", [{}, PHONE], ids=["window", "phone"])
 def test_no_name_in_a_field_is_cut(opened, options):
-    watched = opened("/", "&method=weighted-average&tissue=plastisol-phantom&readout_s=10&pace=0.01", **options)
+    watched = opened("/search", "&method=weighted-average&tissue=plastisol-phantom&readout_s=10&pace=0.01", **options)
     watched.unfold()
     shown = watched.tab.locator(".q-select .q-field__native span")
     sizes = shown.evaluate_all("all => all.map(each => [each.innerText, each.scrollWidth, each.clientWidth])")
@@ -62,7 +52,7 @@ def test_no_name_in_a_field_is_cut(opened, options):
 
 
 def test_verdict_of_a_phone_is_read_from_two_metres(opened):
-    watched = opened("/", "&pace=0&seed=3", **PHONE)
+    watched = opened("/search", "&pace=0&seed=3", **PHONE)
     watched.search()
     watched.wait_for(".ms-badge", "FOUND")
     height = "each => parseFloat(getComputedStyle(each).fontSize)"
@@ -74,7 +64,7 @@ def test_verdict_of_a_phone_is_read_from_two_metres(opened):
 
 
 def test_answer_of_two_angles_stays_inside_a_phone(opened):
-    watched = opened("/", "&pace=0&seed=3", **PHONE)
+    watched = opened("/search", "&pace=0&seed=3", **PHONE)
     watched.search()
     watched.wait_for(".ms-badge", "^FOUND$")
     # Which search ends so depends on its last digits: the texts of one are shown in the place of those of another.
@@ -90,7 +80,7 @@ def test_answer_of_two_angles_stays_inside_a_phone(opened):
 
 
 def test_fault_with_a_long_path_stays_inside_a_phone(opened):
-    watched = opened("/", "&pace=0&seed=3", **PHONE)
+    watched = opened("/search", "&pace=0&seed=3", **PHONE)
     path = "/" + "verylongnameofafolder" * 4
     watched.tab.evaluate(
         """text => { document.querySelector(".ms-verdict").className = "ms-verdict ms-verdict-fault";
@@ -117,7 +107,7 @@ def test_keyboard_has_a_focus_that_is_seen(opened):
 
 def test_pictures_do_not_hold_a_page_open(opened):
     narrow = {"width": 820, "height": 1180}
-    watched = opened("/", "&pace=0&seed=3", viewport=narrow, has_touch=True, is_mobile=True)
+    watched = opened("/search", "&pace=0&seed=3", viewport=narrow, has_touch=True, is_mobile=True)
     watched.search()
     watched.wait_for(".ms-badge", "FOUND")
     height = "document.querySelector('.ms-panel-fan').clientHeight"
@@ -130,12 +120,12 @@ def test_pictures_do_not_hold_a_page_open(opened):
 
 
 def test_controls_of_a_search_are_one_row_on_a_laptop(opened):
-    watched = opened("/", "&readout_s=0.1", viewport={"width": 1280, "height": 800})
+    watched = opened("/search", "&readout_s=0.1", viewport={"width": 1280, "height": 800})
     assert watched.tab.locator(".ms-controls").first.bounding_box()["height"] < 60
 
 
 def test_rows_use_the_height_of_the_window(opened):
-    watched = opened("/", "&pace=0&seed=3", viewport={"width": 1440, "height": 1400})
+    watched = opened("/search", "&pace=0&seed=3", viewport={"width": 1440, "height": 1400})
     watched.search()
     watched.tab.wait_for_selector("text=copy the angle")
     panels = watched.tab.locator(".ms-panels").bounding_box()

@@ -43,7 +43,7 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
     terminal, inside = os.openpty()
     with fixed_bench(tmp_path, seed=3) as devices:
         with served(tmp_path, "--rig", str(devices.rig), stdin=inside) as page:
-            watched = open_tab(browser, page, "/", "&method=weighted-average&acquisitions=8&as_published=1")
+            watched = open_tab(browser, page, "/search", "&method=weighted-average&acquisitions=8&as_published=1")
             others = [subprocess.Popen([sys.executable, str(VIEWER), page.link]) for _ in range(2)]
             watched.press("Start")
             page.wait_for_text("name of the rig: ")

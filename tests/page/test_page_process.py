@@ -112,7 +112,7 @@ def until(condition, page, tab, *, timeout_s=30):
 @needs_browser
 def test_killed_page_stops_the_search_and_it_can_be_resumed(browser, tmp_path):
     with served(tmp_path) as page:
-        watched = open_tab(browser, page, "/", "&seed=4&pace=0.1")
+        watched = open_tab(browser, page, "/search", "&seed=4&pace=0.1")
         watched.start()
         watched.wait_for(".ms-log", "acquisition 1:")
         (child,) = page.children()
@@ -139,10 +139,10 @@ def test_killed_page_stops_the_search_and_it_can_be_resumed(browser, tmp_path):
 @pytest.mark.long
 @needs_browser
 def test_search_that_nobody_watches_is_stopped(opened, page):
-    watched = opened("/", "&seed=4&pace=1")
+    watched = opened("/search", "&seed=4&pace=1")
     watched.start()
     watched.wait_for(".ms-status", "^(moving|measured)$")
-    other = opened("/")
+    other = opened("/search")
     watched.tab.goto("about:blank")
     # The other tab still watches.
     other.tab.wait_for_timeout(1000 * (UNWATCHED_S + 2))
@@ -156,7 +156,7 @@ def test_search_that_nobody_watches_is_stopped(opened, page):
 @needs_browser
 def test_ctrl_c_in_the_terminal_ends_page_and_search(browser, tmp_path):
     with served(tmp_path) as page:
-        watched = open_tab(browser, page, "/", "&pace=1")
+        watched = open_tab(browser, page, "/search", "&pace=1")
         watched.start()
         watched.wait_for(".ms-log", "dark frame 1")
         (child,) = page.children()
@@ -201,7 +201,7 @@ LINE = ".ms-silent"
 @needs_browser
 def test_26_7_hung_page_says_that_stop_was_not_delivered_and_its_search_ends_within_5_s(browser, tmp_path):
     with served(tmp_path) as page:
-        watched = open_tab(browser, page, "/", "&pace=1")
+        watched = open_tab(browser, page, "/search", "&pace=1")
         watched.start()
         watched.wait_for(".ms-log", "dark frame 1")
         (child,) = page.children()

@@ -15,12 +15,12 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import msgspec
 
@@ -93,13 +93,17 @@ class Outcome:
         return f"the command ended with exit code {self.exit_code}{killed}"
 
 
+_Item = TypeVar("_Item")
+
+
 class ChildRun:
     """A running command. Read `items` to its end, then ask for `outcome`; a context manager stops it at the end.
 
     A search stops when nobody has read `items` for 4 s. Entries that wait to be read are in the file.
 
     ``arguments``: command and options, such as ``["search", "--seed", "1"]``; ``--json`` and those of the bridge are
-    added. ``journal``: the journal that they name; None if they keep none, and a file is made for the run alone.
+    added. ``journal``: the journal, or the folder of a registration session, that they name; None if they keep none,
+    and a file is made for the run alone.
     """
 
     def __init__(self, arguments: Sequence[str], *, journal: Path | None = None) -> None:
@@ -143,11 +147,16 @@ class ChildRun:
 
         Of a run that is continued, all its entries from the first. Raises `RecordError` if the file is damaged.
         """
-        for item in follow(self._journal, is_over=lambda: not self.running, wait=self._wait):
+        return self.beating(follow(self._journal, is_over=lambda: not self.running, wait=self.wait))
+
+    def beating(self, items: Iterable[_Item]) -> Iterator[_Item]:
+        """The items of what is followed by `wait`, with the heartbeat also where one comes after the other."""
+        for item in items:
             self._beat()
             yield item
 
-    def _wait(self) -> None:
+    def wait(self) -> None:
+        """Wait a moment for more of what the child writes, and send the heartbeat."""
         self._beat()
         time.sleep(_POLL_S)  # noqa: TID251  a file is followed in real time
 

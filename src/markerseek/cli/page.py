@@ -42,18 +42,32 @@ def command(
             metavar="URL", help="Address in the browser behind a tunnel (ssh -L, VS Code): http://localhost:9000."
         ),
     ] = None,
+    cameras: Annotated[
+        list[Path] | None,
+        typer.Option(help="Calibration of the stereo endoscope beside a rig of devices, as of `markerseek register`."),
+    ] = None,
+    images: Annotated[
+        str | None,
+        typer.Option(metavar="'LEFT RIGHT'", help="Where its images come from, as of `markerseek register`."),
+    ] = None,
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in a browser of this computer.")] = False,
 ) -> None:
-    """Show a search live in the browser, and start, stop and replay searches there.
+    """Show a registration or a search live in the browser, and start, stop and replay them there.
 
-    The link holds a token: who has it can start searches. The page holds no device. It starts `markerseek search` as a
-    child, so that its results are those of the command. A rig of devices is armed here in the terminal, never in the
-    browser. When this program ends, or nobody has the page open for 5 seconds, a search that runs is stopped.
+    The link holds a token: who has it can start searches. The page holds no device. It starts `markerseek register` and
+    `markerseek search` as children, so that its results are those of the commands. A rig of devices is armed here in
+    the terminal, never in the browser. When this program ends, or nobody has the page open for 5 seconds, a search that
+    runs is stopped.
     """
     import webbrowser
 
     address = page.Address(host=host, port=port, certificate=tls_certificate, key=tls_key, public_url=public_url)
-    shown = page.PageRig() if rig is None else page.PageRig(file=rig, settings=read_rig(rig, trust=trust))
+    if (cameras or images) and not (cameras and images and rig):
+        raise ConfigError("--cameras and --images belong together, and to a rig of devices; name all three, or neither")
+    shown = page.PageRig()
+    if rig is not None:
+        settings = read_rig(rig, trust=trust)
+        shown = page.PageRig(file=rig, settings=settings, cameras=tuple(cameras or ()), images=images)
     for path in recordings or []:
         if not path.exists():
             raise ConfigError(f"{quoted(path)}: there is no such file; name journals or banks that exist")

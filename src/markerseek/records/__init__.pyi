@@ -1,4 +1,4 @@
-from .curve_svg import DrawnCurve, Mark, as_html, tracks_svg
+from .curve_svg import DrawnCurve, Mark, as_html, errors_svg, tracks_svg
 from .images import ImageSeries, read_camera_images, read_image_sequence, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
 from .result import NAME_WITHOUT_CLAIM, Answer, ReplayedSearch, SampleRow, SearchResult
@@ -37,6 +37,7 @@ __all__ = [
     "answer_reason",
     "as_html",
     "digits_of",
+    "errors_svg",
     "interval_text",
     "others_rows",
     "read_camera_images",

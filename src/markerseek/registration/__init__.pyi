@@ -3,6 +3,7 @@ from .device_room import DeviceRoom
 from .points import point_pairs, spot_pairs
 from .poses import Place, Poses, Prediction, Reach
 from .record import (
+    CAMERA_IMAGES,
     SessionRecord,
     camera_text,
     default_folder,
@@ -40,9 +41,10 @@ from .steps import (
     Waiting,
 )
 from .stereo_files import StereoSettings, read_stereo
-from .target_views import TargetView, target_views
+from .target_views import TargetView, target_pixels, target_views
 
 __all__ = [
+    "CAMERA_IMAGES",
     "FOCAL_LENGTH",
     "REGISTRATION_TOLERANCE_MM",
     "TARGET_DEPTH_M",
@@ -93,6 +95,7 @@ __all__ = [
     "register_pairs",
     "session_folder",
     "spot_pairs",
+    "target_pixels",
     "target_views",
     "trus_shared_m",
 ]

@@ -25,7 +25,7 @@ from markerseek.registration.steps import Begun, RecordedStep, TakenMarker
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.vision import opencv
 
-NAME, LEFT, RIGHT = "session.jsonl", "left.jpg", "right.jpg"
+NAME, CAMERA_IMAGES = "session.jsonl", ("left.jpg", "right.jpg")
 """Names of the files in the folder of a session: its steps, and the newest images of both cameras."""
 
 _MOST_BYTES = 64 * MIB
@@ -90,8 +90,8 @@ class SessionRecord:
             self.taken.append(step)
 
     def show(self, pair: StereoPair) -> None:
-        """Put the newest images into the folder, as `LEFT` and `RIGHT`, for those who look on."""
-        for name, image in ((LEFT, pair.left), (RIGHT, pair.right)):
+        """Put the newest images into the folder, as `CAMERA_IMAGES`, for those who look on."""
+        for name, image in zip(CAMERA_IMAGES, (pair.left, pair.right), strict=True):
             _, coded = opencv("images of a session").imencode(".jpg", image)
             part = self.folder / f".{name}"
             with _as_write_error(self.folder):

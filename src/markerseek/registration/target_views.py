@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -36,37 +36,37 @@ def target_views(
     calibration of the cameras. Raises `ConfigError` if the registration is not accepted, or the target is behind a
     camera.
     """
+    name = report.points[0].name
+    seen = target_pixels(report, stereo=stereo)
+    left_image, right_image = (read_camera_images(folder / name)[0] for folder in (left, right))
+    return (
+        TargetView(camera="left", image=left_image, pixel=seen[0][0], covariance_px2=seen[0][1]),
+        TargetView(camera="right", image=right_image, pixel=seen[1][0], covariance_px2=seen[1][1]),
+    )
+
+
+Pixel: TypeAlias = tuple[Float64[np.ndarray, " 2"], Float64[np.ndarray, "2 2"]]
+"""Column and row in an image, and their covariance in square pixels."""
+
+
+def target_pixels(report: RegistrationReport, *, stereo: StereoSettings) -> tuple[Pixel, Pixel]:
+    """Return where the left and the right camera see the target of a registration; errors as of `target_views`."""
     if report.davinci_to_trus is None:
         raise ConfigError("the points do not fit, so that nobody knows where the target is in the images")
     to_left = davinci_to_probe_home(report.davinci_to_trus).inverse()
     to_right = stereo.cameras.left_to_right
     target_m = to_left.apply(np.array(report.target_trus_m))
     covariance_m2 = to_left.rotation @ np.array(report.target_covariance_m2) @ to_left.rotation.T
-    name = report.points[0].name
+    turned_m2 = to_right.rotation @ covariance_m2 @ to_right.rotation.T
     return (
-        _view("left", left / name, stereo.left, target_m, covariance_m2),
-        _view(
-            "right",
-            right / name,
-            stereo.right,
-            to_right.apply(target_m),
-            to_right.rotation @ covariance_m2 @ to_right.rotation.T,
-        ),
+        _seen("left", stereo.left, target_m, covariance_m2),
+        _seen("right", stereo.right, to_right.apply(target_m), turned_m2),
     )
 
 
-def _view(
-    camera: Literal["left", "right"],
-    folder: Path,
-    seen_by: Camera,
-    target_m: Float64[np.ndarray, " 3"],
-    covariance_m2: Float64[np.ndarray, "3 3"],
-) -> TargetView:
+def _seen(
+    name: str, camera: Camera, target_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"]
+) -> Pixel:
     if not target_m[2] > 0:
-        raise ConfigError(f"the target is behind the {camera} camera; name another by --target-mm")
-    return TargetView(
-        camera=camera,
-        image=read_camera_images(folder)[0],
-        pixel=seen_by.project(target_m[None])[0],
-        covariance_px2=seen_by.project_covariance(target_m, covariance_m2),
-    )
+        raise ConfigError(f"the target is behind the {name} camera; name another by --target-mm")
+    return camera.project(target_m[None])[0], camera.project_covariance(target_m, covariance_m2)

@@ -7,7 +7,7 @@ import hmac
 import time
 from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import urlencode
 
 from fastapi import FastAPI, Request, Response
@@ -16,10 +16,11 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from markerseek.bridges.page.controls import USUAL
+from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PAGES
 from markerseek.bridges.page.race_page import build_race_page
+from markerseek.bridges.page.registration_page import build_registration_page
 from markerseek.bridges.page.replay_page import ReplayPage
 from markerseek.bridges.page.search_page import build_search_page
 
@@ -114,7 +115,23 @@ def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
         searches.stop()
         return Response(status_code=204)
 
+    @application.get("/camera/{side}.jpg")
+    def camera(side: Literal["left", "right"]) -> Response:
+        """The newest image of a camera in the session."""
+        live = searches.registration
+        path = None if live is None or live.journal is None else live.journal / f"{side}.jpg"
+        if path is None or not path.is_file():
+            return Response(status_code=404)
+        return Response(path.read_bytes(), media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+
     @ui.page("/")
+    def register(request: Request) -> Response | None:
+        if not searches.rig.registers:
+            return RedirectResponse("/search")
+        build_registration_page(searches, USUAL_REGISTRATION.with_query(request.query_params))
+        return None
+
+    @ui.page("/search")
     def search(request: Request) -> None:
         build_search_page(searches, USUAL.with_query(request.query_params))
 

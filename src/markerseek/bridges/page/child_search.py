@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Generic, Literal, TypeAlias, TypeVar
 
-from markerseek.bridges.asked import AskedSearch
+from markerseek.bridges.asked import AskedRegistration, AskedSearch
 from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.core import MarkerseekError
-from markerseek.records.journal import Configuration
+from markerseek.records.journal import Configuration, JournalItem
 from markerseek.runs import STOPPED
 
 SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
@@ -20,27 +20,33 @@ SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
 Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 
 
+AskedT = TypeVar("AskedT", AskedSearch, AskedRegistration)
+
 Launch: TypeAlias = Callable[..., ChildRun]
 """What starts a command; arguments as of `ChildRun`."""
 
 
-class ChildSearch:
+class ChildSearch(Generic[AskedT]):
     """One child, followed by a thread of its own until it ends.
 
     ``asked``: what a person chose on the page. ``journal``: the journal of the command, for `resume`; None if it
     keeps none. ``on_change``: called by a thread of the run whenever there is something new to show.
     """
 
+    PICTURES = True
+    """Whether the images of the acquisitions are formed, for those who show them."""
+
     def __init__(
         self,
         launch: Launch,
         arguments: Sequence[str],
         *,
-        asked: AskedSearch,
+        asked: AskedT,
         journal: Path | None = None,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
-        self.asked, self.journal = asked, journal
+        self.asked: AskedT = asked
+        self.journal = journal
         self._arguments = tuple(arguments)
         self.run: RunHistory | None = None
         self.outcome: Outcome | None = None
@@ -60,7 +66,11 @@ class ChildSearch:
             return "ended"
         if self._stop_wanted.is_set():
             return "stopping"
-        return "running" if self.run is not None else "starting"
+        return "running" if self._has_begun else "starting"
+
+    @property
+    def _has_begun(self) -> bool:
+        return self.run is not None
 
     @property
     def message(self) -> str:
@@ -96,18 +106,26 @@ class ChildSearch:
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
+    def _take(self, child: ChildRun) -> None:
+        """Take what the child writes, until it ends."""
+        self._add(child.items())
+
+    def _add(self, items: Iterable[JournalItem]) -> None:
+        """Take the items of a search."""
+        for item in items:
+            if isinstance(item, Configuration):
+                self.run = RunHistory(item, pictures=self.PICTURES)
+                self._on_change()
+            elif self.run is not None:
+                self.run.add(item.event, clock_s=item.clock_s, on_change=self._on_change)
+
     def _follow(self) -> None:
         try:
             child = self._child = self._launch(self._arguments, journal=self.journal)
             # STOP may have been pressed while the child was being started.
             if self._stop_wanted.is_set():
                 child.stop()
-            for item in child.items():
-                if isinstance(item, Configuration):
-                    self.run = RunHistory(item)
-                    self._on_change()
-                elif self.run is not None:
-                    self.run.add(item.event, clock_s=item.clock_s, on_change=self._on_change)
+            self._take(child)
         except (MarkerseekError, OSError) as problem:
             self._failure = str(problem)
             self.stop()

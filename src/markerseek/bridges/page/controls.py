@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeAlias
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from nicegui import ui
 
-from markerseek.bridges.asked import OPTIONS, AskedSearch
+from markerseek.bridges.asked import Asked, AskedRegistration, AskedSearch
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.core import ConfigError, SimulationOptions
 from markerseek.records import with_minus
@@ -17,8 +17,13 @@ from markerseek.sim import TISSUES
 USUAL = AskedSearch(simulation=SimulationOptions(seed=1, pace=0.05))
 """What the page begins with: a search of two minutes is shown in six seconds."""
 
+USUAL_REGISTRATION = AskedRegistration(sweep=True, seed=1, pace=0.5)
+"""The same for a session: sweeps of half a minute are shown in a quarter."""
+
 LinkSettings: TypeAlias = tuple[AskedSearch, tuple[str, ...]]
 """Settings of a link, and what is wrong with each of its values that are left out."""
+
+_AskedT = TypeVar("_AskedT", bound=Asked)
 
 METHOD_FIELDS = ("method", "acquisitions", "tolerance_mm", "as_published")
 """Settings of any search."""
@@ -33,26 +38,34 @@ _CHOICES: dict[str, Mapping[Any, str]] = {
     "pace": {1.0: "real time", 0.2: "5 × faster", 0.05: "20 × faster", 0.01: "100 × faster", 0.0: "no waiting"},
 }
 
-_LABELS = {"tolerance_mm": "± [mm]", "snr_db": "SNR [dB]", "readout_s": "receiver", "pace": "speed"}
+_LABELS = {
+    "tre_mm": "TRE [mm]",
+    "tolerance_mm": "± [mm]",
+    "snr_db": "SNR [dB]",
+    "readout_s": "receiver",
+    "pace": "speed",
+}
 """Labels of settings; of others it is their name."""
 
 
-class SettingsRow:
-    """Fields for the settings of one search, folded but for the seed; what is wrong with one of them stands below.
+class SettingsRow(Generic[_AskedT]):
+    """Fields for the settings of one run, folded but for the seed; what is wrong with one of them stands below.
 
-    ``problems``: what is wrong with the link whose settings these are. ``on_change``: called with the settings after
-    each change that can be used.
+    ``usual``: settings that are not named beside the fold. ``problems``: what is wrong with the link whose settings
+    these are. ``on_change``: called with the settings after each change that can be used.
     """
 
     def __init__(
         self,
-        settings: AskedSearch,
+        settings: _AskedT,
         names: Iterable[str],
         *,
+        usual: _AskedT,
         problems: Iterable[str] = (),
-        on_change: Callable[[AskedSearch], None] = lambda _: None,
+        on_change: Callable[[_AskedT], None] = lambda _: None,
     ) -> None:
-        self._values = settings.values
+        self._values, self._usual = settings.values, usual
+        self._options = usual.options()
         self._on_change = on_change
         self._fields: dict[str, Any] = {}
         self._following = False
@@ -70,11 +83,11 @@ class SettingsRow:
         self._say("; ".join(f"link: {each}; it is left out" for each in problems))
 
     @property
-    def settings(self) -> AskedSearch:
+    def settings(self) -> _AskedT:
         """What the fields show."""
-        return USUAL.changed(**self._values)
+        return self._usual.changed(**self._values)
 
-    def follow(self, settings: AskedSearch) -> None:
+    def follow(self, settings: _AskedT) -> None:
         """Show the settings of a run that was started, here or elsewhere."""
         self._following = True
         self._values = settings.values
@@ -94,17 +107,17 @@ class SettingsRow:
         elif isinstance(value, bool):
             field = ui.checkbox(label, **given)
         else:
-            field = ui.number(label, placeholder=OPTIONS[name].shown, **given).props("debounce=300 stack-label")
-        field.props("dense outlined options-dense no-error-icon hide-bottom-space").tooltip(OPTIONS[name].help)
+            field = ui.number(label, placeholder=self._options[name].shown, **given).props("debounce=300 stack-label")
+        field.props("dense outlined options-dense no-error-icon hide-bottom-space").tooltip(self._options[name].help)
         self._fields[name] = field.classes(f"ms-field-{name}")
 
     def _set(self, name: str, value: Any) -> None:
         if self._following:
             return
-        if OPTIONS[name].kind is int and value is not None and float(value).is_integer():
+        if self._options[name].kind is int and value is not None and float(value).is_integer():
             value = int(value)
         # Kept as it is shown, right or wrong: a search with other settings than those on the page must not start.
-        self._values[name] = OPTIONS[name].default if value is None else value
+        self._values[name] = self._options[name].default if value is None else value
         for field in self._fields.values():
             field.props(remove="error")
         try:
@@ -125,7 +138,7 @@ class SettingsRow:
         changed = [
             f"{_label(name)} {_CHOICES.get(name, {}).get(value, '' if value is True else value)}".strip()
             for name, value in chosen.items()
-            if value != USUAL.values[name]
+            if value != self._usual.values[name]
         ]
         self._summary.set_text("settings" + (f": {', '.join(changed)}" if changed else ""))
 
@@ -144,7 +157,9 @@ class SearchControls:
             # As wide as its longer text, so that the row stays one.
             self._pause.style("min-width: 98px")
             names = (*METHOD_FIELDS, "sweep") + (("seed", *RIG_FIELDS) if self._searches.rig.simulated else ())
-            self._row = SettingsRow(settings, names, problems=problems, on_change=hold_in_link("/"))
+            self._row = SettingsRow(
+                settings, names, usual=USUAL, problems=problems, on_change=hold_in_link("/search", USUAL)
+            )
         frame.on_click(self._start, lambda: self._searches.start(self._row.settings, asked_by=frame.viewer))
         frame.on_click(self._pause, self._pause_or_go_on)
 
@@ -172,9 +187,9 @@ def start_button(text: str) -> ui.button:
     return ui.button(text, icon="play_arrow", color=None).props("dense padding='6px 10px'").classes("ms-go")
 
 
-def hold_in_link(path: str) -> Callable[[AskedSearch], None]:
+def hold_in_link(path: str, usual: Asked) -> Callable[[Asked], None]:
     """What puts settings into the address of a page, so that its link holds them."""
-    return lambda asked: ui.navigate.history.replace(f"{path}?{asked.query(usual=USUAL)}".rstrip("?"))
+    return lambda asked: ui.navigate.history.replace(f"{path}?{asked.query(usual=usual)}".rstrip("?"))
 
 
 def _label(name: str) -> str:

@@ -10,13 +10,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from markerseek.bridges.asked import AskedSearch
+from markerseek.bridges.asked import AskedRegistration, AskedSearch
 from markerseek.bridges.child import ChildRun
+from markerseek.bridges.page.child_registration import ChildRegistration
 from markerseek.bridges.page.child_search import ChildSearch, Launch
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
+from markerseek.registration import default_folder
 from markerseek.sim import SimulatedSettings
 
 
@@ -61,6 +64,10 @@ class PageRig:
     file: Path | None = None
     """None for the simulated rig with its defaults."""
     settings: SimulatedSettings | BenchSettings = field(default_factory=SimulatedSettings)
+    cameras: tuple[Path, ...] = ()
+    """Calibration of the endoscope beside a rig of devices; a simulated rig has a simulated endoscope."""
+    images: str | None = None
+    """Where the images of that endoscope come from, as `markerseek register` takes them."""
 
     @property
     def search(self) -> Interval:
@@ -71,6 +78,18 @@ class PageRig:
     def simulated(self) -> bool:
         """Whether no hardware is involved."""
         return isinstance(self.settings, SimulatedSettings)
+
+    @property
+    def registers(self) -> bool:
+        """Whether the rig can register: the distance of the array from the axis, and the endoscope, are known."""
+        return self.simulated or (self.settings.probe.face_radius_m is not None and self.images is not None)
+
+    def arguments(self, *, cameras: bool = False) -> list[str]:
+        """Options that name the rig, and its endoscope if ``cameras``."""
+        options = [] if self.file is None else ["--rig", str(self.file)]
+        if cameras and self.images is not None:
+            options += [*(text for path in self.cameras for text in ("--cameras", str(path))), "--images", self.images]
+        return options
 
 
 class PageSearches:
@@ -83,9 +102,10 @@ class PageSearches:
     def __init__(self, rig: PageRig, named: Sequence[Path] = (), *, launch: Launch = ChildRun) -> None:
         self.rig = rig
         self.changes = ChangeSignal()
-        self.search: ChildSearch | None = None
-        self.race: tuple[ChildSearch, ...] = ()
-        self.bank: ChildSearch | None = None
+        self.registration: ChildRegistration | None = None
+        self.search: ChildSearch[AskedSearch] | None = None
+        self.race: tuple[ChildSearch[AskedSearch], ...] = ()
+        self.bank: ChildSearch[AskedSearch] | None = None
         self._launch = launch
         self._named = tuple(named)
         # Held while something starts, so that STOP waits for what it would otherwise miss.
@@ -102,8 +122,21 @@ class PageSearches:
         """Whether anything runs."""
         return any(run.status != "ended" for run in self._runs())
 
-    def _runs(self) -> tuple[ChildSearch, ...]:
-        return (*self.race, *(each for each in (self.search, self.bank) if each is not None))
+    def _runs(self) -> tuple[ChildSearch[Any], ...]:
+        return (*self.race, *(each for each in (self.registration, self.search, self.bank) if each is not None))
+
+    def register(self, asked: AskedRegistration) -> None:
+        """Start a registration session; the terminal asks whether to arm a rig of devices.
+
+        Raises `SearchError` if anything runs, or the rig cannot register.
+        """
+        with self._idle():
+            if not self.rig.registers:
+                raise SearchError("this rig cannot register: start the page with --cameras and --images")
+            arguments = ["register", *self.rig.arguments(cameras=True), *asked.arguments(simulated=self.rig.simulated)]
+            self.registration = ChildRegistration(
+                self._launch, arguments, asked=asked, folder=default_folder(), on_change=self.changes.tell
+            )
 
     def start(self, asked: AskedSearch, *, asked_by: str) -> None:
         """Start a search; the terminal names who asked when it asks whether to arm.
@@ -113,7 +146,7 @@ class PageSearches:
         journal = default_journal(method=asked.plan.method)
         make_folder(journal.parent)
         with self._idle():
-            arguments = ["search", *self._rig_arguments(), *asked.arguments(simulated=self.rig.simulated)]
+            arguments = ["search", *self.rig.arguments(), *asked.arguments(simulated=self.rig.simulated)]
             arguments += ["--journal", str(journal), f"--asked-by={asked_by}"]
             self.search = self._live(arguments, asked, journal=journal)
 
@@ -145,11 +178,11 @@ class PageSearches:
             if not self.rig.simulated:
                 raise SearchError("a race needs two rigs: it is for simulated ones only")
             self.race = tuple(
-                self._live(["search", *self._rig_arguments(), *each.arguments(), "--no-journal"], each)
+                self._live(["search", *self.rig.arguments(), *each.arguments(), "--no-journal"], each)
                 for each in (one, other)
             )
 
-    def replay(self, name: str, asked: AskedSearch) -> ChildSearch:
+    def replay(self, name: str, asked: AskedSearch) -> ChildSearch[AskedSearch]:
         """Search a recorded bank with a method; no device and no journal is involved.
 
         ``name``: one of `recordings`.
@@ -196,9 +229,6 @@ class PageSearches:
             recordings.setdefault(path.name if path.name not in recordings else str(path), path)
         return recordings
 
-    def _rig_arguments(self) -> list[str]:
-        return [] if self.rig.file is None else ["--rig", str(self.rig.file)]
-
     @contextmanager
     def _idle(self) -> Iterator[None]:
         """One start at a time, and none while a search runs."""
@@ -206,8 +236,10 @@ class PageSearches:
             if self._closed:
                 raise SearchError("the page is being closed")
             if self.busy:
-                raise SearchError("a search runs; stop it, or wait for its end")
+                raise SearchError("a search or a registration runs; stop it, or wait for its end")
             yield
 
-    def _live(self, arguments: Sequence[str], asked: AskedSearch, *, journal: Path | None = None) -> ChildSearch:
+    def _live(
+        self, arguments: Sequence[str], asked: AskedSearch, *, journal: Path | None = None
+    ) -> ChildSearch[AskedSearch]:
         return ChildSearch(self._launch, arguments, asked=asked, journal=journal, on_change=self.changes.tell)

@@ -34,7 +34,7 @@ _BANNERS: dict[RigKind, str] = {
 
 _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")
 
-PAGES = {"/": "search", "/race": "race", "/replay": "replay"}
+PAGES = {"/": "register", "/search": "search", "/race": "race", "/replay": "replay"}
 """Paths of the pages, and their names."""
 
 
@@ -57,6 +57,8 @@ class PageShell:
             Heading("markerseek", level=1).classes("ms-name")
             with ui.element("nav").props('aria-label="pages"'):
                 for target, name in PAGES.items():
+                    if target == "/" and not searches.rig.registers:
+                        continue
                     ui.link(name, target).props('aria-current="page"' if target == path else "")
             self._status_label = ui.label("").classes("ms-status").props('role="status"').mark("status")
             ui.button("◐", on_click=self._toggle_dark).props('flat dense aria-label="dark or light"')

@@ -35,6 +35,10 @@ HINTS = {
     "of the marker, and a small picture shows ± 2° about the answer.",
     "image": "The image at each angle. The marker is a bright spot.",
     "numbers": "How many acquisitions, how much rotation and time, the noise, and other sources.",
+    "left": "The image of the left camera, with the spot, the place for the next one, and the target.",
+    "right": "The same for the right camera.",
+    "tre": "The expected error at the target, which falls with each marker to its goal.",
+    "markers": "One line for each marker: its angle, its distance from where the others expect it, and its use.",
     "log": "One line for each move and each acquisition.",
 }
 """What will appear in each panel, shown while there is no run."""

@@ -34,7 +34,7 @@ class Lane:
     def __init__(self, method: str, search: Interval) -> None:
         with panel(method, "lane") as self._title:
             with ui.element("div").classes("ms-controls"):
-                self.row = SettingsRow(USUAL.changed(method=method), METHOD_FIELDS)
+                self.row = SettingsRow(USUAL.changed(method=method), METHOD_FIELDS, usual=USUAL)
             self._verdict = VerdictPanel()
             self._panels = RunPanels(search, lane=True)
 
@@ -43,7 +43,7 @@ class Lane:
         own = self.row.settings.values
         return shared.changed(**{name: own[name] for name in METHOD_FIELDS})
 
-    def show(self, live: ChildSearch, *, reveal: bool, leads: bool) -> None:
+    def show(self, live: ChildSearch[AskedSearch], *, reveal: bool, leads: bool) -> None:
         """Show where the racer is."""
         self._title.classes(replace="ms-title ms-leads" if leads else "ms-title")
         if live.run is None:
@@ -64,7 +64,7 @@ def counts_text(run: RunHistory) -> str:
     )
 
 
-def leader(runs: tuple[ChildSearch, ...]) -> ChildSearch | None:
+def leader(runs: tuple[ChildSearch[AskedSearch], ...]) -> ChildSearch[AskedSearch] | None:
     """Who found the marker first, by the clocks of the rigs; None while another may still be, and without a result."""
     if any(each.status == "ended" and not (each.outcome and each.outcome.answered) for each in runs):
         return None
@@ -76,15 +76,15 @@ def leader(runs: tuple[ChildSearch, ...]) -> ChildSearch | None:
     return first
 
 
-def _found(live: ChildSearch) -> bool:
+def _found(live: ChildSearch[AskedSearch]) -> bool:
     return live.run is not None and live.outcome is not None and live.outcome.exit_code == 0
 
 
-def _elapsed_s(live: ChildSearch) -> float:
+def _elapsed_s(live: ChildSearch[AskedSearch]) -> float:
     return 0.0 if live.run is None else live.run.last.elapsed_s
 
 
-def race_verdict(runs: tuple[ChildSearch, ...]) -> str:
+def race_verdict(runs: tuple[ChildSearch[AskedSearch], ...]) -> str:
     """How the race stands; empty before anybody leads."""
     over, first = bool(runs) and all(each.status == "ended" for each in runs), leader(runs)
     if first is not None and first.run is not None:
@@ -109,13 +109,19 @@ def build_race_page(searches: PageSearches, link: LinkSettings) -> None:
     settings, problems = link
     with ui.element("div").classes("ms-controls"):
         start = start_button("Start the race")
-        shared = SettingsRow(settings, ("seed", *RIG_FIELDS), problems=problems, on_change=hold_in_link("/race"))
+        shared = SettingsRow(
+            settings,
+            ("seed", *RIG_FIELDS),
+            usual=USUAL,
+            problems=problems,
+            on_change=hold_in_link("/race", USUAL),
+        )
         result = ui.label("").classes("ms-interval").props('role="status"')
     with ui.element("div").classes("ms-lanes"):
         lanes = [Lane(method, searches.rig.search) for method in RACERS]
     with panel("both on one clock: where the probes are", "clock"):
         clock = ui.html(sanitize=False).classes("ms-chart ms-clock")
-    shown: tuple[ChildSearch, ...] = ()
+    shown: tuple[ChildSearch[AskedSearch], ...] = ()
     drawn: list[tuple[RunHistory, int]] = []
     frame.on_click(start, lambda: searches.start_race(*(lane.settings(shared.settings) for lane in lanes)))
 

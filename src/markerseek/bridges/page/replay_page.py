@@ -10,6 +10,7 @@ from urllib.parse import urlencode
 import msgspec
 from nicegui import run, ui
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import METHOD_FIELDS, USUAL, SettingsRow, start_button
 from markerseek.bridges.page.page_searches import PageSearches
@@ -46,7 +47,7 @@ class ReplayPage:
             self._chosen.props("dense outlined options-dense").classes("ms-recording")
             with ui.element("div").classes("ms-controls") as self._methods:
                 search = start_button("Search it")
-                self._row = SettingsRow(USUAL, METHOD_FIELDS)
+                self._row = SettingsRow(USUAL, METHOD_FIELDS, usual=USUAL)
         self._methods.visible = False
         self._frame.on_click(search, self._search_bank)
         self._player = RunPlayer(searches.rig.search, self._verdict, playable=True)
@@ -70,7 +71,7 @@ class ReplayPage:
     def _show_nothing(self) -> None:
         """Forget the recording before."""
         self._run: RunHistory | None = None
-        self._live: ChildSearch | None = None
+        self._live: ChildSearch[AskedSearch] | None = None
         self._answer: Mapping[str, Any] | None = None
         self._journal: Path | None = None
         self._frame.show_kind("replayed")

@@ -24,14 +24,14 @@ SAME_ANGLE_DEG = 0.02
 class RunHistory:
     """The views and images of one run; one thread adds events, others read.
 
-    ``configuration``: plan and rig of the run.
+    ``configuration``: plan and rig of the run. ``pictures``: whether its images are formed.
     """
 
-    def __init__(self, configuration: Configuration) -> None:
+    def __init__(self, configuration: Configuration, *, pictures: bool = True) -> None:
         # Only ever appended to, so that another thread may read it at any time.
         self.views: list[RunView] = [RunView.of(configuration)]
         self.pictures: dict[int, Picture] = {}
-        self._imaging = rebuild_image_reader(configuration)
+        self._imaging = rebuild_image_reader(configuration) if pictures else None
         plan, recipe = configuration.plan, msgspec.json.decode(configuration.recipe) or {}
         settings: dict[str, Any] = recipe.get("settings", {})
         stage = {name: settings.get("stage", {}).get(name) for name in ("speed_deg_s", "acceleration_deg_s2")}

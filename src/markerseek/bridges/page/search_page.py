@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.page.child_search import ChildSearch
 from markerseek.bridges.page.controls import LinkSettings, SearchControls
 from markerseek.bridges.page.page_searches import PageSearches
@@ -13,12 +14,12 @@ from markerseek.runs import Verdict, verdict_of
 
 def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
     """Build the page for one viewer."""
-    frame = PageShell(searches, "/")
+    frame = PageShell(searches, "/search")
     verdict = VerdictPanel()
     controls = SearchControls(frame, link)
     player = RunPlayer(searches.rig.search, verdict)
     results = ResultRow()
-    shown: ChildSearch | None = None
+    shown: ChildSearch[AskedSearch] | None = None
 
     def update() -> None:
         nonlocal shown
@@ -64,7 +65,7 @@ def next_step_text(searches: PageSearches) -> str:
     return f"Start begins a new search; {resume}, in the terminal, goes on with this one"
 
 
-def verdict_before(live: ChildSearch | None, *, next_step: str) -> Verdict:
+def verdict_before(live: ChildSearch[AskedSearch] | None, *, next_step: str) -> Verdict:
     """The verdict of a search that has not begun, or ended before its first event."""
     if live is None:
         return Verdict(next_step=next_step)
@@ -76,7 +77,7 @@ def verdict_before(live: ChildSearch | None, *, next_step: str) -> Verdict:
     return Verdict(word=word.upper(), kind="stopped", reason=reason, next_step=next_step)
 
 
-def status_text(live: ChildSearch | None) -> str:
+def status_text(live: ChildSearch[AskedSearch] | None) -> str:
     """One line on a search; what the verdict says in large letters is not said twice."""
     if live is None:
         return "ready"

@@ -15,7 +15,7 @@ from msgspec import structs
 from markerseek import rigs
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.child_search import ChildSearch
-from markerseek.bridges.page.controls import USUAL
+from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.core import RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry
@@ -53,6 +53,15 @@ class ScriptedChild:
         self.sent.put(None)
 
     kill = stop
+
+    # Of a session: it has written nothing, and is over.
+    running = False
+
+    def wait(self):
+        raise AssertionError("what is over is not waited for")
+
+    def beating(self, items):
+        return items
 
     def outcome(self):
         return STOPPED if self.stopped.is_set() else FOUND
@@ -235,7 +244,7 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
         lambda: shared.replay("x", USUAL),
         shared.go_on,
     ):
-        with pytest.raises(SearchError, match="a search runs"):
+        with pytest.raises(SearchError, match="a search or a registration runs"):
             another()
     shared.close()
     assert not shared.busy
@@ -339,3 +348,29 @@ def test_only_named_recordings_are_replayed(tmp_path, monkeypatch):
         with pytest.raises(SearchError, match="no such recording"):
             shared.replay(name, USUAL)
     assert asked == []
+
+
+def test_a_rig_of_devices_registers_only_with_its_endoscope_and_a_known_face(tmp_path, monkeypatch):
+    unknown, known = (read_rig_file(Path(f"examples/rigs/{name}.toml")) for name in ("bench", "standa"))
+    endoscope = {"cameras": (Path("stereo.toml"),), "images": "left right"}
+    for rig in ({"settings": known}, {"settings": unknown, **endoscope}):
+        shared, asked = searches([], tmp_path, monkeypatch, **rig)
+        with pytest.raises(SearchError, match="cannot register"):
+            shared.register(USUAL_REGISTRATION)
+        assert asked == []
+    shared, asked = searches(
+        [ScriptedChild()],
+        tmp_path,
+        monkeypatch,
+        settings=known,
+        file=Path("r.toml"),
+        **endoscope,
+    )
+    shared.register(USUAL_REGISTRATION)
+    assert shared.registration.join(5)
+    *arguments, record = asked[0]
+    # A rig of devices has no seed and no pace, and only a person in the terminal arms it.
+    assert arguments == [
+        *("register", "--rig", "r.toml", "--cameras", "stereo.toml", "--images", "left right", "--sweep"),
+    ]
+    assert record.startswith(f"--record={tmp_path}")
