@@ -22,6 +22,7 @@ FIRST = (
 PANELS = {
     "Search": (*(each.flag for each in options_of(SearchPlan)), "--prior", "--compare", "--registration"),
     "Rig": ("--trust", "--wavelength-nm", "--pulse-energy-mj"),
+    "Session": ("--images", "--tre-mm", "--markers", "--again", "--record", "--wait-s"),
     "Points": ("--target-mm", "--without", "--calibration-sigma-px"),
     "Arrays and sequences": (
         *("--axes", "--first-frame", "--without-channel", "--angle-field", "--angle-transform", "--sampling-mhz"),
@@ -29,7 +30,7 @@ PANELS = {
     ),
     "Images": ("--roi", "--pixel-mm"),
     "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
-    "Simulation": (*(each.flag for each in options_of(SimulationOptions)), "--markers"),
+    "Simulation": (*(each.flag for each in options_of(SimulationOptions)),),
     "Output": ("--out", "--force", "--no-journal", "--events"),
 }
 """Panels of the other options; "More" has those that no panel names."""

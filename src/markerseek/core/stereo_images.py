@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-import numpy as np
+from markerseek.core.shapes import CHECKED, UInt8
 
-from markerseek.core.shapes import UInt8
+if TYPE_CHECKING or CHECKED:
+    import numpy as np
 
 MAX_PAIRS = 50
 """Most pairs that a source keeps until it is asked for them; older pairs are dropped."""

@@ -48,7 +48,7 @@ BIN_DEG = 1.0
 KNOWN_SHARE = 0.7
 """Share of the range beyond which a prediction leaves nothing out."""
 
-EDGE_DEG, EDGE_PX = 3.0, 60
+EDGE_DEG, EDGE_PX = 5.0, 60
 """Distance from the ends of the range, in degrees, and from the edges of both images, in pixels, of a place that is
 proposed."""
 

@@ -60,8 +60,13 @@ def in_scan_order(
 
 
 def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarray, " frames"]:
-    """Which frames of a buffer hold anything but zeros; warns of the others."""
+    """Which frames of a buffer hold anything but zeros; warns of the others.
+
+    Where all hold zeros only, none is left out: the receiver received nothing.
+    """
     held = _held(frames)
+    if not held.any():
+        return np.ones_like(held)
     if not held.all():
         names = [str(number) for number in np.sort(numbers[~held])]
         warnings.warn(f"{path}: {len(names)} frames hold zeros only, and are left out: {first_of(names)}", stacklevel=3)
