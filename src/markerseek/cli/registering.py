@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from markerseek import registration, rigs
+from markerseek import drivers, registration, rigs
 from markerseek.cli.open_rig import arm_rig, open_rig, person
 from markerseek.cli.options import Arm, Trust
 from markerseek.cli.report import file_line
@@ -20,7 +20,6 @@ from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_sign
 from markerseek.cli.terminal import announce_compilation, progress_bar, show_view, stderr
 from markerseek.cli.watched import Heartbeat, WatchOptions
 from markerseek.core import ConfigError, SearchError, SearchPlan, SimulationOptions
-from markerseek.drivers import BenchSettings, open_stereo_images
 from markerseek.files import quoted
 
 if TYPE_CHECKING:
@@ -157,7 +156,7 @@ def _room(
 ) -> Iterator[tuple[registration.Room, _Begun]]:
     """The room, and what its record begins with."""
     settings = None if options.rig is None else rigs.read_rig_file(options.rig)
-    if not isinstance(settings, BenchSettings):
+    if not isinstance(settings, drivers.BenchSettings):
         for name, given in (("--cameras", cameras), ("--images", options.images)):
             if given:
                 raise ConfigError(f"{name} is for a rig of devices; the simulated rig has a simulated endoscope")
@@ -173,7 +172,7 @@ def _room(
         )
     stereo = registration.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
     with (
-        closing(open_stereo_images(options.images, left=stereo.left, right=stereo.right)) as images,
+        closing(drivers.open_stereo_images(options.images, left=stereo.left, right=stereo.right)) as images,
         open_rig(options.rig, SimulationOptions(), sweeps=options.sweep, trust=options.trust) as (rig, _),
     ):
         if rig.facts.face_radius_m is None:
