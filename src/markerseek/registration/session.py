@@ -46,7 +46,7 @@ from markerseek.registration.steps import (
     Waiting,
 )
 from markerseek.rigs import Rig
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import Session, new_session, plan_on
 
 REGISTRATION_TOLERANCE_MM = 0.3
 """Tolerance of searches for a registration: with the usual 1 mm markers are twice as far off along the turn, for two
@@ -197,17 +197,7 @@ class RegistrationSession:
         search = new_session(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
         if journal is not None:
             search = replace(search, journal=Journal.create(journal, search.configuration))
-        later: list[StereoPair] = []
-        try:
-            # Closed here, so that an interrupt also stops the stage and disarms the laser.
-            with closing(search.events()) as events:
-                for event in events:
-                    if isinstance(event, Swept | Finished) or (isinstance(event, Measured) and not event.sample.dark):
-                        later = [*later, *self._room.images.newest()][-2 * SPOT_PAIRS :]
-                    yield Searching(name=name, view=search.view)
-        finally:
-            if search.journal is not None:
-                search.journal.close()
+        later = yield from self._searched(name, search)
         result, finished = search.result(), search.view.finished
         assert finished is not None  # noqa: S101  a search that ends without is an error
         self._curve = result.curve or self._curve
@@ -238,6 +228,24 @@ class RegistrationSession:
             self.taken.append(taken)
         yield self._recorded(taken)
         return taken
+
+    def _searched(self, name: str, search: Session) -> Generator[Step, None, list[StereoPair]]:
+        """Run a search while the cameras look on; returns the last pairs."""
+        later: list[StereoPair] = []
+        try:
+            # Closed here, so that an interrupt also stops the stage and disarms the laser.
+            with closing(search.events()) as events:
+                for event in events:
+                    if isinstance(event, Swept | Finished) or (isinstance(event, Measured) and not event.sample.dark):
+                        later = [*later, *self._room.images.newest()][-2 * SPOT_PAIRS :]
+                    yield Searching(name=name, view=search.view)
+        except (KeyboardInterrupt, GeneratorExit) as stop:
+            search.interrupt(str(stop) or "the user")
+            raise
+        finally:
+            if search.journal is not None:
+                search.journal.close()
+        return later
 
     def _refuse(self, name: str, reason: str) -> Generator[Step, None, None]:
         """Say why there is no spot, once as long as it is the same."""
