@@ -28,7 +28,7 @@ _LIVE = re.compile(r"[0-9]+|/dev/.*|[a-z]+://.*")
 
 
 def is_live(word: str) -> bool:
-    """Whether a word names a camera or a stream: ``0``, ``/dev/video0``, ``rtsp://…``; a file in ``/dev/shm`` is none."""
+    """Whether a word names a camera or a stream: ``0``, ``/dev/video0``, ``rtsp://…``; not a file in ``/dev/shm``."""
     return _LIVE.fullmatch(word) is not None and not Path(word).is_file()
 
 

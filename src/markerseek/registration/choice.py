@@ -230,6 +230,11 @@ def _pairs(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> list
     return [marker.pair(number) for marker, number in zip(markers, numbers, strict=True) if number is not None]
 
 
+def chosen_pairs(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> list[PointPair]:
+    """The points of the markers whose candidate was chosen."""
+    return _pairs(markers, [chosen.get(marker.name) for marker in markers])
+
+
 def _log_prior(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> float:
     """Logarithm of the probability of a set before the camera is asked."""
     shares = [

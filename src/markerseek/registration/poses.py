@@ -21,7 +21,7 @@ from markerseek.geometry import (
     StereoCameras,
     registration_errors,
 )
-from markerseek.registration.choice import Choice, SeenMarker
+from markerseek.registration.choice import Choice, SeenMarker, chosen_pairs
 from markerseek.registration.report import PointPair, default_target, registered_pairs
 from markerseek.registration.shared_errors import seen_point, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
@@ -142,7 +142,7 @@ class Poses:
 
         ``missed_m``: spots in the camera's frame whose markers were not found: they were probably out of reach.
         """
-        pairs = [marker.pair(choice.chosen[marker.name]) for marker in markers if marker.name in choice.chosen]
+        pairs = chosen_pairs(markers, choice.chosen)
         if len(pairs) >= MIN_POINTS and choice.report is not None:
             return cls._registered(tuple(pairs), rng=rng)
         # Of more that lie on a line, or do not fit, the first two.
@@ -255,7 +255,7 @@ class Poses:
             elif share < IN_REACH:
                 continue
             else:
-                tre_m = self._tre_with(camera_m, left_px, right_px, stereo, target_trus_m)
+                tre_m = self._tre_with(camera_m, left_px, right_px, cameras, stereo.calibration_sigma_px, target_trus_m)
                 place = Place(left_px=place.left_px, right_px=place.right_px, camera_m=place.camera_m, tre_m=tre_m)
                 worth = -tre_m
             found.append((worth, abs(float(np.median(_polar(trus_m)[0])) - probe_deg), place))
@@ -288,7 +288,8 @@ class Poses:
         camera_m: Float64[np.ndarray, " 3"],
         left_px: Float64[np.ndarray, " 2"],
         right_px: Float64[np.ndarray, " 2"],
-        stereo: StereoSettings,
+        cameras: StereoCameras,
+        calibration_px: float,
         target_trus_m: tuple[float, float, float] | None,
     ) -> float:
         """Expected TRE at the target with one more marker, as well known as those before."""
@@ -296,7 +297,7 @@ class Poses:
         assert found is not None  # noqa: S101  the caller asks for places of a registration only
         rotation = found.transform.rotation
         _, covariance_m2, shared_m = seen_point(
-            left_px, right_px, stereo.cameras, spot_px=_SPOT_PX, calibration_px=stereo.calibration_sigma_px
+            left_px, right_px, cameras, spot_px=_SPOT_PX, calibration_px=calibration_px
         )
         trus_m = np.array([pair.trus_m for pair in self.pairs])
         from_trus = np.array([pair.trus_covariance_m2 for pair in self.pairs])

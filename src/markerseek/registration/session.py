@@ -28,9 +28,10 @@ from markerseek.core import (
     marker_candidates,
 )
 from markerseek.records.journal import Journal
-from markerseek.registration.choice import Choice, SeenMarker, choose
+from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
 from markerseek.registration.poses import Place, Poses, Prediction, Reach
 from markerseek.registration.record import SessionRecord
+from markerseek.registration.report import registered_pairs
 from markerseek.registration.room import Room
 from markerseek.registration.spots import SPOT_PAIRS, SpotFinder
 from markerseek.registration.steps import (
@@ -130,6 +131,8 @@ class RegistrationSession:
         self._curve: MarkerCurve | None = None
         self._refused: SpotRefused | None = None
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
+        self._choice = choose([])
+        """Of the markers so far; made once after each of them."""
         self.last: Registered | None = None
         """What they say together; None before the first."""
 
@@ -265,7 +268,7 @@ class RegistrationSession:
         """What the markers so far say of a spot; None where they say nothing."""
         if not self._plan.guided:
             return None
-        poses = self._poses(self._choice())
+        poses = self._poses()
         if poses is None:
             return None
         return poses.predict(seen.camera_m, seen.camera_covariance_m2, limits=self._room.rig.limits.search)
@@ -278,19 +281,16 @@ class RegistrationSession:
         acquisitions = MOST_AT_REST if search.sweep and search.acquisitions is None else search.acquisitions
         return replace(search, prior=self._curve, near=near, stay=True, acquisitions=acquisitions)
 
-    def _choice(self) -> Choice:
-        markers = [marker.seen for marker in self.taken]
-        return choose(markers, target_trus_m=self._plan.target_trus_m)
-
-    def _poses(self, choice: Choice) -> Poses | None:
+    def _poses(self) -> Poses | None:
         missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
         markers = [marker.seen for marker in self.taken]
-        return Poses.of(markers, choice, reach_of(self._room.rig), missed_m=missed_m, rng=self._rng)
+        return Poses.of(markers, self._choice, reach_of(self._room.rig), missed_m=missed_m, rng=self._rng)
 
     def _state(self) -> Registered:
         """What the markers say together."""
-        choice = self._choice()
-        place = self._place(choice)
+        choice = choose([marker.seen for marker in self.taken], target_trus_m=self._plan.target_trus_m)
+        self._choice = choice
+        place = self._place()
         self.last = Registered(
             report=choice.report,
             decided=choice.decided,
@@ -304,8 +304,8 @@ class RegistrationSession:
         )
         return self.last
 
-    def _place(self, choice: Choice) -> Place | None:
-        poses = self._poses(choice)
+    def _place(self) -> Place | None:
+        poses = self._poses()
         if poses is None:
             return None
         return poses.best_place(
@@ -355,8 +355,7 @@ class RegistrationSession:
 
     def _again(self) -> Generator[Step, None, None]:
         """Measure the first marker that was chosen again."""
-        chosen = self._choice().chosen
-        first = next(marker for marker in self.taken if marker.name in chosen)
+        first = next(marker for marker in self.taken if marker.name in self._choice.chosen)
         place = Place(
             left_px=first.spot.left_px,
             right_px=first.spot.right_px,
@@ -377,13 +376,10 @@ class RegistrationSession:
 
     def _movement(self, first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
-        choice = self._choice()
-        poses = self._poses(choice)
-        assert poses is not None  # noqa: S101  asked for after a registration only
-        assert poses.registration is not None  # noqa: S101
-        transform = poses.registration.transform
+        chosen = self._choice.chosen
+        transform = registered_pairs(chosen_pairs([marker.seen for marker in self.taken], chosen)).transform
         spots_m = transform.apply(np.array([first.camera_m, again.camera_m]))
-        was, now = first.candidates[choice.chosen[first.name]].position, again.candidates[0].position
+        was, now = first.candidates[chosen[first.name]].position, again.candidates[0].position
         apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])
         camera = np.array(first.camera_covariance_m2) + np.array(again.camera_covariance_m2)
         covariance = was.covariance_m2 + now.covariance_m2 + transform.rotation @ camera @ transform.rotation.T
