@@ -61,11 +61,15 @@ class SpotFinder:
                 "needed; check that both cameras send",
             )
 
-        def enough(pairs: list[StereoPair]) -> bool:
-            scanner.light()
-            return len(lit_pairs(pairs, dark)) >= SPOT_PAIRS
+        lit: list[StereoPair] = []
 
-        lit = lit_pairs(self._collected(enough), dark)
+        def enough(pairs: list[StereoPair]) -> bool:
+            nonlocal lit
+            scanner.light()
+            lit = lit_pairs(pairs, dark)
+            return len(lit) >= SPOT_PAIRS
+
+        self._collected(enough)
         newest = (lit or dark)[-1]
         self._show(newest)
         return self._measured(lit, dark)
