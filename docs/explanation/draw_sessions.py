@@ -55,7 +55,7 @@ def main() -> None:
                 means.append(sum(values) / len(values) if values else float("nan"))
             said = f"{label}, expected" if style == "-" else None
             curves.plot(range(3, 10), means, style, color=colour, marker="o", markersize=3, label=said)
-    curves.set(title="mean TRE after each marker, mm (dashed: true)", xlabel="markers", ylim=(0, None))
+    curves.set(title="mean TRE, mm; dashed: true", xlabel="markers", ylim=(0, None))
     curves.legend(fontsize=7)
     for axes in (times, errors, curves):
         axes.title.set_fontsize(9)
