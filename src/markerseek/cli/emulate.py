@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import select
+import shlex
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from markerseek import drivers, emulators, rigs
+from markerseek.cli.report import matrix_lines
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError, counted, require_range
@@ -26,6 +28,7 @@ EXAMPLES = (
     "  markerseek emulate bench --dir /tmp/bench --seed 3 --pace 0.1\n\n"
     "  markerseek emulate bench --dir /tmp/bench --receiver plus\n\n"
     "  markerseek emulate bench --dir /tmp/bench --receiver vantage\n\n"
+    "  markerseek emulate bench --dir /tmp/bench --endoscope\n\n"
     "  markerseek emulate kdc101 --dir /tmp/stage"
 )
 
@@ -58,6 +61,10 @@ def command(
     sdk: Annotated[
         int, typer.Option(min=5, max=6, help="SDK whose channel files are written (daq, bench): 5 or 6.")
     ] = 6,
+    endoscope: Annotated[
+        bool,
+        typer.Option("--endoscope", help="Write images of a stereo endoscope too; typing moves the spot (bench)."),
+    ] = False,
 ) -> None:
     """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then print the true state."""
     import numpy as np
@@ -66,6 +73,7 @@ def command(
     writes = device == "daq" or (device == "bench" and receiver == "sonixdaq")
     _refuse(f"--receiver {receiver}", device, given=receiver != "sonixdaq", known=device == "bench")
     _refuse(f"--pace {pace:g}", device, given=pace != 1.0, known=device in ("daq", "bench"))
+    _refuse("--endoscope", device, given=endoscope, known=device == "bench")
     _refuse("--mirrored", device, given=mirrored, known=device in ("kdc101", "bench"))
     _refuse(f"--sdk {sdk}", device if receiver == "sonixdaq" else receiver, given=sdk != 6, known=writes)
     settings = rigs.read_simulated(rig, cure="the world behind emulated devices is of kind simulated")
@@ -83,9 +91,18 @@ def command(
         sdk=5 if sdk == 5 else 6,
         receiver=receiver,
     )
+    images = None
+    if endoscope:
+        images = emulators.EmulatedEndoscope(
+            world=emulated.world,
+            settings=settings,
+            folder=folder,
+            clock=drivers.SystemClock(),
+            rng=np.random.default_rng([seed, 1]),  # noqa: TID251  as above
+        )
     with noted_signals() as stop:
-        _serve(emulated, device, folder, settings, pace=pace, stop=stop)
-    for line in _truth(emulated, device):
+        _serve(emulated, device, folder, settings, pace=pace, stop=stop, images=images)
+    for line in _truth(emulated, device, images):
         stderr.print(line)
 
 
@@ -103,6 +120,7 @@ def _serve(
     *,
     pace: float,
     stop: list[int],
+    images: emulators.EmulatedEndoscope | None,
 ) -> None:
     """Open the ports, print how to use them, and serve until stopped."""
     real = drivers.SystemClock()
@@ -122,18 +140,30 @@ def _serve(
             rig_file = folder / "rig.toml"
             write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
             stdout.print(f"try: markerseek search --rig {quoted(rig_file)} --arm")
+        if images is not None:
+            stereo = folder / "stereo.toml"
+            write_rig_file(stereo, _stereo_toml(images))
+            left, right = images.folders
+            stdout.print(
+                f"try: markerseek register --rig {quoted(rig_file)} --cameras {quoted(stereo)} "
+                f"--images {shlex.quote(f'{left} {right}')} --arm"
+            )
+            stdout.print(images.said)
         if device == "daq":
             stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
         stdout.print("Ctrl-C ends it")
         sys.stdout.flush()
 
         def until() -> bool:
-            if device == "daq" and _typed_line():
+            line = _typed_line() if device == "daq" or images is not None else ""
+            if line and images is not None:
+                stdout.print(images.type(line))
+            elif line:
                 emulated.world.flash(pulses=settings.laser.pulses, at_s=real.now_s())
                 emulated.daq.trigger(settings.laser.pulses)
             return bool(stop)
 
-        emulators.serve(lines=list(ports.values()), clock=real, pace=pace, daq=emulated.daq, until=until)
+        emulators.serve(lines=list(ports.values()), clock=real, pace=pace, daq=emulated.daq, until=until, images=images)
 
 
 _PORTS: dict[Device, tuple[Literal["stage", "laser"], ...]] = {
@@ -155,10 +185,10 @@ def _free(link: Path) -> Path:
     return link
 
 
-def _typed_line() -> bool:
-    """Whether the user has typed a line since the last call."""
+def _typed_line() -> str:
+    """The line that the user has typed since the last call; empty if there is none."""
     ready, _, _ = select.select([sys.stdin], [], [], 0)
-    return bool(ready) and bool(sys.stdin.readline())
+    return sys.stdin.readline() if ready else ""
 
 
 def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, emulated: emulators.EmulatedBench) -> str:
@@ -203,6 +233,25 @@ lease_s = 1.0
 {world_text(settings)}"""
 
 
+def _stereo_toml(images: emulators.EmulatedEndoscope) -> str:
+    """Text of the calibration of the emulated endoscope."""
+    camera = images.cameras.left
+    lens = f"""size_px = {[*camera.size_px]}
+focal_px = {[*camera.focal_px]}
+centre_px = {[*camera.centre_px]}
+distortion = {[*camera.distortion]}
+"""
+    return f"""# Calibration of the emulated endoscope; every key is explained in examples/stereo.toml.
+rotation_vector = [0.0, 0.0, 0.0]
+translation_m = {images.cameras.left_to_right.translation_m.tolist()}
+calibration_sigma_px = {images.calibration_sigma_px}
+
+[left]
+{lens}
+[right]
+{lens}"""
+
+
 def world_text(settings: SimulatedSettings) -> str:
     """Probe and limits of a simulated world as the end of a rig file (TOML)."""
     limits = settings.limits
@@ -234,13 +283,15 @@ def true_marker(truth_deg: float | None) -> str:
     return "truth: there is no marker" if truth_deg is None else f"truth: the marker is at {truth_deg:.3f} deg"
 
 
-def _truth(emulated: emulators.EmulatedBench, device: Device) -> list[str]:
+def _truth(emulated: emulators.EmulatedBench, device: Device, images: emulators.EmulatedEndoscope | None) -> list[str]:
     """The true state of the emulated world, which no driver can read."""
     low_deg, high_deg = emulated.stage.truth_range_deg
     truth = []
     if device in ("kdc101", "bench"):
         truth.append(f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg")
-    if device != "kdc101":
+    if images is not None:
+        truth += ["truth: davinci_to_trus is", *matrix_lines(images.true.matrix.tolist())]
+    elif device != "kdc101":
         truth.append(true_marker(emulated.truth_deg))
     if device in ("laser", "bench"):
         truth.append(

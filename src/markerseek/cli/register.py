@@ -14,7 +14,7 @@ from rich.table import Table
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.registering import Session, SessionOptions, require_registered, run_session
-from markerseek.cli.report import Output, Report, drawn, facts, table
+from markerseek.cli.report import Output, Report, drawn, facts, matrix_lines, table
 from markerseek.core import ConfigError, RecordError
 
 if TYPE_CHECKING:
@@ -114,10 +114,10 @@ def command(
     With --rig or --simulate, a session: light a spot on the tissue; both cameras see it, the probe searches it, and the
     next place is said, until the expected error is small enough. Otherwise from points, or from searches and images
     that were recorded. At least three markers that are not on a line. The registration is written into
-    registration.json of the current folder, which `markerseek igtl --registration` and `markerseek ros2 search
-    --registration` read; --force replaces another registration in that file. Exit code 3 if the points do not fit:
-    their residuals are larger than the sigmas let expect (a chi-squared test at 1e-3; without sigmas 1 mm is assumed),
-    or a mirror image fits better.
+    registration.json, of a session in its folder, otherwise in the current one, where --force replaces another
+    registration; `markerseek igtl --registration` and `markerseek ros2 search --registration` read it. Exit code 3 if
+    the points do not fit: their residuals are larger than the sigmas let expect (a chi-squared test at 1e-3; without
+    sigmas 1 mm is assumed), or a mirror image fits better.
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
@@ -131,7 +131,7 @@ def command(
             target_trus_m=target_m,
             as_json=as_json,
         )
-        output.show(_of_session(over, force=force))
+        output.show(_of_session(over))
     session.require_none()
     title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
     report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or ())
@@ -157,29 +157,28 @@ def command(
     output.show(shown)
 
 
-def _of_session(over: Session, *, force: bool) -> Report:
-    """What a session has found; its folder gets the registration, and the current folder that of a rig of devices."""
+def _of_session(over: Session) -> Report:
+    """What a session has found; its folder gets the registration."""
     report, last = require_registered(over), over.last
-    decided = last is not None and last.decided
     truth = None if over.truth is None else {"simulation": msgspec.to_builtins(over.truth)}
     heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(over.taken)} markers"
     values = msgspec.to_builtins(report) | {
-        "decided": decided,
+        "decided": over.registered,
         "left_out": list(last.left_out) if last is not None else [],
         "rig_s": over.rig_s,
         "session": str(over.folder),
         **(truth or {}),
     }
     files = {}
-    if decided:
+    if over.registered:
         content = msgspec.json.format(msgspec.json.encode(msgspec.to_builtins(report) | (truth or {})))
-        files = {over.folder / _REGISTRATION: content, **(_file_of(report, force=force) if truth is None else {})}
+        files = {over.folder / _REGISTRATION: content}
     return Report(
         values=values,
-        shown=_shown(report, over.title, _session_rows(over), decided=decided),
+        shown=_shown(report, over.title, _session_rows(over), decided=over.registered),
         pictures={"register.png": drawn(_figure, report, heading)},
         files=files,
-        exit_code=0 if decided else 3,
+        exit_code=0 if over.registered else 3,
     )
 
 
@@ -248,8 +247,7 @@ def _shown(
     )
     if report.davinci_to_trus is not None:
         yield "[dim]davinci_to_trus, translation in metres:[/]"
-        for row in report.davinci_to_trus:
-            yield "  ".join(f"{value:+.6f}" for value in row)
+        yield from matrix_lines(report.davinci_to_trus)
 
 
 def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:

@@ -103,6 +103,8 @@ class Session:
 
     title: str
     last: registration.Registered | None
+    registered: bool
+    """Whether its registration holds."""
     taken: Sequence[registration.TakenMarker]
     rig_s: float
     truth: registration.SimulatedTruth | None
@@ -139,6 +141,7 @@ def run_session(
         return Session(
             title="simulated rig and endoscope" if truth is not None else room.rig.facts.description,
             last=session.last,
+            registered=session.registered,
             taken=session.taken,
             rig_s=session.rig_s,
             truth=truth,

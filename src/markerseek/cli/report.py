@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, ParamSpec
@@ -108,6 +108,11 @@ def require_room(folder: Path) -> None:
 def with_version(**values: object) -> dict[str, object]:
     """Values for programs, the version of this program at their end."""
     return values | {"version": __version__}
+
+
+def matrix_lines(rows: Iterable[Iterable[float]]) -> Iterator[str]:
+    """A matrix as lines, one for each row."""
+    return ("  ".join(f"{value:+.6f}" for value in row) for row in rows)
 
 
 def facts(rows: Iterable[tuple[str, str | Text | None]]) -> Table:

@@ -1,4 +1,5 @@
 from .bench import EmulatedBench, serve
+from .endoscope import EmulatedEndoscope
 from .kdc101 import EmulatedKdc101
 from .laserbox import LIGHT_COUNTS
 from .lines import ByteDevice, DirectPort, PtyLine
@@ -10,6 +11,7 @@ __all__ = [
     "ByteDevice",
     "DirectPort",
     "EmulatedBench",
+    "EmulatedEndoscope",
     "EmulatedKdc101",
     "EmulatedPlus",
     "EmulatedSonixDaq",

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import Clock, ConfigError
+from markerseek.emulators.endoscope import EmulatedEndoscope
 from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import PtyLine
@@ -159,28 +160,31 @@ def serve(
     pace: float,
     daq: EmulatedSonixDaq | EmulatedSender,
     until: Callable[[], bool],
+    images: EmulatedEndoscope | None = None,
 ) -> None:
     """Serve emulated devices until ``until`` is true.
 
     ``pace``: seconds of real time for one second of the acquisition. ``daq``: acquisition that writes files or sends
     images, in a thread of its own: neither a slow disk or client nor the forward model may delay the lines. ``until``:
-    called at every tick.
+    called at every tick. ``images``: endoscope that writes images, in another thread.
     """
     ended = threading.Event()
 
-    def acquire() -> None:
+    def repeat(advance: Callable[[], object]) -> None:
         while not ended.is_set():
-            daq.advance(clock.now_s() / pace)
+            advance()
             clock.wait(_TICK_S)
 
-    with ThreadPoolExecutor(max_workers=1) as worker:
-        writing = worker.submit(acquire)
+    works = [lambda: daq.advance(clock.now_s() / pace), *([] if images is None else [images.advance])]
+    with ThreadPoolExecutor(max_workers=len(works)) as workers:
+        writing = [workers.submit(repeat, work) for work in works]
         try:
-            while not until() and not writing.done():
+            while not until() and not any(each.done() for each in writing):
                 for line in lines:
                     line.serve_once(wait_s=_TICK_S / len(lines))
                 if not lines:
                     clock.wait(_TICK_S)
         finally:
             ended.set()
-        writing.result()
+        for each in writing:
+            each.result()

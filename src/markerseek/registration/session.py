@@ -133,6 +133,9 @@ class RegistrationSession:
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
         self._choice = choose([])
         """Of the markers so far; made once after each of them."""
+        self._possible: Poses | None = None
+        """Possible poses of the cameras; drawn with the choice."""
+        self._moved = False
         self.last: Registered | None = None
         """What they say together; None before the first."""
 
@@ -162,6 +165,11 @@ class RegistrationSession:
     def rig_s(self) -> float:
         """Time of the rig for all markers so far, without waiting for a person."""
         return sum(marker.rig_s for marker in self.taken)
+
+    @property
+    def registered(self) -> bool:
+        """Whether there is a registration, and the first marker has not moved since."""
+        return self.last is not None and self.last.decided and not self._moved
 
     def _recorded(self, step: _Recorded) -> _Recorded:
         if self._record is not None:
@@ -268,10 +276,9 @@ class RegistrationSession:
         """What the markers so far say of a spot; None where they say nothing."""
         if not self._plan.guided:
             return None
-        poses = self._poses()
-        if poses is None:
+        if self._possible is None:
             return None
-        return poses.predict(seen.camera_m, seen.camera_covariance_m2, limits=self._room.rig.limits.search)
+        return self._possible.predict(seen.camera_m, seen.camera_covariance_m2, limits=self._room.rig.limits.search)
 
     def _search_plan(self, prediction: Prediction | None) -> SearchPlan:
         near: AnglePrior | None = None if prediction is None else prediction.prior
@@ -290,6 +297,7 @@ class RegistrationSession:
         """What the markers say together."""
         choice = choose([marker.seen for marker in self.taken], target_trus_m=self._plan.target_trus_m)
         self._choice = choice
+        self._possible = self._poses()
         place = self._place()
         self.last = Registered(
             report=choice.report,
@@ -305,10 +313,9 @@ class RegistrationSession:
         return self.last
 
     def _place(self) -> Place | None:
-        poses = self._poses()
-        if poses is None:
+        if self._possible is None:
             return None
-        return poses.best_place(
+        return self._possible.best_place(
             self._stereo,
             reach_of(self._room.rig),
             target_trus_m=self._plan.target_trus_m,
@@ -372,7 +379,9 @@ class RegistrationSession:
             return
         taken = yield from self._marker(f"{first.name}-again", again=first)
         if taken is not None and taken.candidates:
-            yield self._recorded(self._movement(first, taken))
+            movement = self._movement(first, taken)
+            self._moved = movement.moved
+            yield self._recorded(movement)
 
     def _movement(self, first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
@@ -397,7 +406,7 @@ class RegistrationSession:
 
     def _ended(self, state: Registered) -> Ended:
         took = f"{counted(len(self.taken), 'marker')} in {self.rig_s:.0f} s of the rig"
-        return Ended(registered=state.decided, said=f"{state.said}; {took}", rig_s=self.rig_s)
+        return Ended(registered=self.registered, said=f"{state.said}; {took}", rig_s=self.rig_s)
 
 
 _MOVED_CHI_SQUARED = 16.27

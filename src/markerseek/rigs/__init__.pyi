@@ -1,5 +1,5 @@
 from .bench_rig import bench, bench_part
-from .moved_marker import Beside, MovableMarker, movable
+from .moved_marker import Beside, MovableMarker, marker_scene, movable
 from .probe_file import blanked_samples, chosen_probe, preset_of, probe_facts, read_recording, with_probe_facts
 from .replay import replayed
 from .rig import (
@@ -40,6 +40,7 @@ __all__ = [
     "image_peak",
     "image_reader",
     "largest_count",
+    "marker_scene",
     "movable",
     "of_intensities",
     "preset_of",

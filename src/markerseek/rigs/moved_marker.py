@@ -31,7 +31,7 @@ class MovableMarker:
 
     def move(self, *, angle_deg: float, radius_m: float, lateral_m: float) -> Rig:
         """Put the spot of light elsewhere, with clutter drawn anew, and return the rig."""
-        scene = _scene(self.settings, self.rng, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m)
+        scene = marker_scene(self.settings, self.rng, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m)
         others = () if self.beside is None else self.beside(scene, self.rng)
         self.world.replace_absorbers((*scene.absorbers, *others))
         self.rig = replace(self.rig, facts=replace(self.rig.facts, truth_deg=angle_deg))
@@ -48,7 +48,7 @@ def movable(
     """
     rng = np.random.default_rng(require_seed(seed))
     middle_deg = settings.limits.search.centre_deg
-    scene = _scene(settings, rng, angle_deg=middle_deg, radius_m=settings.marker.radius_m, lateral_m=0.0)
+    scene = marker_scene(settings, rng, angle_deg=middle_deg, radius_m=settings.marker.radius_m, lateral_m=0.0)
     world = scene.world(settings, rng)
     rig = rig_in_world(
         world,
@@ -63,8 +63,9 @@ def movable(
     return MovableMarker(rig=rig, world=world, settings=settings, rng=rng, beside=beside)
 
 
-def _scene(
+def marker_scene(
     settings: SimulatedSettings, rng: np.random.Generator, *, angle_deg: float, radius_m: float, lateral_m: float
 ) -> Scene:
+    """Draw the scene of a simulated rig with its marker at this place."""
     marker = replace(settings.marker, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m, present=True)
     return draw_scene(replace(settings, marker=marker), rng)

@@ -101,6 +101,8 @@ class Scanner:
         self._refused_frame: Frame | None = None
         # Whether a frame was asked for before, and whether the last one came.
         self._begun = self._settled = False
+        # Whether the laser has fired for a camera since the receiver was last quiet.
+        self._lit = False
         self._mark: int | None = None
 
     @property
@@ -163,7 +165,7 @@ class Scanner:
         at_deg = self.angle_deg
         permit = self.guard.issue(angle_deg=at_deg, pulses=self._pulses[0], now_s=self.clock.now_s())
         # What a receiver may have heard of it must not pass for the answer to the next permit.
-        self._begun, self._settled = True, False
+        self._begun, self._settled, self._lit = True, False, True
         self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())
         with self._faulting, self._watchdog_held:
             fired = self._laser.fire(permit)
@@ -302,10 +304,16 @@ class Scanner:
 
     def _settle(self) -> None:
         self._begun = True
+        lit, self._lit = self._lit, False
         if not self._settled:
             # After an acquisition that failed, its frame may arrive late and would pass for the answer to this permit.
-            with self._refusable:
-                self._receiver.settle()
+            try:
+                with self._refusable:
+                    self._receiver.settle()
+            except AcquisitionError:
+                # What came after `light` answers its triggers.
+                if not lit:
+                    raise
         self._settled = False
 
     def _acquire(self, commanded_deg: float, *, pulses: int) -> Sample:

@@ -71,6 +71,20 @@ def test_stale_files_are_reported_and_the_search_goes_on() -> None:
     assert order(bench)[:4] == ["settle", "settle", "fire 0", "acquire"]
 
 
+def test_files_of_light_for_a_camera_are_neither_used_nor_refused() -> None:
+    bench = Settling()
+    lit = scanner(bench)
+    assert lit.light() == 16
+    bench.stale = 1
+    events = list(run(Tour(1.0), lit, RunPlan(stay=True)))
+    assert not [event for event in events if isinstance(event, Refused)]
+    assert order(bench) == ["fire 16", "settle", "fire 16", "acquire"]
+    # Of the next acquisition it is stale again.
+    bench.stale, bench.bad_frames = 1, 1
+    events = list(run(Tour(2.0), lit, RunPlan(stay=True)))
+    assert "stale files landed" in [event.reason for event in events if isinstance(event, Refused)]
+
+
 def test_stale_files_without_end_are_a_fault() -> None:
     bench = Settling()
     bench.stale = 9

@@ -1,0 +1,46 @@
+"""A whole registration on emulated devices from the command line: bytes, image folders, real drivers, real time."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.emulated import WORLD, emulation, markerseek
+
+pytestmark = [pytest.mark.real_time, pytest.mark.long]
+pytest.importorskip("serial", reason="needs the extra devices")
+
+
+@pytest.mark.parametrize("sweep", [False, True])
+def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices(tmp_path: Path, sweep: bool) -> None:
+    world = WORLD.replace("[marker]\nangle_deg = 6.4\n", "")
+    with emulation(tmp_path, "--endoscope", seed=3, text=world) as devices:
+        bench, kept = devices.folder, tmp_path / "session"
+        images = f"{bench / 'left'} {bench / 'right'}"
+        given = ["--rig", devices.rig, "--cameras", bench / "stereo.toml", "--images", images, "--record", kept]
+        options = ["--arm", "--markers", 3, "--wait-s", 60, *(["--sweep"] if sweep else [])]
+        process = subprocess.Popen(
+            markerseek("register", *given, *options), cwd=tmp_path, stderr=subprocess.PIPE, text=True
+        )
+        assert process.stderr is not None
+        assert devices.process.stdin is not None
+        said = []
+        for line in process.stderr:
+            said.append(line)
+            if place := re.search(r"light the next spot near \((\d+), (\d+)\) px", line):
+                devices.process.stdin.write(f"{place[1]} {place[2]}\n")
+                devices.process.stdin.flush()
+        assert process.wait(timeout=60) == 0, "".join(said)
+        truth = devices.ended().split("davinci_to_trus is")[1]
+    true = np.array([[float(value) for value in row.split()] for row in truth.strip().splitlines()[:4]])
+    report = json.loads((kept / "registration.json").read_bytes())
+    target_m = np.array([0.0, 0.0, 0.04, 1.0])
+    error_m = np.linalg.norm((np.array(report["davinci_to_trus"]) @ np.linalg.inv(true) @ target_m - target_m)[:3])
+    assert error_m < 2 * report["tre95_m"] < 8e-3
+    # A rig of devices writes nothing but the session's folder.
+    assert {path.name for path in tmp_path.iterdir()} == {"bench", "session", "world.toml"}

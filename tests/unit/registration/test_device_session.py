@@ -1,0 +1,145 @@
+"""A whole session with the drivers of real devices, over emulated bytes and in virtual time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from markerseek import rigs
+from markerseek.core import StereoPair
+from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.emulators import DirectPort, EmulatedBench, EmulatedEndoscope
+from markerseek.emulators.bench import BenchClock
+from markerseek.guard import Admission, FiringLimits, Guard
+from markerseek.registration import (
+    DeviceRoom,
+    Ended,
+    Registered,
+    RegistrationSession,
+    Searching,
+    SessionPlan,
+    SessionRecord,
+    SpotRefused,
+    Step,
+    StereoSettings,
+    TakenMarker,
+    Waiting,
+    davinci_to_probe_home,
+)
+from markerseek.rigs import image_reader
+from markerseek.scan import Scanner
+from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings
+from tests.registration_sessions import BEGUN
+
+SETTINGS = SimulatedSettings(marker=MarkerSettings(angle_deg=0.0), receiver=ReceiverSettings(readout_s=0.1))
+CALIBRATION_PX = 0.2
+
+
+class Endoscope:
+    """What the cameras of a bench show, without files."""
+
+    name = "emulated endoscope"
+
+    def __init__(self, emulated: EmulatedEndoscope) -> None:
+        self.emulated = emulated
+
+    def newest(self) -> list[StereoPair]:
+        return self.emulated.images.newest()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class Person(DeviceRoom):
+    """Lights the place that is asked for."""
+
+    def ask(self, waiting: Waiting) -> bool:
+        images = self.images
+        assert isinstance(images, Endoscope)
+        if waiting.place is not None:
+            images.emulated.light(waiting.place.left_px)
+        return super().ask(waiting)
+
+
+def room(folder: Path) -> tuple[DeviceRoom, EmulatedBench, EmulatedEndoscope]:
+    """The room, and what is emulated in it."""
+    emulated = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=folder / "daq")
+    clock = BenchClock()
+    clock.lead(emulated.daq.advance)
+    endoscope = EmulatedEndoscope(
+        world=emulated.world, settings=SETTINGS, folder=folder, clock=clock, rng=np.random.default_rng(2)
+    )
+    stage = Kdc101Stage(port=DirectPort(device=emulated.stage, clock=clock), clock=clock)
+    laser = LaserBox(port=DirectPort(device=emulated.laser_box, clock=clock), clock=clock)
+    receiver = SonixDaqReceiver(
+        settings=SonixDaqSettings(folder=str(folder / "daq"), timeout_s=3.0, readout_s=0.5, frames="triggered"),
+        clock=clock,
+    )
+    reader = image_reader(SETTINGS.probe.array, sampling_hz=SETTINGS.receiver.sampling_hz)
+    scanner = Scanner(
+        stage=stage,
+        laser=laser,
+        receiver=receiver,
+        reader=reader,
+        clock=clock,
+        guard=Guard(limits=SETTINGS.limits, firing=FiringLimits(), admission=Admission()),
+    )
+    simulated = rigs.simulated(seed=1, settings=SETTINGS)
+    rig = replace(simulated, stage=stage, laser=laser, receiver=receiver, scanner=scanner, closing_dark=True)
+    cameras = endoscope.cameras
+    stereo = StereoSettings(
+        left=cameras.left,
+        right=cameras.right,
+        rotation_vector=(0.0, 0.0, 0.0),
+        translation_m=(-5e-3, 0.0, 0.0),
+        calibration_sigma_px=CALIBRATION_PX,
+    )
+    person = Person(rig=rig, images=Endoscope(endoscope), stereo=stereo, by="test", wait_s=6.0)
+    return person, emulated, endoscope
+
+
+def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_path: Path) -> None:
+    person, emulated, endoscope = room(tmp_path)
+    record = SessionRecord.create(tmp_path / "session", BEGUN)
+    session = RegistrationSession(person, plan=SessionPlan(markers=3), record=record)
+    steps: list[Step] = [step for step in session.steps() if not isinstance(step, Searching)]
+    record.close()
+    taken = [step for step in steps if isinstance(step, TakenMarker)]
+    assert [marker.answer for marker in taken] == ["found"] * 3
+    assert not [step for step in steps if isinstance(step, SpotRefused)]
+    # What the receiver heard of the light for the cameras is refused in no search.
+    assert not any("stale" in str(marker.reason) for marker in taken)
+    last = session.last
+    assert isinstance(last, Registered)
+    assert session.registered
+    assert last.report is not None
+    assert last.report.davinci_to_trus is not None
+    found = davinci_to_probe_home(last.report.davinci_to_trus)
+    target_m = np.array([0.0, 0.0, 0.04])
+    error_m = np.linalg.norm(found.apply(endoscope.true.inverse().apply(target_m)) - target_m)
+    assert error_m < 2 * last.report.tre95_m < 6e-3
+    assert isinstance(steps[-1], Ended)
+    assert steps[-1].registered
+    # Three searches, and it is dark and still at the end.
+    assert not emulated.laser_box.permitted
+    low_deg, high_deg = emulated.stage.truth_range_deg
+    assert -36.5 <= low_deg <= high_deg <= 36.5
+    again = SessionRecord.reopen(tmp_path / "session")
+    assert [marker.name for marker in again.taken] == ["1", "2", "3"]
+    again.close()
+
+
+def test_a_room_that_nobody_lights_ends_after_its_wait_and_fires_no_more(tmp_path: Path) -> None:
+    person, emulated, endoscope = room(tmp_path)
+    endoscope.images.show(None)
+    steps = list(RegistrationSession(person).steps())
+    refused = [step for step in steps if isinstance(step, SpotRefused)]
+    assert len(refused) == 1
+    assert "no light is seen" in refused[0].reason
+    assert isinstance(steps[-1], Ended)
+    assert not steps[-1].registered
+    assert person.rig.scanner.clock.now_s() == pytest.approx(6.0, abs=4.0)
+    assert not emulated.laser_box.permitted
