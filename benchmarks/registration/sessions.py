@@ -40,7 +40,7 @@ from markerseek.registration import (
     SpotRefused,
     choose,
 )
-from markerseek.registration.session import _POLL_S, _Looked
+from markerseek.registration.spots import _POLL_S, Looked, SpotFinder
 from markerseek.rigs import Scene, image_peak
 from markerseek.sim import STREAMING, SimulatedEndoscope, SimulatedSettings
 
@@ -98,32 +98,39 @@ class _Room(SimulatedRoom):
         return Spot(left_px=places[0], right_px=places[1], sigma_px=SPOT_SIGMA_PX)
 
 
-class _Session(RegistrationSession):
-    """A session that may be without images, or be misled.
+class _ToldSpots(SpotFinder):
+    """Spots drawn as images show them; images take two thirds of the computing time.
 
-    Images take two thirds of the computing time. Without them each spot is drawn as images show it: with the
-    calibration's error of its place, the scatter of the mean of some images, and the time that looking takes; it stands
-    still.
+    With the calibration's error of their place, the scatter of the mean of some images, and the time that looking
+    takes; they stand still.
     """
 
-    def __init__(self, room: _Room, row: Row, *, images: bool) -> None:
-        search = SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM, sweep=row.sweep)
-        super().__init__(room, plan=SessionPlan(markers=row.markers, guided=row.guided, search=search))
-        self._row, self._told, self._without_images = row, room, not images
+    def __init__(self, room: _Room) -> None:
+        super().__init__(room)
+        self._told = room
 
-    def _look(self) -> _Looked:
-        if not self._without_images:
-            return super()._look()
-        self._room.arm()
-        scanner = self._room.rig.scanner
+    def look(self) -> Looked:
+        self._told.arm()
+        scanner = self._told.rig.scanner
         scanner.clock.wait(_POLL_S)
         for _ in range(LIGHT_TIMES):
             scanner.light()
             scanner.clock.wait(_POLL_S)
-        return _Looked(spot=self._told.spot())
+        return Looked(spot=self._told.spot())
 
-    def _moved(self, looked: _Looked, later: Sequence[StereoPair]) -> str | None:
-        return None if self._without_images else super()._moved(looked, later)
+    def moved(self, looked: Looked, later: Sequence[StereoPair]) -> str | None:  # noqa: ARG002
+        return None
+
+
+class _Session(RegistrationSession):
+    """A session that may be without images, or be misled."""
+
+    def __init__(self, room: _Room, row: Row, *, images: bool) -> None:
+        search = SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM, sweep=row.sweep)
+        super().__init__(room, plan=SessionPlan(markers=row.markers, guided=row.guided, search=search))
+        self._row = row
+        if not images:
+            self._spots = _ToldSpots(room)
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
         prediction = super()._prediction(seen)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import math
+import pkgutil
 import re
 import subprocess
 import sys
@@ -13,11 +15,18 @@ import jaxtyping
 import numpy as np
 import pytest
 
+import benchmarks
 import markerseek
 from markerseek.core import ConfigError, Interval, shapes
 from markerseek.search import METHODS, MethodName
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize("name", [each.name for each in pkgutil.walk_packages(benchmarks.__path__, "benchmarks.")])
+def test_each_measurement_can_be_imported(name: str) -> None:
+    if not name.endswith("__main__"):
+        importlib.import_module(name)
 
 
 def test_the_public_names_are_these() -> None:
