@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
@@ -19,8 +20,7 @@ from markerseek.cli.report import file_line
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, show_view, stderr
 from markerseek.cli.watched import Heartbeat, WatchOptions
-from markerseek.core import ConfigError, SearchError, SearchPlan, SimulationOptions
-from markerseek.files import quoted
+from markerseek.core import ConfigError, SearchError, SearchPlan, SimulationOptions, require_range
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -86,6 +86,9 @@ class SessionOptions:
                 name = f"--{each.name.strip('_').replace('_', '-')}"
                 raise ConfigError(f"{name} is for a session; add --rig RIG.toml or --simulate, or leave it out")
 
+    def __post_init__(self) -> None:
+        require_range("--wait-s", self.wait_s, low=1, high=3600, unit="s")
+
     def plan(self, target_trus_m: tuple[float, float, float] | None) -> registration.SessionPlan:
         """What the session is to reach."""
         return registration.SessionPlan(
@@ -134,7 +137,8 @@ def run_session(
         if isinstance(room, registration.SimulatedRoom):
             room.skip(record.taken)
         session = registration.RegistrationSession(room, plan=plan, record=record)
-        _watch(session, options, record.folder, as_json=as_json)
+        again = _continue_command(options, cameras, calibration_sigma_px, target_trus_m, record.folder)
+        _watch(session, options.heartbeat, record.folder, again=again, as_json=as_json)
         truth = None
         if isinstance(room, registration.SimulatedRoom):
             truth = room.truth(session.last, session.taken, rig_s=session.rig_s)
@@ -244,15 +248,19 @@ def _record(options: SessionOptions, begun: registration.Begun) -> registration.
     return record
 
 
-def _watch(session: registration.RegistrationSession, options: SessionOptions, folder: Path, *, as_json: bool) -> None:
-    """Print each step of a session; a signal stops the rig and ends the command."""
-    watch = WatchOptions(heartbeat=options.heartbeat)
+def _watch(
+    session: registration.RegistrationSession, heartbeat: Path | None, folder: Path, *, again: str, as_json: bool
+) -> None:
+    """Print each step of a session; a signal stops the rig and ends the command.
+
+    ``again``: the command that goes on with the session.
+    """
+    watch = WatchOptions(heartbeat=heartbeat)
     with stopped_by_signals():
         try:
             with watch.stopping(), closing(session.steps()) as steps:
                 _show(steps)
         except StoppedBySignal as stop:
-            again = _continue_command(options, folder)
             end_stopped(stop, as_json=as_json, kept=folder, resume=again)
 
 
@@ -300,11 +308,33 @@ def _line(step: registration.RecordedStep) -> str:
             return escape(step.description)
 
 
-def _continue_command(options: SessionOptions, folder: Path) -> str:
-    rig = "" if options.rig is None else f" --rig {quoted(options.rig)}"
-    simulate = " --simulate" if options.simulate else ""
-    seed = f" --seed {options.seed}" if options.rig is None else ""
-    return f"markerseek register{simulate}{rig}{seed} --continue {quoted(folder)}"
+def _continue_command(
+    options: SessionOptions,
+    cameras: Sequence[Path] | None,
+    calibration_sigma_px: float | None,
+    target_trus_m: tuple[float, float, float] | None,
+    folder: Path,
+) -> str:
+    """The command that goes on with a session, with the options that it was begun with."""
+    given = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in _OF_COMMAND}
+    words = ["markerseek", "register"]
+    for name, value in given.items():
+        option = f"--{name.replace('_', '-')}"
+        if value is True:
+            words.append(option)
+        elif value != getattr(SessionOptions(), name):
+            words += [option, str(value)]
+    for camera in cameras or ():
+        words += ["--cameras", str(camera)]
+    if calibration_sigma_px is not None:
+        words += ["--calibration-sigma-px", f"{calibration_sigma_px:g}"]
+    if target_trus_m is not None:
+        words += ["--target-mm", *(f"{1e3 * value:g}" for value in target_trus_m)]
+    return shlex.join([*words, "--continue", str(folder)])
+
+
+_OF_COMMAND = ("record", "continue_", "heartbeat")
+"""Options that are of the command and not of the session: its folder, and what watches it."""
 
 
 def require_registered(session: Session) -> registration.RegistrationReport:
@@ -312,7 +342,5 @@ def require_registered(session: Session) -> registration.RegistrationReport:
     last = session.last
     if last is None or last.report is None:
         why = "no marker was taken" if last is None else last.said
-        raise SearchError(
-            f"{why}; {session.folder} holds what was measured, and --continue {quoted(session.folder)} goes on"
-        )
+        raise SearchError(f"{why}; {session.folder} holds what was measured, and --continue goes on with it")
     return last.report
