@@ -128,8 +128,10 @@ def test_stop_in_a_session_ends_it_and_a_killed_one_is_said(browser, tmp_path):
         watched.wait_for(BADGE, "^STOPPED$")
         command = f"markerseek register --simulate --sweep --seed=1 --pace=1 --continue {folder}"
         watched.wait_for(".ms-next", f"{re.escape(command)}$")
-        watched.start()
+        # It goes on with the spot whose search was stopped, in the same folder.
+        watched.press("Go on")
         watched.wait_for(BADGE, "^SEARCHING$")
+        assert folder_of(page) == folder
         # Nothing else runs beside a session.
         search = open_tab(browser, page, "/search")
         sync_api.expect(search.tab.get_by_role("button", name="Start", exact=True)).to_be_disabled()

@@ -18,7 +18,7 @@ from markerseek.registration import CAMERA_IMAGES, SpotSeen, follow_session
 class ChildRegistration(ChildSearch[AskedRegistration]):
     """One session, followed by a thread of its own until it ends; `run` is the search that goes on, or the last one.
 
-    ``folder``: new folder of its record.
+    ``folder``: folder of its record; a new one, but for a session that is ``continued``.
     """
 
     def __init__(
@@ -28,17 +28,25 @@ class ChildRegistration(ChildSearch[AskedRegistration]):
         *,
         asked: AskedRegistration,
         folder: Path,
+        continued: bool = False,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
+        self.arguments = tuple(arguments)
         self.goes_on = f"markerseek {shlex.join(arguments)} --continue {shlex.quote(str(folder))}"
         """The command that goes on with it in a terminal."""
         self.state = RegistrationState()
         """What its steps say together."""
         self.images_ns = 0
         """When the newest camera images were written; 0 before the first."""
-        super().__init__(launch, [*arguments, f"--record={folder}"], asked=asked, journal=folder, on_change=on_change)
+        option = f"--continue={folder}" if continued else f"--record={folder}"
+        super().__init__(launch, [*arguments, option], asked=asked, journal=folder, on_change=on_change)
 
     PICTURES = False
+
+    @property
+    def can_go_on(self) -> bool:
+        """Whether it was broken off after its beginning."""
+        return self.status == "ended" and self._has_begun and self.state.ended is None
 
     @property
     def _has_begun(self) -> bool:

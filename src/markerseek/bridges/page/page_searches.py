@@ -138,6 +138,21 @@ class PageSearches:
                 self._launch, arguments, asked=asked, folder=default_folder(), on_change=self.changes.tell
             )
 
+    def go_on_registering(self) -> None:
+        """Continue the session that was broken off; raises as `register`."""
+        with self._idle():
+            before = self.registration
+            if before is None or before.journal is None or not before.can_go_on:
+                raise SearchError("there is no session to go on with here; start one")
+            self.registration = ChildRegistration(
+                self._launch,
+                before.arguments,
+                asked=before.asked,
+                folder=before.journal,
+                continued=True,
+                on_change=self.changes.tell,
+            )
+
     def start(self, asked: AskedSearch, *, asked_by: str) -> None:
         """Start a search; the terminal names who asked when it asks whether to arm.
 

@@ -77,12 +77,14 @@ def build_registration_page(searches: PageSearches, link: tuple[AskedRegistratio
     simulated = searches.rig.simulated
     with ui.element("div").classes("ms-controls"):
         start = start_button("Start").mark("start")
+        go_on = ui.button("Go on", icon="play_arrow").props("dense outline padding='6px 10px'")
         names = ("seed", "tre_mm", "markers", "sweep", "pace") if simulated else ("tre_mm", "markers", "sweep")
         on_change = hold_in_link("/", USUAL_REGISTRATION)
         row = SettingsRow(link[0], names, usual=USUAL_REGISTRATION, problems=link[1], on_change=on_change)
         save = ui.button("registration JSON", icon="download").props("flat dense")
     panels = RegistrationPanels(searches)
     frame.on_click(start, lambda: searches.register(row.settings))
+    frame.on_click(go_on, searches.go_on_registering)
     save.on_click(lambda: _download(searches.registration))
     shown: ChildRegistration | None = None
 
@@ -90,10 +92,11 @@ def build_registration_page(searches: PageSearches, link: tuple[AskedRegistratio
         nonlocal shown
         live = searches.registration
         start.set_enabled(not searches.busy and row.usable)
+        go_on.set_visibility(live is not None and live.can_go_on)
         if live is not None and live is not shown:
             row.follow(live.asked)
         shown = live
-        save.set_visibility(live is not None and live.state.last is not None and live.state.last.decided)
+        save.set_visibility(live is not None and live.state.registered)
         said = session_verdict(live, simulated=simulated)
         verdict.show(said)
         elsewhere = searches.busy and (live is None or live.status == "ended")
@@ -115,7 +118,7 @@ def session_verdict(live: ChildRegistration | None, *, simulated: bool) -> Verdi
         return live.state.verdict(next_step="" if simulated else "answer in the terminal where the page was started")
     if live.state.ended is not None and not live.failed:
         return live.state.verdict(next_step=f"recorded in {live.journal}")
-    goes_on = f"Start begins a new session; in the terminal, this one goes on by: {live.goes_on}"
+    goes_on = f"Start begins a new session, Go on continues this one; in a terminal: {live.goes_on}"
     if live.failed:
         return Verdict(word="FAULT", kind="fault", problem=live.message, next_step=goes_on)
     return Verdict(word="STOPPED", kind="stopped", reason=live.message, next_step=goes_on)

@@ -59,6 +59,11 @@ class RegistrationState:
         """Expected TRE at which the session ends."""
         return 0.5 if self.begun is None else 1e3 * self.begun.goal_m
 
+    @property
+    def registered(self) -> bool:
+        """Whether there is a registration, and it holds."""
+        return self.last is not None and self.last.decided and (self.ended is None or self.ended.registered)
+
     def add(self, step: RecordedStep) -> RegistrationState:
         """The state after one more step."""
         match step:
@@ -89,7 +94,7 @@ class RegistrationState:
             _, mean_mm, high_mm = self.errors_mm[-1]
             error = Verdict(lead="expected error", angle=f"{mean_mm:.2f} mm", sigma=f"95 %: {high_mm:.2f} mm")
         if self.ended is not None:
-            reached = self.last is not None and self.last.decided
+            reached = self.registered
             word = "REGISTERED" if reached else "NOT REGISTERED"
             reason = "; ".join(filter(None, (self.moved, self.ended.said)))
             is_below = bool(self.errors_mm) and self.errors_mm[-1][1] <= self.goal_mm
