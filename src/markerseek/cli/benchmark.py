@@ -36,7 +36,7 @@ def command(
         int | None,
         typer.Option(
             min=0,
-            help="Seed of the worlds, to repeat a benchmark; without it entries meet a secret one, drawn for them.",
+            help="Seed of the worlds, to repeat a benchmark; without it entries meet a new one, drawn for them.",
         ),
     ] = None,
     scale: Annotated[
@@ -90,8 +90,7 @@ def _shown(results: studies.BenchmarkResults, out: Path) -> Iterator[str | Table
         yield table(_lines(scores), left=("world", "method"), gap=1)
         yield ""
     if results.entries:
-        known = "secret until the entries had ended" if results.secret else "known to the entries, by --seed"
-        yield f"[dim]seed: {results.seed}, {known}[/]"
+        yield f"[dim]seed: {results.seed}[/]"
     yield "[dim]all: over all worlds of the tier[/]"
     yield "[dim]right: found within the tolerance; without a marker: not found[/]"
     yield "[dim]N, time: acquisitions and simulated seconds of searches for a marker, over those that found it so[/]"
