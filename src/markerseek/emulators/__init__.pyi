@@ -1,14 +1,13 @@
 from .bench import EmulatedBench, serve
 from .kdc101 import EmulatedKdc101
 from .laserbox import LIGHT_COUNTS
-from .lines import ByteDevice, DirectPort, PtyLine
+from .lines import ByteDevice, PtyLine
 from .senders import EmulatedPlus, EmulatedVantage
 from .sonixdaq import EmulatedSonixDaq
 
 __all__ = [
     "LIGHT_COUNTS",
     "ByteDevice",
-    "DirectPort",
     "EmulatedBench",
     "EmulatedKdc101",
     "EmulatedPlus",
