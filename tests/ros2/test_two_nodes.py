@@ -51,7 +51,6 @@ def refusal_of(*words: object) -> str:
             ("--ros-args", "-r", "__node:=second"),
             f"1 nodes are named second, and 1 publish {topics.RESULT}",
         ),
-        ((*MARKERSEEK, "ros2", "sim"), (), "2 nodes are named"),
     ],
 )
 def test_item_6_a_second_node_is_refused_by_its_name_and_by_what_it_publishes(
