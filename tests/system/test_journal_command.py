@@ -145,9 +145,7 @@ def test_the_journals_of_a_folder_are_listed_with_their_ends(
         (signal.SIGHUP, "the end of its terminal (SIGHUP)"),
     ],
 )
-def test_a_signal_stops_a_search_that_can_be_resumed(
-    number: signal.Signals, by: str, tmp_path: Path
-) -> None:
+def test_a_signal_stops_a_search_that_can_be_resumed(number: signal.Signals, by: str, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     ended = killed_search(path, number, after=3)
     assert ended.returncode == 128 + number

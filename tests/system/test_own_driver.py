@@ -53,7 +53,9 @@ def test_installed_drivers_are_found_by_their_names_and_a_receiver_finds_the_mar
     tables = '[laser]\ndriver = "simulated"\n[receiver]\ndriver = "simulated"\n'
     toy.write_text(f'kind = "bench"\n[stage]\ndriver = "toy"\nport = "{tmp_path}/none"\n{tables}')
     # Nobody is asked to trust it: it is installed. Its keys are those of the class.
-    done = subprocess.run(markerseek("doctor", "--rig", toy), env=installed, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        markerseek("doctor", "--rig", toy), env=installed, capture_output=True, text=True, check=False
+    )
     refused = " ".join((done.stdout + done.stderr).split())
     assert "the key stage.zero_deg is missing; add it: toy needs it" in refused
     bench, journal = tmp_path / "bench", tmp_path / "run.journal"

@@ -51,7 +51,6 @@ def main() -> NoReturn:
     # are no garbage: a fifth of the processor time of a search.
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
-    sys.unraisablehook = _interrupt_again
     try:
         # What blocked them is inherited; a bridge blocks SIGINT until here, so that a stop finds its handler.
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
@@ -87,16 +86,6 @@ def main() -> NoReturn:
     except Exception as problem:  # noqa: BLE001  the last resort
         _end_of_defect(problem)
     sys.exit(0)
-
-
-def _interrupt_again(dropped: sys.UnraisableHookArgs) -> None:
-    """Raise a Ctrl-C again that Python has dropped, as it drops all exceptions of destructors; compiling runs many."""
-    if isinstance(dropped.exc_value, KeyboardInterrupt):
-        # By a timer: raised here it would be dropped as well.
-        signal.signal(signal.SIGALRM, signal.default_int_handler)
-        signal.setitimer(signal.ITIMER_REAL, 1e-3)
-    else:
-        sys.__unraisablehook__(dropped)
 
 
 def _heed_signals() -> None:

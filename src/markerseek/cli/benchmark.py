@@ -13,7 +13,7 @@ from rich.table import Table
 from markerseek import studies
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, file_line, table
-from markerseek.cli.terminal import announce_compilation, one_line, stages_bar, stderr, time_left
+from markerseek.cli.terminal import announce_compilation, one_line, stages_bar, stderr
 from markerseek.core import counted
 
 EXAMPLES = (
@@ -54,10 +54,7 @@ def command(
     entries = list(dict.fromkeys(studies.Entry.named(text) for text in entry or []))
     size = studies.benchmark_size(scale=scale, entries=len(entries))
     count = studies.default_workers() if workers is None else workers
-    stderr.print(
-        f"{size} simulated searches in {counted(count, 'process', 'processes')}, "
-        f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without the entries" if entries else "")
-    )
+    stderr.print(f"{size} simulated searches in {counted(count, 'process', 'processes')}")
     announce_compilation()
     with stages_bar() as progress:
         results = studies.run_benchmark(
@@ -77,10 +74,6 @@ def command(
         exit_code=1 if failed else 0,
     )
     Output(as_json=as_json).show(report)
-
-
-_TYPICAL_S = 1200.0
-"""Seconds of a core that the usual searches take, about."""
 
 
 def _shown(results: studies.BenchmarkResults, out: Path) -> Iterator[str | Table]:

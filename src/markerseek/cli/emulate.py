@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import select
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -29,13 +28,13 @@ EXAMPLES = (
     "  markerseek emulate kdc101 --dir /tmp/stage"
 )
 
-Device = Literal["kdc101", "laser", "daq", "bench"]
+Device = Literal["kdc101", "bench"]
 
 
 def command(
     device: Annotated[
         Device,
-        typer.Argument(help="kdc101: the stage; laser: the laser box; daq: the SonixDAQ's folder; bench: all of them."),
+        typer.Argument(help="kdc101: the stage; bench: stage, laser box and receiver."),
     ],
     folder: Annotated[Path, typer.Option("--dir", help="Folder for ports, channel files and rig.toml.")],
     seed: Annotated[
@@ -46,28 +45,23 @@ def command(
     ] = None,
     pace: Annotated[
         float,
-        typer.Option(help="Factor on the readout time of the settings (daq, bench), 0.01 to 1."),
+        typer.Option(help="Factor on the readout time of the settings (bench), 0.01 to 1."),
     ] = 1.0,
     mirrored: Annotated[
-        bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage (kdc101, bench).")
+        bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage.")
     ] = False,
     receiver: Annotated[
         Literal["sonixdaq", "plus", "vantage"],
         typer.Option(help="Emulate a SonixDAQ's folder, or on this computer a PLUS server or a Vantage (bench)."),
     ] = "sonixdaq",
-    sdk: Annotated[
-        int, typer.Option(min=5, max=6, help="SDK whose channel files are written (daq, bench): 5 or 6.")
-    ] = 6,
 ) -> None:
     """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then print the true state."""
     import numpy as np
 
     require_range("--pace", pace, low=0.01, high=1)
-    writes = device == "daq" or (device == "bench" and receiver == "sonixdaq")
-    _refuse(f"--receiver {receiver}", device, given=receiver != "sonixdaq", known=device == "bench")
-    _refuse(f"--pace {pace:g}", device, given=pace != 1.0, known=device in ("daq", "bench"))
-    _refuse("--mirrored", device, given=mirrored, known=device in ("kdc101", "bench"))
-    _refuse(f"--sdk {sdk}", device if receiver == "sonixdaq" else receiver, given=sdk != 6, known=writes)
+    for option, given in ((f"--receiver {receiver}", receiver != "sonixdaq"), (f"--pace {pace:g}", pace != 1.0)):
+        if given and device == "kdc101":
+            raise ConfigError(f"{option} does not apply to kdc101; leave it out")
     settings = rigs.read_simulated(rig, cure="the world behind emulated devices is of kind simulated")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -80,19 +74,12 @@ def command(
         rng=np.random.default_rng(seed),  # noqa: TID251  here the user's seed becomes the world
         folder=folder / "daq",
         stage=emulators.EmulatedKdc101(play_deg=settings.stage.backlash_deg, mirrored=mirrored),
-        sdk=5 if sdk == 5 else 6,
         receiver=receiver,
     )
     with noted_signals() as stop:
         _serve(emulated, device, folder, settings, pace=pace, stop=stop)
     for line in _truth(emulated, device):
         stderr.print(line)
-
-
-def _refuse(option: str, emulated: str, *, given: bool, known: bool) -> None:
-    """Refuse an option that is given and that the emulated device does not know."""
-    if given and not known:
-        raise ConfigError(f"{option} does not apply to {emulated}; leave it out")
 
 
 def _serve(
@@ -106,42 +93,25 @@ def _serve(
 ) -> None:
     """Open the ports, print how to use them, and serve until stopped."""
     real = drivers.SystemClock()
-    if device in ("daq", "bench"):
+    if device == "bench":
         emulated.daq.warm_up()  # what it loads and computes once would hold up the lines for half a second
     with ExitStack() as opened:
         ports = {
             name: opened.enter_context(emulated.line(name, clock=real, link=_free(folder / name)))
-            for name in _PORTS[device]
+            for name in (("stage", "laser") if device == "bench" else ("stage",))
         }
         for name, port in ports.items():
             stdout.print(f"{name}: {port.path}")
         opened.callback(emulated.daq.close)
-        if device != "kdc101":
-            stdout.print(emulated.daq.said)
         if device == "bench":
+            stdout.print(emulated.daq.said)
             rig_file = folder / "rig.toml"
             write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
             stdout.print(f"try: markerseek search --rig {quoted(rig_file)} --arm")
-        if device == "daq":
-            stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
         stdout.print("Ctrl-C ends it")
         sys.stdout.flush()
-
-        def until() -> bool:
-            if device == "daq" and _typed_line():
-                emulated.world.flash(pulses=settings.laser.pulses, at_s=real.now_s())
-                emulated.daq.trigger(settings.laser.pulses)
-            return bool(stop)
-
-        emulators.serve(lines=list(ports.values()), clock=real, pace=pace, daq=emulated.daq, until=until)
-
-
-_PORTS: dict[Device, tuple[Literal["stage", "laser"], ...]] = {
-    "kdc101": ("stage",),
-    "laser": ("laser",),
-    "daq": (),
-    "bench": ("stage", "laser"),
-}
+        lines = list(ports.values())
+        emulators.serve(lines=lines, clock=real, pace=pace, daq=emulated.daq, until=lambda: bool(stop))
 
 
 _READOUT_SPARE_S = 0.5
@@ -153,12 +123,6 @@ def _free(link: Path) -> Path:
     if link.is_symlink() and not link.exists():
         link.unlink()
     return link
-
-
-def _typed_line() -> bool:
-    """Whether the user has typed a line since the last call."""
-    ready, _, _ = select.select([sys.stdin], [], [], 0)
-    return bool(ready) and bool(sys.stdin.readline())
 
 
 def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, emulated: emulators.EmulatedBench) -> str:
@@ -237,13 +201,8 @@ def true_marker(truth_deg: float | None) -> str:
 def _truth(emulated: emulators.EmulatedBench, device: Device) -> list[str]:
     """The true state of the emulated world, which no driver can read."""
     low_deg, high_deg = emulated.stage.truth_range_deg
-    truth = []
-    if device in ("kdc101", "bench"):
-        truth.append(f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg")
-    if device != "kdc101":
-        truth.append(true_marker(emulated.truth_deg))
-    if device in ("laser", "bench"):
-        truth.append(
-            f"truth: {counted(len(emulated.laser_box.pulses), 'pulse of light was', 'pulses of light were')} fired"
-        )
+    truth = [f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg"]
+    if device == "bench":
+        fired = counted(len(emulated.laser_box.pulses), "pulse of light was", "pulses of light were")
+        truth += [true_marker(emulated.truth_deg), f"truth: {fired} fired"]
     return truth

@@ -151,8 +151,6 @@ def serve(
             while not until() and not writing.done():
                 for line in lines:
                     line.serve_once(wait_s=_TICK_S / len(lines))
-                if not lines:
-                    clock.wait(_TICK_S)
         finally:
             ended.set()
         writing.result()
