@@ -29,7 +29,7 @@ def markerseek(*words: object, before: str = "") -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Emulation:
-    """Emulated devices that run; a line on standard input triggers an acquisition where there is no laser box."""
+    """Emulated devices that run."""
 
     process: subprocess.Popen[str]
     folder: Path
@@ -71,10 +71,9 @@ def emulation(
     """
     world, bench = folder / "world.toml", folder / "bench"
     world.write_text(text)
-    paced = ("--pace", pace) if device in ("bench", "daq") else ()
+    paced = ("--pace", pace) if device == "bench" else ()
     process = subprocess.Popen(
         markerseek("emulate", device, "--dir", bench, "--rig", world, "--seed", seed, *paced, *options, before=before),
-        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -10,14 +10,14 @@ import numpy as np
 
 from markerseek.core import Event, Receiver, SearchPlan
 from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort, EmulatedBench
-from markerseek.emulators.bench import BenchClock
+from markerseek.emulators import EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build_sweeping
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 from markerseek.wire import apt
+from tests.emulated_lines import BenchClock, DirectPort
 
 SETTINGS = SimulatedSettings(
     marker=MarkerSettings(angle_deg=-24.0),

@@ -10,10 +10,10 @@ import pytest
 from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Permit, Receiver
 from markerseek.drivers import LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.picolas import PicolasLaser
-from markerseek.emulators import DirectPort, EmulatedBench
-from markerseek.emulators.bench import BenchClock
+from markerseek.emulators import EmulatedBench
 from markerseek.sim import ReceiverSettings, SimulatedSettings, VirtualClock
 from markerseek.testing import LaserContract, ReceiverContract
+from tests.emulated_lines import BenchClock, DirectPort
 
 SETTINGS = SimulatedSettings(receiver=ReceiverSettings(readout_s=0.5))
 

@@ -8,10 +8,11 @@ import pytest
 
 from markerseek.core import Stage
 from markerseek.drivers import Kdc101Settings, Kdc101Stage
-from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.testing import StageContract
+from tests.emulated_lines import DirectPort
 
 
 @pytest.mark.parametrize("approach_from", ["below", "above"])

@@ -14,7 +14,7 @@ import pytest
 
 from markerseek.core import Found, Interval, NotConnectedError
 from markerseek.guard import Guard, State
-from markerseek.sim import FaultKind
+from tests.faults.campaign.fault import FaultKind
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 

@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 from markerseek.core import MoveError, NotConnectedError
 from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox
 from markerseek.drivers.daq_folder import DaqFolder
-from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt, laserbox
+from tests.emulated_lines import DirectPort
 from tests.faults.wire_decoders import WIRES, ScriptedPort, wire_outcome
 from tests.sizes import examples
 

@@ -10,10 +10,11 @@ import pytest
 
 from markerseek.core import MoveError
 from markerseek.drivers import Kdc101Settings, Kdc101Stage
-from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt
+from tests.emulated_lines import DirectPort
 
 RUNS = 25
 

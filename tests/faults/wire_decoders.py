@@ -27,13 +27,13 @@ from markerseek.core import (
 )
 from markerseek.drivers import Kdc101Stage, LaserBox
 from markerseek.drivers.picolas import PicolasLaser
-from markerseek.emulators import DirectPort
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash, VirtualClock
 from markerseek.wire import apt, igtl, laserbox
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 from markerseek.wire.port import Port
+from tests.emulated_lines import DirectPort
 from tests.faults.decoders import read_or_refused
 
 PULSES = 4

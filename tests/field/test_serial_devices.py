@@ -19,8 +19,7 @@ from markerseek.drivers import (
     SerialPort,
 )
 from markerseek.drivers.kdc101 import ENTRY
-from markerseek.emulators import DirectPort, EmulatedKdc101
-from markerseek.emulators.faults import FAULTS
+from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.lines import ByteDevice
 from markerseek.rigs import read_rig_file
@@ -28,6 +27,7 @@ from markerseek.rigs.bench_rig import bench
 from markerseek.sim import VirtualClock
 from markerseek.wire import AptFramer, apt
 from tests.emulated import emulation
+from tests.emulated_lines import DirectPort
 from tests.unit.drivers.kdc101_bench import bench as kdc101_bench
 from tests.unit.drivers.kdc101_bench import kdc101_stage
 from tests.unit.drivers.laserbox_bench import Bench as LaserBoxBench
@@ -202,7 +202,7 @@ def test_c_a_channel_that_stays_disabled_is_said() -> None:
 
 def test_c_an_obstacle_is_still_an_obstacle() -> None:
     stage_bench = kdc101_bench()
-    stage_bench.emulator.faults.inject(FAULTS["stage"]["frozen motor"])
+    stage_bench.emulator.faults.inject("frozen motor")
     with pytest.raises(MoveError, match="look for an obstacle"):
         stage_bench.stage().move_to(5.0)
 

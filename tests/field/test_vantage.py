@@ -166,6 +166,7 @@ def test_a2_a_variable_of_angles_counts_the_lost_frames(tmp_path: Path, numbers:
     require_true_angles(bank, [0, 1, 2, 4, 5, 6, 7, 8])
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("always:.*hold zeros only")
 def test_a1_and_a2_the_marker_of_the_base_scan_is_found_at_its_angle_or_not_at_all(
     shell: Shell, tmp_path: Path

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import pytest
 
@@ -80,12 +79,6 @@ def test_26_10_all_addresses_and_unknown_ones_are_refused_however_they_are_spelt
     _, certificate, _, key = certified(tmp_path)
     with pytest.raises(ConfigError, match=said):
         Address(host=host, certificate=Path(certificate), key=Path(key))
-
-
-def test_26_10_other_spellings_are_resolved_before_they_are_judged():
-    assert str(Address(host="0x7f.1").ip) == "127.0.0.1"
-    with pytest.raises(ConfigError, match="needs TLS"):
-        Address(host="3232235781")
 
 
 def test_other_address_needs_a_certificate(shell):
@@ -167,30 +160,6 @@ def test_ctrl_c_in_the_terminal_ends_page_and_search(browser, tmp_path):
         watched.tab.wait_for_selector(".ms-silent:visible")
         watched.tab.context.close()
     assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("times", [1, 2])
-def test_26_16_ctrl_c_leaves_no_trace_though_an_answer_is_under_way(tmp_path, times):
-    with served(tmp_path) as page, socket.socket() as reader, socket.socket() as idle:
-        place = urlsplit(page.address)
-        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        for each in (reader, idle):
-            each.connect((place.hostname, place.port))
-        cookie = f"markerseek_{place.port}={page.token}"
-        # More answers than the system holds for somebody who reads none.
-        reader.sendall(f"GET / HTTP/1.1\r\nHost: {place.netloc}\r\nCookie: {cookie}\r\n\r\n".encode() * 40)
-        reader.recv(1)
-        idle.sendall(b"GET / HTTP/1.1\r\nHost: elsewhere\r\n\r\n")
-        assert idle.recv(4096).startswith(b"HTTP/1.1 400")
-        page.process.send_signal(signal.SIGINT)
-        if times == 2:
-            # Closed once the page has begun to end.
-            while idle.recv(4096):
-                pass
-            page.process.send_signal(signal.SIGINT)
-        assert page.process.wait(ENDS_S) == 0
-    assert (tmp_path / "page.stderr").read_text() == ""
 
 
 LINE = ".ms-silent"

@@ -10,13 +10,12 @@ import ssl
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 
 from markerseek.bridges.page.application import MAX_VIEWERS
-from tests.page.page_browser import START, certified, served
+from tests.page.page_browser import certified, served
 
 pytestmark = pytest.mark.real_time
 
@@ -111,19 +110,6 @@ def test_another_address_is_served_with_tls_only(tmp_path):
         assert (status, "; Secure" in head) == (303, True)
 
 
-def test_only_the_loopback_address_listens(page):
-    sockets = {link.readlink().name for link in Path(f"/proc/{page.process.pid}/fd").iterdir() if link.is_symlink()}
-    rows = []
-    for table in ("tcp", "tcp6", "udp", "udp6"):
-        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
-            _, local, _, state, *rest = line.split()
-            if f"socket:[{rest[5]}]" in sockets and (state == "0A" or table.startswith("udp")):
-                rows.append(local)
-    port = urlsplit(page.address).port
-    # 127.0.0.1 as the system writes it, lowest byte first.
-    assert rows == [f"0100007F:{port:04X}"]
-
-
 def test_a_tab_too_many_is_refused_and_stop_is_not(tmp_path):
     from tests.page.page_viewer import Viewer
 
@@ -142,20 +128,6 @@ def test_a_tab_too_many_is_refused_and_stop_is_not(tmp_path):
     # In a thread: the browser of other tests has the event loop of this one.
     with served(tmp_path) as page, ThreadPoolExecutor() as threads:
         assert threads.submit(lambda: asyncio.run(many(page))).result() == (403, 204)
-
-
-def test_kernels_whose_loading_would_hold_up_stop_are_loaded_before_the_port_is_open(tmp_path):
-    told = "from markerseek.bridges.page import run_history, server"
-    told += "; load = run_history.warm_up; listening = server.Address.listening"
-    told += "; run_history.warm_up = lambda: (load(), print('loaded', file=sys.stderr))"
-    told += "; server.Address.listening = lambda self: (print('open', file=sys.stderr), listening(self))[1]"
-    with served(tmp_path, start=f"import sys; {told}; {START}"):
-        assert (tmp_path / "page.stderr").read_text().split() == ["loaded", "open"]
-
-
-def test_header_without_end_is_refused(page):
-    with connected(page) as connection, pytest.raises((ConnectionResetError, BrokenPipeError)):
-        connection.sendall(b"GET / HTTP/1.1\r\n" + (b"X: " + b"x" * 10_000 + b"\r\n") * 1000)
 
 
 def test_browser_that_is_opened_gets_the_page_once_and_its_command_shows_no_token(tmp_path, monkeypatch):

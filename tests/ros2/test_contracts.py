@@ -77,7 +77,7 @@ class TestStopRightAfterACommand(_OverRos):
         with pytest.raises(KeyboardInterrupt):
             stage.move_to(stage.angle_deg + 5)
         stage.stop()
-        for _ in range(100):
+        for _ in range(30):
             listener.spin(0.05)
         # That of the stage at rest was not sent.
         assert len(heard) == 1

@@ -1,11 +1,10 @@
-"""The stage node as CRTK has it: refusals, frames, setpoint; and a stage of CRTK, where crtk_msgs was built."""
+"""The stage node as CRTK has it: refusals, frames, setpoint."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Iterator
-from importlib.util import find_spec
 from typing import Any
 
 import pytest
@@ -16,7 +15,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
 from markerseek.core import Interval, MoveError
 from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
-from markerseek.ros import RosNode, messages, topics
+from markerseek.ros import RosNode, topics
 from tests.ros2.turning import Client
 
 
@@ -64,32 +63,3 @@ def test_item_12_frames_setpoint_and_transforms_of_a_stage_node(start: Start, no
         late.subscribe(topics.SETPOINT_JS, "sensor_msgs/msg/JointState", setpoints.append, latched=True)
         client.until(lambda: bool(setpoints))
         assert math.degrees(setpoints[0].position[0]) == pytest.approx(5.0)
-
-
-@pytest.mark.skipif(find_spec("crtk_msgs") is None, reason="needs crtk_msgs: PyPI does not have it")
-def test_a_stage_that_publishes_the_operating_state_of_crtk_is_driven(node: RosNode) -> None:
-    joint, state = "sensor_msgs/msg/JointState", messages.CRTK_STATE
-    with RosNode("arm", network=node.network) as arm:
-        for topic, kind in (("/arm/measured_js", joint), ("/arm/operating_state", state)):
-            arm.advertise(topic, kind)
-        wanted: list[Any] = []
-        arm.subscribe("/arm/move_jp", joint, wanted.append, command=True)
-        angle_deg = 0.0
-
-        def turn() -> None:
-            nonlocal angle_deg
-            time_s, busy = arm.now_s(), bool(wanted)
-            if busy:
-                angle_deg = math.degrees(wanted.pop().position[0])
-            header = messages.header(time_s=time_s)
-            held = messages.made(state, header=header, state="ENABLED", is_homed=True, is_busy=busy)
-            arm.publish("/arm/measured_js", messages.joint_state(time_s=time_s, angle_deg=angle_deg))
-            arm.publish("/arm/operating_state", held)
-
-        settings = Ros2StageSettings(
-            command_topic="/arm/move_jp", reached_topic="/arm/measured_js", state_topic="/arm/operating_state"
-        )
-        travel = Interval(low_deg=-36.5, high_deg=36.5)
-        stage = Ros2Stage(node=node, clock=SystemClock(beat=turn), settings=settings, travel=travel)
-        assert not stage.emulated
-        assert stage.move_to(5.0) == pytest.approx(5.0)

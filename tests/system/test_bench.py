@@ -13,11 +13,9 @@ from pathlib import Path
 import pytest
 
 from markerseek.cli import doctor
-from markerseek.core import Measured, Permit
-from markerseek.drivers import LaserBox, SerialPort, SystemClock
-from markerseek.records.banks.frames import load_frame
+from markerseek.core import Measured
 from markerseek.records.journal import Checked, RecordedRun, read_journal
-from tests.emulated import emulation, fixed_bench, markerseek
+from tests.emulated import fixed_bench, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
@@ -145,18 +143,6 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_and_releases_everything(shell
     assert -36.5 <= low_deg <= high_deg <= 36.5
 
 
-def test_the_laser_box_can_be_emulated_alone(tmp_path: Path) -> None:
-    with emulation(tmp_path, seed=1, device="laser") as devices:
-        clock = SystemClock()
-        with SerialPort(str(tmp_path / "bench" / "laser")) as port:
-            box = LaserBox(port=port, clock=clock)
-            assert box.fire(Permit(token="a", angle_deg=0.0, pulses=7, expires_s=clock.now_s() + 5)) == 7
-            box.disarm()
-        printed = devices.ended(signal.SIGTERM)
-    assert "7 pulses of light were fired" in printed
-    assert not (tmp_path / "bench" / "laser").is_symlink()
-
-
 @pytest.mark.long
 def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(
     shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -184,21 +170,6 @@ def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(
     finding = json.loads(out)["findings"][-1]
     assert (code, finding["state"]) == (1, "broken")
     assert "cannot be opened" in finding["detail"]
-
-
-def test_the_folder_can_be_emulated_alone_and_is_triggered_by_a_typed_line(tmp_path: Path) -> None:
-    with emulation(tmp_path, seed=1, device="daq") as devices:
-        assert devices.process.stdin is not None
-        devices.process.stdin.write("\n")
-        devices.process.stdin.flush()
-        first, last = (tmp_path / "bench" / "daq" / name for name in ("CH000.daq", "CH127.daq"))
-        # Until the last file is whole, as the first is.
-        while not (last.exists() and last.stat().st_size == first.stat().st_size):
-            assert devices.process.poll() is None
-            time.sleep(0.02)
-        printed = devices.ended()
-    assert "the marker is at 6.400 deg" in printed
-    assert load_frame(tmp_path / "bench" / "daq").header.pulses == 16
 
 
 @pytest.mark.parametrize(

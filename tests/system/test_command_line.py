@@ -258,6 +258,7 @@ def test_the_installed_command_prints_its_version() -> None:
     assert ran.stdout.strip().count(".") == 2
 
 
+@pytest.mark.long
 def test_the_first_run_reports_that_it_compiles_and_the_second_does_not(tmp_path: Path) -> None:
     command = [Path(sys.executable).with_name("markerseek"), "frame", tmp_path / "noise.npy", "--probe", "BPL9-5/55"]
     np.save(tmp_path / "noise.npy", np.random.default_rng(3).normal(0, 40, (128, 2080)).astype(np.int16))

@@ -34,6 +34,7 @@ def test_the_example_finds_the_marker_by_both_loops(capsys: pytest.CaptureFixtur
     assert np.abs(np.array(found) - truth).max() < 0.75
 
 
+@pytest.mark.long
 def test_the_committed_scan_is_the_one_that_its_script_makes(tmp_path: Path) -> None:
     script = tmp_path / "make_simulated_scan.py"
     script.write_text((ROOT / "examples" / "make_simulated_scan.py").read_text(encoding="utf-8"), encoding="utf-8")

@@ -187,5 +187,5 @@ def test_studies_and_emulated_devices_have_channel_data_only(shell, tmp_path, re
         )
     lines = "".join(f"{name} = {json.dumps(value)}\n" for name, value in receiver.items())
     (tmp_path / "rig.toml").write_text(f'kind = "simulated"\n[receiver]\n{lines}')
-    code, _, err = shell("emulate", "daq", "--rig", tmp_path / "rig.toml", "--dir", tmp_path / "daq")
+    code, _, err = shell("emulate", "bench", "--rig", tmp_path / "rig.toml", "--dir", tmp_path / "daq")
     assert (code, said in " ".join(err.split())) == (2, True), err

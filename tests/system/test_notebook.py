@@ -38,6 +38,7 @@ def test_the_notebook_searches_draws_and_counts(tmp_path: Path, monkeypatch: pyt
     assert "-8." in bank["text/plain"]
 
 
+@pytest.mark.long
 def test_the_notebook_of_a_registration_registers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nbformat = pytest.importorskip("nbformat", reason="needs the packages of the tests")
     nbclient = pytest.importorskip("nbclient", reason="needs the packages of the tests")

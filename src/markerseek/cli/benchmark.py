@@ -13,7 +13,7 @@ from rich.table import Table
 from markerseek import studies
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, file_line, table
-from markerseek.cli.terminal import announce_compilation, one_line, stages_bar, stderr, time_left
+from markerseek.cli.terminal import announce_compilation, one_line, stages_bar, stderr
 from markerseek.core import counted
 
 EXAMPLES = (
@@ -36,7 +36,7 @@ def command(
         int | None,
         typer.Option(
             min=0,
-            help="Seed of the worlds, to repeat a benchmark; without it entries meet a secret one, drawn for them.",
+            help="Seed of the worlds, to repeat a benchmark; without it entries meet a new one, drawn for them.",
         ),
     ] = None,
     scale: Annotated[
@@ -54,10 +54,7 @@ def command(
     entries = list(dict.fromkeys(studies.Entry.named(text) for text in entry or []))
     size = studies.benchmark_size(scale=scale, entries=len(entries))
     count = studies.default_workers() if workers is None else workers
-    stderr.print(
-        f"{size} simulated searches in {counted(count, 'process', 'processes')}, "
-        f"{time_left(_TYPICAL_S * scale / count)} on a usual computer" + (" without the entries" if entries else "")
-    )
+    stderr.print(f"{size} simulated searches in {counted(count, 'process', 'processes')}")
     announce_compilation()
     with stages_bar() as progress:
         results = studies.run_benchmark(
@@ -79,10 +76,6 @@ def command(
     Output(as_json=as_json).show(report)
 
 
-_TYPICAL_S = 1200.0
-"""Seconds of a core that the usual searches take, about."""
-
-
 def _shown(results: studies.BenchmarkResults, out: Path) -> Iterator[str | Table]:
     for tier, searches in results.searches.items():
         yield f"[bold]{tier}[/]: {searches} simulated searches of each method in each world"
@@ -90,8 +83,7 @@ def _shown(results: studies.BenchmarkResults, out: Path) -> Iterator[str | Table
         yield table(_lines(scores), left=("world", "method"), gap=1)
         yield ""
     if results.entries:
-        known = "secret until the entries had ended" if results.secret else "known to the entries, by --seed"
-        yield f"[dim]seed: {results.seed}, {known}[/]"
+        yield f"[dim]seed: {results.seed}[/]"
     yield "[dim]all: over all worlds of the tier[/]"
     yield "[dim]right: found within the tolerance; without a marker: not found[/]"
     yield "[dim]N, time: acquisitions and simulated seconds of searches for a marker, over those that found it so[/]"

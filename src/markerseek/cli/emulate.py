@@ -32,13 +32,13 @@ EXAMPLES = (
     "  markerseek emulate kdc101 --dir /tmp/stage"
 )
 
-Device = Literal["kdc101", "laser", "daq", "bench"]
+Device = Literal["kdc101", "bench"]
 
 
 def command(
     device: Annotated[
         Device,
-        typer.Argument(help="kdc101: the stage; laser: the laser box; daq: the SonixDAQ's folder; bench: all of them."),
+        typer.Argument(help="kdc101: the stage; bench: stage, laser box and receiver."),
     ],
     folder: Annotated[Path, typer.Option("--dir", help="Folder for ports, channel files and rig.toml.")],
     seed: Annotated[
@@ -49,18 +49,15 @@ def command(
     ] = None,
     pace: Annotated[
         float,
-        typer.Option(help="Factor on the readout time of the settings (daq, bench), 0.01 to 1."),
+        typer.Option(help="Factor on the readout time of the settings (bench), 0.01 to 1."),
     ] = 1.0,
     mirrored: Annotated[
-        bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage (kdc101, bench).")
+        bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage.")
     ] = False,
     receiver: Annotated[
         Literal["sonixdaq", "plus", "vantage"],
         typer.Option(help="Emulate a SonixDAQ's folder, or on this computer a PLUS server or a Vantage (bench)."),
     ] = "sonixdaq",
-    sdk: Annotated[
-        int, typer.Option(min=5, max=6, help="SDK whose channel files are written (daq, bench): 5 or 6.")
-    ] = 6,
     endoscope: Annotated[
         bool,
         typer.Option("--endoscope", help="Write images of a stereo endoscope too; typing moves the spot (bench)."),
@@ -70,12 +67,13 @@ def command(
     import numpy as np
 
     require_range("--pace", pace, low=0.01, high=1)
-    writes = device == "daq" or (device == "bench" and receiver == "sonixdaq")
-    _refuse(f"--receiver {receiver}", device, given=receiver != "sonixdaq", known=device == "bench")
-    _refuse(f"--pace {pace:g}", device, given=pace != 1.0, known=device in ("daq", "bench"))
-    _refuse("--endoscope", device, given=endoscope, known=device == "bench")
-    _refuse("--mirrored", device, given=mirrored, known=device in ("kdc101", "bench"))
-    _refuse(f"--sdk {sdk}", device if receiver == "sonixdaq" else receiver, given=sdk != 6, known=writes)
+    for option, given in (
+        (f"--receiver {receiver}", receiver != "sonixdaq"),
+        (f"--pace {pace:g}", pace != 1.0),
+        ("--endoscope", endoscope),
+    ):
+        if given and device == "kdc101":
+            raise ConfigError(f"{option} does not apply to kdc101; leave it out")
     settings = rigs.read_simulated(rig, cure="the world behind emulated devices is of kind simulated")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -88,7 +86,6 @@ def command(
         rng=np.random.default_rng(seed),  # noqa: TID251  here the user's seed becomes the world
         folder=folder / "daq",
         stage=emulators.EmulatedKdc101(play_deg=settings.stage.backlash_deg, mirrored=mirrored),
-        sdk=5 if sdk == 5 else 6,
         receiver=receiver,
     )
     images = None
@@ -106,12 +103,6 @@ def command(
         stderr.print(line)
 
 
-def _refuse(option: str, emulated: str, *, given: bool, known: bool) -> None:
-    """Refuse an option that is given and that the emulated device does not know."""
-    if given and not known:
-        raise ConfigError(f"{option} does not apply to {emulated}; leave it out")
-
-
 def _serve(
     emulated: emulators.EmulatedBench,
     device: Device,
@@ -124,19 +115,18 @@ def _serve(
 ) -> None:
     """Open the ports, print how to use them, and serve until stopped."""
     real = drivers.SystemClock()
-    if device in ("daq", "bench"):
+    if device == "bench":
         emulated.daq.warm_up()  # what it loads and computes once would hold up the lines for half a second
     with ExitStack() as opened:
         ports = {
             name: opened.enter_context(emulated.line(name, clock=real, link=_free(folder / name)))
-            for name in _PORTS[device]
+            for name in (("stage", "laser") if device == "bench" else ("stage",))
         }
         for name, port in ports.items():
             stdout.print(f"{name}: {port.path}")
         opened.callback(emulated.daq.close)
-        if device != "kdc101":
-            stdout.print(emulated.daq.said)
         if device == "bench":
+            stdout.print(emulated.daq.said)
             rig_file = folder / "rig.toml"
             write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
             stdout.print(f"try: markerseek search --rig {quoted(rig_file)} --arm")
@@ -149,29 +139,16 @@ def _serve(
                 f"--images {shlex.quote(f'{left} {right}')} --arm"
             )
             stdout.print(images.said)
-        if device == "daq":
-            stdout.print(f"each line typed here gives {settings.laser.pulses} pulses of light and a trigger for each")
         stdout.print("Ctrl-C ends it")
         sys.stdout.flush()
 
         def until() -> bool:
-            line = _typed_line() if device == "daq" or images is not None else ""
-            if line and images is not None:
+            if images is not None and (line := _typed_line()):
                 stdout.print(images.type(line))
-            elif line:
-                emulated.world.flash(pulses=settings.laser.pulses, at_s=real.now_s())
-                emulated.daq.trigger(settings.laser.pulses)
             return bool(stop)
 
-        emulators.serve(lines=list(ports.values()), clock=real, pace=pace, daq=emulated.daq, until=until, images=images)
-
-
-_PORTS: dict[Device, tuple[Literal["stage", "laser"], ...]] = {
-    "kdc101": ("stage",),
-    "laser": ("laser",),
-    "daq": (),
-    "bench": ("stage", "laser"),
-}
+        lines = list(ports.values())
+        emulators.serve(lines=lines, clock=real, pace=pace, daq=emulated.daq, until=until, images=images)
 
 
 _READOUT_SPARE_S = 0.5
@@ -286,15 +263,12 @@ def true_marker(truth_deg: float | None) -> str:
 def _truth(emulated: emulators.EmulatedBench, device: Device, images: emulators.EmulatedEndoscope | None) -> list[str]:
     """The true state of the emulated world, which no driver can read."""
     low_deg, high_deg = emulated.stage.truth_range_deg
-    truth = []
-    if device in ("kdc101", "bench"):
-        truth.append(f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg")
+    truth = [f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg"]
+    if device == "bench":
+        fired = counted(len(emulated.laser_box.pulses), "pulse of light was", "pulses of light were")
+        # A spot that is moved has no one angle.
+        truth += [true_marker(emulated.truth_deg)] if images is None else []
+        truth.append(f"truth: {fired} fired")
     if images is not None:
         truth += ["truth: davinci_to_trus is", *matrix_lines(images.true.matrix.tolist())]
-    elif device != "kdc101":
-        truth.append(true_marker(emulated.truth_deg))
-    if device in ("laser", "bench"):
-        truth.append(
-            f"truth: {counted(len(emulated.laser_box.pulses), 'pulse of light was', 'pulses of light were')} fired"
-        )
     return truth

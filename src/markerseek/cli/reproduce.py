@@ -15,7 +15,7 @@ from rich.table import Table as Grid
 from markerseek import signals, studies
 from markerseek.cli.options import AsJson, require_frames
 from markerseek.cli.report import Output, Report, file_line, require_room, table
-from markerseek.cli.terminal import print_warning, stages_bar, stderr, time_left
+from markerseek.cli.terminal import print_warning, stages_bar, stderr
 from markerseek.core import ConfigError, counted, needs_package
 
 if TYPE_CHECKING:
@@ -75,11 +75,8 @@ def command(
         waiting = reproduction.sections(names)
         processes = counted(options.workers, "process", "processes")
         made_from = f"with {counted(markers, 'marker')}" if bank is None else f"of {escape(str(bank))}"
-        fixed_s, each_s = _TYPICAL_S
-        all_s = (fixed_s + each_s * markers) / options.workers
-        takes = f", {time_left(all_s)} on a usual computer" if what == "all" else ""
         stderr.print(
-            f"{', '.join(names)} {made_from} in {processes}, into {escape(str(out))}{takes}; the time that "
+            f"{', '.join(names)} {made_from} in {processes}, into {escape(str(out))}; the time that "
             "is left of each part is said as soon as it is known"
         )
         sections, files = [], []
@@ -97,10 +94,6 @@ def command(
         shown=[*shown, file_line("report", page)],
     )
     Output(as_json=as_json).show(report)
-
-
-_TYPICAL_S = (80.0, 0.6)
-"""Seconds of a core that all sections take, about, and those of each marker of the study."""
 
 
 def _names(reproduction: Reproduction) -> list[str]:

@@ -19,7 +19,7 @@ from markerseek.cli import STOPPED_BY_USER
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, facts, file_line, require_room, table
 from markerseek.cli.signals import Stopped
-from markerseek.cli.terminal import print_json, stages_bar, stderr, time_left
+from markerseek.cli.terminal import print_json, stages_bar, stderr
 from markerseek.core import ConfigError, counted
 
 EXAMPLES = (
@@ -90,29 +90,14 @@ def command(
     Output(as_json=as_json, folder=folder if plot else None).show(report)
 
 
-_TYPICAL_S = {"curves": (0.06, 0.003), "frames": (0.3, 0.3)}
-"""Seconds of a core that one search of the posterior, and one of any other method, takes at each level, about."""
-_SWEEPING_S = 2.5
-"""The same of a search that sweeps, of a hundred pulses and more."""
-
-
 def _announce(study: studies.Study, *, workers: int | None, scheduler: str | None) -> None:
-    """Say what will be done and how long it takes, about, before anything is computed."""
-    cells = len(studies.cells(study))
+    """Say what will be done, before anything is computed."""
     count = studies.default_workers() if workers is None else workers
-    slow, quick = _TYPICAL_S[study.level]
-    each_s = sum(
-        _SWEEPING_S if policy.plan.sweep else slow if policy.plan.method == "posterior" else quick
-        for policy in study.policies
-    )
-    where, takes = f"on {scheduler}", ""
-    if scheduler is None:
-        where = f"in {counted(count, 'process', 'processes')}"
-        takes = f", {time_left(each_s * cells * study.trials / count + 5)} on a usual computer"
+    where = f"in {counted(count, 'process', 'processes')}" if scheduler is None else f"on {scheduler}"
     stderr.print(
         f"{escape(study.name)}: {counted(study.rows, 'simulated search', 'simulated searches')}, level {study.level} "
-        f"({counted(len(study.policies), 'policy', 'policies')}, {counted(cells, 'cell')}, "
-        f"{counted(study.trials, 'trial')}) {escape(where)}{takes}"
+        f"({counted(len(study.policies), 'policy', 'policies')}, {counted(len(studies.cells(study)), 'cell')}, "
+        f"{counted(study.trials, 'trial')}) {escape(where)}"
     )
 
 

@@ -1,8 +1,7 @@
 """Emulators of the devices of a rig at the level of bytes, for drivers on a laptop and in tests.
 
 Each emulator is a `ByteDevice`: bytes in, bytes out, and the time as an argument. `PtyLine` puts one behind a
-pseudo-terminal for any program that opens a serial port; `DirectPort` connects one to a driver in the same process, in
-virtual time.
+pseudo-terminal for any program that opens a serial port.
 """
 
 import lazy_loader

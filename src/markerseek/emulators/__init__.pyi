@@ -2,14 +2,13 @@ from .bench import EmulatedBench, serve
 from .endoscope import EmulatedEndoscope
 from .kdc101 import EmulatedKdc101
 from .laserbox import LIGHT_COUNTS
-from .lines import ByteDevice, DirectPort, PtyLine
+from .lines import ByteDevice, PtyLine
 from .senders import EmulatedPlus, EmulatedVantage
 from .sonixdaq import EmulatedSonixDaq
 
 __all__ = [
     "LIGHT_COUNTS",
     "ByteDevice",
-    "DirectPort",
     "EmulatedBench",
     "EmulatedEndoscope",
     "EmulatedKdc101",

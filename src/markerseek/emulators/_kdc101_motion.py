@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from markerseek.emulators._kdc101_triggers import TriggerOutput
 from markerseek.emulators._prm1z8 import Prm1z8
-from markerseek.sim import Fault
+from markerseek.emulators.faults import Faults
 from markerseek.wire import apt
 
 # MGMSG_MOT_MOVE_COMPLETED, _MOVE_STOPPED and _MOVE_HOMED of the APT protocol.
@@ -45,13 +45,13 @@ _MOVING_UP, _MOVING_DOWN, _CONNECTED, _HOMING, _HOMED, _ERROR, _ENABLED = (
 class MotionControl:
     """Moves, homes and stops a PRM1Z8.
 
-    ``fault``: returns the fault of that name if it holds now. ``moves``, ``largest_lead_deg``: moves that began at
+    ``fault``: its faults. ``moves``, ``largest_lead_deg``: moves that began at
     rest; largest distance of a target from the motor when it was set, in degrees. ``events``: messages to send unasked;
     the caller clears them. ``triggers``: the edges at its trigger port. ``enabled``: whether the motor gets current;
     else it takes moves, and does nothing.
     """
 
-    def __init__(self, *, stage: Prm1z8, fault: Callable[[str], Fault | None]) -> None:
+    def __init__(self, *, stage: Prm1z8, fault: Faults) -> None:
         self.moves = 0
         self.largest_lead_deg = 0.0
         self.events: list[int] = []

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from markerseek.sim import Fault, phases
+from markerseek.emulators.faults import Faults
+from markerseek.sim import phases
 from markerseek.wire import COUNTS_PER_DEG
 
 # Sums of phases miss a step's end by rounding; a remainder of this size is no time, and must not start a phase.
@@ -91,7 +91,7 @@ class Prm1z8:
     ``zero_deg``: angle of the motor at which the probe points at 0. ``play_deg``: backlash between motor and probe:
     after an upward move the probe is at the motor's angle, after a downward move it lags by the backlash. ``sense``: 1
     if the probe turns as the motor does, -1 if it is mounted the other way round, the backlash included. ``fault``:
-    returns the fault of that name if it holds now.
+    its faults.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Prm1z8:
         zero_deg: float,
         play_deg: float,
         sense: int,
-        fault: Callable[[str], Fault | None],
+        fault: Faults,
         rng: np.random.Generator,
     ) -> None:
         start_deg = sense * probe.angle_deg + zero_deg
@@ -147,13 +147,11 @@ class Prm1z8:
         if jump is not None and not self._jumped:
             self._jumped = True
             self.offset += round(jump.amount * COUNTS_PER_DEG)
-        if motor.at_rest and self._fault("slip") is None:
+        if motor.at_rest:
             return False
         motor.lowest_deg, motor.highest_deg = math.inf, -math.inf
-        turning = not motor.at_rest
         stopped = motor.advance(duration_s)
-        if turning:
-            self._jump_on_its_way(duration_s)
+        self._jump_on_its_way(duration_s)
         # The limits are checked against the whole path of the motor, turning points included.
         for angle_deg in {motor.lowest_deg, motor.highest_deg} - {motor.angle_deg, math.inf, -math.inf}:
             self._turn_probe(angle_deg)
@@ -173,15 +171,10 @@ class Prm1z8:
             self.offset += round(jump.amount * COUNTS_PER_DEG)
 
     def _turn_probe(self, motor_deg: float) -> None:
-        slip, scale, play = self._fault("slip"), self._fault("scale"), self._fault("more play")
         pushed_deg = motor_deg - self._zero_deg
-        if scale is not None:
-            pushed_deg *= 1 + scale.amount
-        if slip is not None:
-            pushed_deg += slip.amount
-        play_deg = self._play_deg if play is None else play.amount
         # The probe moves only when one side of the gap pushes it: clamp it to the gap, in the motor's direction.
-        angle_deg = self._sense * min(max(self._sense * self._probe.angle_deg, pushed_deg), pushed_deg + play_deg)
+        farthest_deg = pushed_deg + self._play_deg
+        angle_deg = self._sense * min(max(self._sense * self._probe.angle_deg, pushed_deg), farthest_deg)
         self._probe.angle_deg = angle_deg
         self.lowest_deg = min(self.lowest_deg, angle_deg)
         self.highest_deg = max(self.highest_deg, angle_deg)

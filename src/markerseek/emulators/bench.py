@@ -1,12 +1,11 @@
 """An emulated rig at the level of bytes: stage, laser box and SonixDAQ folder in one simulated world.
 
-In one process, `BenchClock` advances virtual time for all of them. Behind pseudo-terminals, `serve` runs them in real
-time; only the writing of files can be paced, because leases and the check of a stage's speed need real time.
+Behind pseudo-terminals, `serve` runs them in real time; only the writing of files can be paced, because leases and the
+check of a stage's speed need real time.
 """
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +22,7 @@ from markerseek.emulators.lines import PtyLine
 from markerseek.emulators.senders import EmulatedPlus, EmulatedSender, EmulatedVantage
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.rigs import draw_scene
-from markerseek.sim import CLOCK_DRIFT, SimulatedSettings, VirtualClock
+from markerseek.sim import CLOCK_DRIFT, SimulatedSettings
 
 _TICK_S = 2e-3
 
@@ -104,33 +103,6 @@ class EmulatedBench:
         return PtyLine(device=self.laser_box, clock=serving, link=link)
 
 
-class BenchClock(VirtualClock):
-    """Virtual time that advances the emulated devices tick by tick during a wait.
-
-    ``tick_s``: time between two ticks.
-    """
-
-    def __init__(self, *, tick_s: float = 0.01) -> None:
-        super().__init__()
-        self._tick_s = tick_s
-        self._followers: list[Callable[[float], object]] = []
-
-    def lead(self, *followers: Callable[[float], object]) -> None:
-        """Call these with the time at each tick, in this order."""
-        self._followers += followers
-
-    def wait(self, duration_s: float) -> None:
-        """Advance the time in ticks."""
-        if not 0 <= duration_s < math.inf:
-            raise ConfigError(f"a wait of {duration_s} s; it must be finite and not negative")
-        ends_s = self.now_s() + duration_s
-        while (left_s := ends_s - self.now_s()) > 0:
-            super().wait(min(self._tick_s, left_s))
-            # The order is kept: the laser box lights the world before the data acquisition reads it.
-            for follower in self._followers:
-                follower(self.now_s())
-
-
 class ServingClock:
     """Real time without the pauses of the serving process, for leases only."""
 
@@ -182,8 +154,6 @@ def serve(
             while not until() and not any(each.done() for each in writing):
                 for line in lines:
                     line.serve_once(wait_s=_TICK_S / len(lines))
-                if not lines:
-                    clock.wait(_TICK_S)
         finally:
             ended.set()
         for each in writing:

@@ -8,7 +8,7 @@ unasked because another program enabled that.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -30,8 +30,6 @@ from markerseek.emulators._kdc101_triggers import PORTS, POSITIONS, Edge
 from markerseek.emulators._kdc101_triggers import POWER_UP as NO_TRIGGERS
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
 from markerseek.emulators.faults import Faults
-from markerseek.emulators.lines import FaultyLine
-from markerseek.sim import Fault
 from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
 
 _UPDATES_S = 0.1
@@ -69,8 +67,7 @@ class EmulatedKdc101:
 class Kdc101Emulator:
     """The controller: bytes in, bytes out, and the time by `advance`.
 
-    ``probe``: the probe that it turns, with its true angle; the controller knows only its encoder. ``faults``: a step
-    is a move that begins at rest, counted from 1; more may be added to the attribute.
+    ``probe``: the probe that it turns, with its true angle; the controller knows only its encoder.
     """
 
     def __init__(
@@ -78,7 +75,6 @@ class Kdc101Emulator:
         *,
         probe: Turned,
         settings: EmulatedKdc101 | None = None,
-        faults: Sequence[Fault] = (),
         rng: np.random.Generator | None = None,
     ) -> None:
         self._settings = settings or EmulatedKdc101()
@@ -93,14 +89,11 @@ class Kdc101Emulator:
             rng=rng,
         )
         self._motion = MotionControl(stage=self._stage, fault=self.faults)
-        self._line = FaultyLine(fault=self.faults, rng=rng)
         self._framer = AptFramer(TO_CONTROLLER, to=CONTROLLER)
         self._outbox = bytearray()
         self._now_s = self._next_update_s = 0.0
         self._handlers = self._message_handlers()
         self._power_up(homed=self._settings.homed)
-        for fault in faults:
-            self.faults.inject(fault)
 
     @property
     def truth_range_deg(self) -> tuple[float, float]:
@@ -155,7 +148,7 @@ class Kdc101Emulator:
 
     def feed(self, data: bytes) -> bytes:
         """Receive bytes, and return the immediate answer."""
-        for message in self._framer.feed(self._line.to_device(data, now_s=self._now_s)):
+        for message in self._framer.feed(b"" if self._is_cut else data):
             # The device ignores messages that it does not know, without an answer.
             handler = self._handlers.get(message.ident)
             if handler is not None:
@@ -202,10 +195,12 @@ class Kdc101Emulator:
             else:
                 self._send_status(event)
         self._motion.events.clear()
-        if not self._outbox and not self.faults:
-            return b""
         out, self._outbox = bytes(self._outbox), bytearray()
-        return self._line.to_host(out, now_s=self._now_s)
+        return b"" if self._is_cut else out
+
+    @property
+    def _is_cut(self) -> bool:
+        return self.faults("silent") is not None or self.faults("power cut") is not None
 
     def _set(self, message: AptMessage) -> None:
         self._stored[message.ident] = message.data

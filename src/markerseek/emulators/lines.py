@@ -1,23 +1,15 @@
-"""Lines to emulated devices: a port in the same process, a pseudo-terminal, and the faults of a serial line."""
+"""Lines to emulated devices: pseudo-terminals."""
 
 from __future__ import annotations
 
 import os
 import select
 import tty
-from collections import deque
-from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
 from markerseek._closing import Closing
-from markerseek.core import Clock, ConfigError, NotConnectedError
-from markerseek.sim import Fault
-
-_POLL_S = 1e-3
-"""Time between two polls of an emulator in the same process while a reader waits, in seconds."""
+from markerseek.core import Clock, ConfigError
 
 _UNREAD_LIMIT = 65536
 """Most bytes kept for a driver that does not read; later ones are lost, as on a wire."""
@@ -31,45 +23,6 @@ class ByteDevice(Protocol):
 
     def feed(self, data: bytes) -> bytes:
         """Receive bytes now, and return the immediate answer."""
-
-
-class DirectPort:
-    """A `markerseek.wire.port.Port` that ends at an emulator in the same process.
-
-    Waiting for bytes is waiting on the clock, so that with a virtual clock nothing takes real time.
-    """
-
-    def __init__(self, *, device: ByteDevice, clock: Clock) -> None:
-        self._device = device
-        self._clock = clock
-        self._inbox = bytearray()
-        self._open = True
-
-    def write(self, data: bytes) -> None:
-        """As `Port.write`; the line is gone when it was closed."""
-        # Advance first: the device must be at the present time when it receives a command.
-        self._poll()
-        self._inbox += self._device.feed(data)
-
-    def read(self, size: int, *, timeout_s: float) -> bytes:
-        """As `Port.read`."""
-        ends_s = self._clock.now_s() + timeout_s
-        self._poll()
-        while len(self._inbox) < size and (left_s := ends_s - self._clock.now_s()) > 0:
-            self._clock.wait(min(_POLL_S, left_s))
-            self._poll()
-        data = bytes(self._inbox[:size])
-        del self._inbox[:size]
-        return data
-
-    def close(self) -> None:
-        """Close the port; allowed twice."""
-        self._open = False
-
-    def _poll(self) -> None:
-        if not self._open:
-            raise NotConnectedError("the port was closed; open it again")
-        self._inbox += self._device.advance(self._clock.now_s())
 
 
 class PtyLine(Closing):
@@ -137,60 +90,3 @@ class PtyLine(Closing):
                 "name another path, or delete what a killed emulator left there"
             ) from error
         self._link = link
-
-
-class FaultyLine:
-    """Passes bytes to and from a device, changed by the faults that hold.
-
-    ``fault``: returns the fault of that name if it holds now.
-    """
-
-    def __init__(self, *, fault: Callable[[str], Fault | None], rng: np.random.Generator) -> None:
-        self._fault = fault
-        self._rng = rng
-        self._late: deque[tuple[float, bytes]] = deque()
-
-    def to_device(self, data: bytes, *, now_s: float) -> bytes:
-        """Bytes that reach the device."""
-        if self._cut(now_s):
-            return b""
-        return self._garbled(self._thinned(data), "garbled commands")
-
-    def to_host(self, data: bytes, *, now_s: float) -> bytes:
-        """Bytes that reach the host now when the device sends these."""
-        if self._cut(now_s):
-            self._late.clear()
-            return b""
-        data = self._garbled(self._thinned(data), "garbled answers")
-        late = self._fault("late answers")
-        if late is not None:
-            if data:
-                self._late.append((now_s + late.amount, data))
-            data = b""
-        # In order of sending: a serial line delays bytes, and never reorders them.
-        due = bytearray()
-        while self._late and self._late[0][0] <= now_s:
-            due += self._late.popleft()[1]
-        return bytes(due) + data
-
-    def _cut(self, now_s: float) -> bool:
-        if self._fault("silent") is not None or self._fault("power cut") is not None:
-            return True
-        drop_outs = self._fault("drop-outs")
-        return drop_outs is not None and now_s % 1.0 < drop_outs.amount
-
-    def _thinned(self, data: bytes) -> bytes:
-        lost = self._fault("lost bytes")
-        if lost is None or not data:
-            return data
-        kept = self._rng.random(len(data)) >= lost.amount
-        return bytes(byte for byte, keep in zip(data, kept, strict=True) if keep)
-
-    def _garbled(self, data: bytes, name: str) -> bytes:
-        garbled = self._fault(name)
-        if garbled is None or not data:
-            return data
-        hit = self._rng.random(len(data)) < garbled.amount
-        # One bit of a byte: the fault that a form without a checksum is least able to detect.
-        flips = np.where(hit, 1 << self._rng.integers(0, 8, len(data)), 0)
-        return bytes(byte ^ int(flip) for byte, flip in zip(data, flips, strict=True))

@@ -143,10 +143,8 @@ class EmulatedSonixDaq:
     def _finish(self, parts: Sequence[Train | SweptTrain]) -> None:
         """Make the files of an acquisition, and queue them for writing."""
         fresh = self._acquisition(parts)
-        repeats = self.faults("repeats")
-        files = self._previous if self._previous and (repeats or self.faults("one behind")) else fresh
-        if not repeats or not self._previous:
-            self._previous = fresh
+        files = self._previous if self._previous and self.faults("repeats") else fresh
+        self._previous = files
         if not self.faults("off"):
             self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.amount("late files")))
 

@@ -8,7 +8,6 @@ from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, sp
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
-from markerseek.sim.faults import DeviceName, Fault, FaultKind
 from markerseek.sim.hand import HandMotion, SimulatedHand
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.machine import RFWorld, post_beamformed
@@ -36,11 +35,8 @@ __all__ = [
     "BModeSettings",
     "BModeWorld",
     "CurveWorld",
-    "DeviceName",
     "EndoscopeFaults",
     "EndoscopeSettings",
-    "Fault",
-    "FaultKind",
     "Flash",
     "GaussianCurve",
     "HandMotion",

@@ -1,7 +1,7 @@
 """A benchmark of searches: frozen worlds in three tiers, which an entry from elsewhere meets like our methods.
 
 Each world of a tier is a study whose settings never change (`WORLDS`, a hash of them). Without entries its seed does
-not change either, so that equal methods have equal rows; entries meet worlds of a secret seed, and so do our methods
+not change either, so that equal methods have equal rows; entries meet worlds of a new seed, and so do our methods
 beside them. More searches add rows. The tiers differ in what a search receives: one intensity, also the largest
 envelope of each block of the image, also the channel data. Methods are in groups of their own studies, as an entry
 must not change the rows of the others, and sweeps need a receiver set for single pulses.
@@ -11,13 +11,11 @@ from __future__ import annotations
 
 import hashlib
 import math
-import random
 import secrets
 import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -37,19 +35,18 @@ from markerseek.sim import (
 )
 from markerseek.studies import entry_child
 from markerseek.studies.policies import StudyPolicy, study_policy
-from markerseek.studies.runner import as_csv, read_json, read_rows, run_study, values_of, write_json, write_rows
+from markerseek.studies.runner import read_json, read_rows, run_study, write_json
 from markerseek.studies.scene import ClutterAround, SceneSettings, SecondSource
 from markerseek.studies.statistics import Mean, Share
 from markerseek.studies.study import Axis, CurveSettings, Study, cells
 from markerseek.studies.summary import CLAIM_TOLERANCES, covers
-from markerseek.studies.trial import Row, run_row
-from markerseek.studies.workers import in_order
+from markerseek.studies.trial import Row
 
 RESULTS = "results.json"
 """Name of the file of results in the benchmark's folder."""
 
-ENTERED = "entries.json"
-"""Name of the file of what entries did, in a folder of theirs."""
+DRAWN = "seed.json"
+"""Name of the file of the drawn seed, in the folder of these entries."""
 
 SEED = 20261124
 """Seed of all worlds without entries."""
@@ -243,8 +240,6 @@ class BenchmarkResults(msgspec.Struct, frozen=True, kw_only=True):
     worlds: str
     """Hash of the worlds."""
     seed: int
-    secret: bool
-    """Whether the seed was drawn for these entries, and known to nobody until they had ended."""
     searches: dict[str, int]
     """Searches of each method in each world, by tier."""
     scores: list[Score]
@@ -253,16 +248,6 @@ class BenchmarkResults(msgspec.Struct, frozen=True, kw_only=True):
     entries: list[EntryResult]
     files: dict[str, str]
     """SHA-256 of each table of rows, by path."""
-
-
-class _Entered(msgspec.Struct, frozen=True, kw_only=True):
-    """What entries have done, written once all have ended."""
-
-    seed: int
-    failures: dict[str, str]
-    """By group."""
-    rows: dict[str, dict[str, str]]
-    """Lines of the rows, by group and world."""
 
 
 def benchmark_size(*, scale: float, entries: int) -> int:
@@ -282,46 +267,47 @@ def run_benchmark(
 ) -> BenchmarkResults:
     """Run the benchmark, or the rest of it, and write `RESULTS` into its folder.
 
-    An entry must not be able to compute the answer. Entries therefore run first, in worlds of a seed that is drawn for
-    them and written nowhere; their rows stay in the memory until all have ended. Then the seed and the rows are
-    written, and our methods search in the same worlds.
+    Beside entries all worlds have a seed that is drawn for them: nobody can have tuned a method on their markers.
 
     ``folder``: created if it does not exist. ``scale``: searches over the usual number. ``seed``: of all worlds; None:
-    `SEED`, or beside entries a secret one. ``progress``: receives a stage, and how many of its searches are done, of
+    `SEED`, or beside entries the drawn one. ``progress``: receives a stage, and how many of its searches are done, of
     how many.
     """
-    entered = _Entered(seed=SEED if seed is None else seed, failures={}, rows={})
-    rows_in = folder
+    rows_in, used = folder, SEED if seed is None else seed
     if entries:
         key = [[entry.group for entry in entries], scale, seed, __version__]
         rows_in = folder / f"entries-{hashlib.sha256(msgspec.json.encode(key)).hexdigest()[:12]}"
-        entered = _entered(rows_in / ENTERED, entries, scale, seed, workers, progress)
-    scores: list[Score] = []
+        used = _drawn_seed(rows_in) if seed is None else seed
+    failures: dict[str, str] = {}
     files: dict[str, str] = {}
-    by_method: dict[tuple[Tier, str], list[Row]] = {}
-    done, size = 0, benchmark_size(scale=scale, entries=len(entered.rows))
+    searched: list[tuple[str, World, StudyPolicy, list[Row]]] = []
+    done, size = 0, benchmark_size(scale=scale, entries=len(entries))
     for world in WORLDS:
-        entered_here = [(each.group, (_as_policy(each, world.tier),)) for each in entries if each.group in entered.rows]
-        for group, policies in (*_groups(world), *entered_here):
+        entered = [(entry.group, (_as_policy(entry, world.tier),)) for entry in entries if entry.group not in failures]
+        for group, policies in (*_groups(world), *entered):
             searches = _searches(world.tier, scale)
-            study = world.study(group, policies, searches=searches, seed=entered.seed)
+            study = world.study(group, policies, searches=searches, seed=used)
             place = rows_in / group / f"{world.place}-{searches}"
-            if group in entered.rows:
-                write_rows(place, study, entered.rows[group][world.place].encode())
             finished = run_study(study, place, workers=workers, progress=partial(_advance, progress, done, size))
             done += study.rows
             files[str(finished.rows.relative_to(folder))] = _sha256(finished.rows)
             rows = list(read_rows(finished.rows, study))
             for number, policy in enumerate(policies):
-                of_policy = [row for row in rows if row.policy == number]
-                scores.append(_score(world.tier, world.name, str(policy), of_policy))
-                by_method.setdefault((world.tier, str(policy)), []).extend(of_policy)
+                searched.append((group, world, policy, [row for row in rows if row.policy == number]))
+            fault = next((row.fault for row in rows if policies[0].command and row.fault is not None), None)
+            if fault is not None:
+                failures[group] = f"{world.tier}, {world.name}: {fault}"
+    scores: list[Score] = []
+    by_method: dict[tuple[Tier, str], list[Row]] = {}
+    for group, world, policy, rows in searched:
+        if group not in failures:
+            scores.append(_score(world.tier, world.name, str(policy), rows))
+            by_method.setdefault((world.tier, str(policy)), []).extend(rows)
     results = BenchmarkResults(
         benchmark=2,
         version=__version__,
-        worlds=worlds_hash(entered.seed),
-        seed=entered.seed,
-        secret=bool(entries) and seed is None,
+        worlds=worlds_hash(used),
+        seed=used,
         searches={tier: _searches(tier, scale) for tier in _LEVELS},
         scores=scores,
         totals=[_score(tier, "all", method, rows) for (tier, method), rows in by_method.items()],
@@ -330,7 +316,7 @@ def run_benchmark(
                 method=str(_as_policy(entry, "raw channels")),
                 command=entry.command,
                 files=dict(entry.files),
-                failure=entered.failures.get(entry.group, ""),
+                failure=failures.get(entry.group, ""),
             )
             for entry in entries
         ],
@@ -344,48 +330,13 @@ def _advance(progress: Progress, before: int, size: int, rows: int) -> None:
     progress("searches", before + rows, size)
 
 
-def _entered(
-    path: Path, entries: Sequence[Entry], scale: float, seed: int | None, workers: int | None, progress: Progress
-) -> _Entered:
-    """What the entries did, read from a file, or else done, and written into it once all have ended."""
-    if path.exists():
-        return read_json(path, _Entered)
-    seed = secrets.randbits(60) if seed is None else seed
-    failures: dict[str, str] = {}
-    rows: dict[str, dict[str, str]] = {}
-    for entry in entries:
-        studies = [
-            world.study(entry.group, (_as_policy(entry, world.tier),), searches=_searches(world.tier, scale), seed=seed)
-            for world in WORLDS
-        ]
-        jobs = [(number, row) for number, study in enumerate(studies) for row in range(study.rows)]
-        # An entry that counts its searches must not know by that in which world it is.
-        random.SystemRandom().shuffle(jobs)
-        lines: dict[tuple[int, int], bytes] = {}
-        progress(f"searches of {entry.label}", 0, len(jobs))
-        with closing(in_order(partial(_searched, studies), jobs, workers=workers)) as searched:
-            for (number, row), (line, fault) in zip(jobs, searched, strict=True):
-                if fault is not None:
-                    failures[entry.group] = f"{WORLDS[number].tier}, {WORLDS[number].name}: {fault}"
-                    break
-                lines[number, row] = line
-                progress(f"searches of {entry.label}", len(lines), len(jobs))
-            else:
-                rows[entry.group] = {
-                    world.place: b"".join(lines[number, row] for row in range(studies[number].rows)).decode()
-                    for number, world in enumerate(WORLDS)
-                }
-    entered = _Entered(seed=seed, failures=failures, rows=rows)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_json(path, entered)
-    return entered
-
-
-def _searched(studies: Sequence[Study], job: tuple[int, int]) -> tuple[bytes, str | None]:
-    """Line of one row of one of the studies, and the fault that ended it."""
-    number, place = job
-    row = run_row(studies[number], place)
-    return as_csv([values_of(row)]), row.fault
+def _drawn_seed(folder: Path) -> int:
+    """The seed of a benchmark with entries, drawn when it begins."""
+    path = folder / DRAWN
+    if not path.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(path, secrets.randbits(60))
+    return read_json(path, int)
 
 
 def _searches(tier: Tier, scale: float) -> int:

@@ -13,22 +13,21 @@ import select
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
+import threading
 import time
 import weakref
 from base64 import b64encode
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
-from typing import Any, Literal
+from typing import IO, Any, Literal
 
 import msgspec
 import numpy as np
 
 from markerseek.core import ChannelFrame, Estimate, Found, Interval, NotFound, Sample, SearchError, Tolerance, is_finite
 from markerseek.search import SearchPolicy
-from markerseek.studies import entry_child
 
 REPLY_S = 30.0
 """Longest time for one reply in seconds."""
@@ -40,10 +39,10 @@ ENVIRONMENT = ("PATH", "HOME", "USER", "LANG", "LC_ALL", "TZ", "LD_LIBRARY_PATH"
 """Variables of the environment that an entry is given; others by ``env NAME=VALUE`` in its command."""
 
 _MOST_BYTES = 1 << 16
-"""Longest line, and most bytes that are read or written at once."""
+"""Longest line that it may write."""
 
 _LAST_BYTES = 2000
-"""Bytes of standard error that are kept: an entry can write more than a disk holds."""
+"""Bytes of standard error in which the last line is looked for."""
 
 _SIGMAS_OF_95 = 3.92
 """Width of the 95 % interval of a normal distribution over its standard deviation."""
@@ -162,34 +161,29 @@ class EntryProcess:
     """A child process that replies to lines; after its first fault it is not asked again."""
 
     def __init__(self, command: tuple[str, ...]) -> None:
-        self._fault, self._replies, self._last = "", 0, b""
+        self._fault, self._replies = "", 0
         folder = tempfile.mkdtemp(prefix="entry-")
         kept = {name: os.environ[name] for name in ENVIRONMENT if name in os.environ}
-        read, alive = os.pipe()
-        # Unbuffered pipes of our own: what has come, and no more, is read without waiting.
-        ends = [os.pipe() for _ in range(3)]
-        (stdin, self._stdin), (self._stdout, stdout), (self._stderr, stderr) = ends
+        # It appends, wherever the last of it is read meanwhile.
+        self._errors = tempfile.TemporaryFile("a+b")  # noqa: SIM115  as long as the child
         try:
-            # The user's own command. Isolated: the environment is for that, and not for what runs it.
-            self._child = subprocess.Popen(  # noqa: S603
-                (sys.executable, "-I", "-S", entry_child.__file__, str(read), *command),
-                stdin=stdin,
-                stdout=stdout,
-                stderr=stderr,
-                pass_fds=(read,),
+            self._child = subprocess.Popen(  # noqa: S603  the user's own command
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                # Unbuffered: what has come, and no more, is read without waiting.
+                bufsize=0,
                 env={**kept, "TMPDIR": folder},
                 cwd=folder,
                 # A group of its own, which is ended as a whole.
                 start_new_session=True,
             )
-        finally:
-            for theirs in (read, stdin, stdout, stderr):
-                os.close(theirs)
-        ours = (self._stdin, self._stdout, self._stderr)
-        for pipe in ours:
-            # A process that it has started may hold them when it has ended: no wait for one is without a limit.
-            os.set_blocking(pipe, False)
-        self._end = weakref.finalize(self, _end, self._child, (alive, *ours), folder)
+        except OSError as problem:
+            shutil.rmtree(folder)
+            self._errors.close()
+            raise EntryError(f"{command[0]}: it cannot be started: {problem.strerror}; check the command") from problem
+        self._end = weakref.finalize(self, _end, self._child, folder, self._errors)
 
     def reply_to(self, message: dict[str, Any]) -> _Reply:
         """The reply to one message; `EntryError` where there is none, or it is not one."""
@@ -203,54 +197,43 @@ class EntryProcess:
             raise
 
     def _exchange(self, line: bytes) -> _Reply:
-        if _read(self._stdout).strip():
+        child = self._child
+        assert child.stdin is not None  # noqa: S101  a pipe, as it was started
+        assert child.stdout is not None  # noqa: S101
+        # Else the angle of one sample would be taken for that of the next.
+        if select.select([child.stdout], [], [], 0)[0] and child.stdout.read(_MOST_BYTES):
             raise EntryError("it wrote a line that nobody asked for; write one for each line that comes")
-        reply, *more = self._line_after(line).split(b"\n")
-        if any(more):
-            raise EntryError(f"it replied {reply[:60]!r}, and more; write one line for each that comes")
+        limit_s, began_s = REPLY_S if self._replies else START_S, time.monotonic()
+        # At its end a read and a write return.
+        late = threading.Timer(limit_s, _kill, (child.pid,))
+        late.start()
+        try:
+            with suppress(BrokenPipeError):
+                while line:
+                    line = line[os.write(child.stdin.fileno(), line) :]
+            reply = child.stdout.readline(_MOST_BYTES)
+        finally:
+            late.cancel()
+        if not reply.endswith(b"\n"):
+            if time.monotonic() - began_s >= limit_s:
+                raise EntryError(f"it did not reply within {limit_s:g} s{self._last_words()}")
+            ended = "it ended where a reply was due" if len(reply) < _MOST_BYTES else f"it replied {reply[:60]!r}…"
+            raise EntryError(f"{ended}{self._last_words()}")
         self._replies += 1
         try:
             return msgspec.json.decode(reply, type=_Reply)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
             raise EntryError(
-                f"it replied {reply[:60]!r}, which is no JSON of a reply: {problem}; "
+                f"it replied {reply[:60].rstrip()!r}, which is no JSON of a reply: {problem}; "
                 'write {"angle_deg": -12.5}, or an answer'
             ) from problem
 
-    def _line_after(self, line: bytes) -> bytes:
-        """What it writes to standard output after a line, to the end of one or beyond."""
-        limit_s = REPLY_S if self._replies else START_S
-        ends_s = time.monotonic() + limit_s
-        received, heard = b"", [self._stdout, self._stderr]
-        while b"\n" not in received:
-            left_s = ends_s - time.monotonic()
-            if not left_s > 0:
-                raise EntryError(f"it did not reply within {limit_s:g} s{self._last_words()}")
-            ready, writable, _ = select.select(heard, [self._stdin] if line else [], [], left_s)
-            if writable:
-                try:
-                    line = line[os.write(self._stdin, line[:_MOST_BYTES]) :]
-                except OSError:
-                    # It reads no more; what it says last is still read.
-                    line = b""
-            if self._stderr in ready:
-                words = _read(self._stderr)
-                self._last = (self._last + words)[-_LAST_BYTES:]
-                if not words:
-                    heard.remove(self._stderr)
-            if self._stdout in ready:
-                piece = _read(self._stdout)
-                received += piece
-                if not piece:
-                    raise EntryError(f"it ended where a reply was due{self._last_words()}")
-                if len(received) > _MOST_BYTES:
-                    raise EntryError(f"it replied with more than {_MOST_BYTES} bytes{self._last_words()}")
-        return received
-
     def _last_words(self) -> str:
         """The last line that it wrote to standard error."""
-        self._last = (self._last + _read(self._stderr))[-_LAST_BYTES:]
-        lines = self._last.decode("utf-8", "replace").strip().splitlines()
+        self._child.kill()
+        self._child.wait()
+        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - _LAST_BYTES))
+        lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
         return f"; its last words: {lines[-1][:200]}" if lines else ""
 
 
@@ -260,18 +243,15 @@ def _child(command: tuple[str, ...]) -> EntryProcess:
     return EntryProcess(command)
 
 
-def _read(pipe: int) -> bytes:
-    """What has come, without waiting; nothing at its end, too."""
-    try:
-        return os.read(pipe, _MOST_BYTES)
-    except BlockingIOError:
-        return b""
-
-
-def _end(child: subprocess.Popen[bytes], pipes: Sequence[int], folder: str) -> None:
-    with suppress(OSError):
-        os.killpg(child.pid, signal.SIGKILL)
-    for pipe in pipes:
-        os.close(pipe)
+def _end(child: subprocess.Popen[bytes], folder: str, errors: IO[bytes]) -> None:
+    _kill(child.pid)
     child.wait()
+    for file in (child.stdin, child.stdout, errors):
+        if file is not None:
+            file.close()
     shutil.rmtree(folder, ignore_errors=True)
+
+
+def _kill(group: int) -> None:
+    with suppress(OSError):
+        os.killpg(group, signal.SIGKILL)

@@ -101,14 +101,6 @@ def write_json(path: Path, value: object) -> None:
         unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
 
 
-def write_rows(folder: Path, study: Study, lines: bytes) -> None:
-    """Write the lines of all rows of a study, which were computed elsewhere, to where `run_study` finds them."""
-    if not (folder / ROWS).exists():
-        with _writing(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / PART).write_bytes(as_csv([columns(study)]) + lines)
-
-
 def _claim(folder: Path, study: Study) -> None:
     """Record the study of the folder, or refuse the folder of another; remove files that were not finished."""
     path = folder / STUDY

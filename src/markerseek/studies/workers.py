@@ -30,8 +30,8 @@ _TIMEOUT_S = 20
 Job = TypeVar("Job")
 Done = TypeVar("Done")
 
-_Submit: TypeAlias = Callable[[Any], "Future[Any]"]
-"""Begins a job."""
+_Submit: TypeAlias = Callable[[Callable[[Any], Any], Any], "Future[Any]"]
+"""Begins a function of a job."""
 
 
 def default_workers() -> int:
@@ -55,10 +55,10 @@ def in_order(
     if scheduler is None and count == 1:
         yield from map(function, jobs)
         return
-    with _processes(function, count) if scheduler is None else _cluster(function, scheduler) as (submit, threads):
+    with _processes(count) if scheduler is None else _cluster(scheduler) as (submit, threads):
         under_way: deque[Future[Done]] = deque()
         for job in jobs:
-            under_way.append(submit(job))
+            under_way.append(submit(function, job))
             if len(under_way) >= _AHEAD * threads:
                 yield under_way.popleft().result()
         while under_way:
@@ -66,14 +66,13 @@ def in_order(
 
 
 @contextmanager
-def _processes(function: Callable[[Any], Any], workers: int) -> Iterator[tuple[_Submit, int]]:
+def _processes(workers: int) -> Iterator[tuple[_Submit, int]]:
     # The command that starts a worker would import from the current folder, before it takes over our own path.
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     # Spawned, because a fork would copy the locks that threads of this process hold.
     context = multiprocessing.get_context("spawn")
-    # The function goes to each worker once, when it starts: no pipe holds what it carries, which an entry could read.
-    pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin, initargs=(function,))
+    pool = ProcessPoolExecutor(max_workers=workers, mp_context=context, initializer=_begin)
     others = set(multiprocessing.active_children())
     over = False
     try:
@@ -97,38 +96,22 @@ def _processes(function: Callable[[Any], Any], workers: int) -> Iterator[tuple[_
             os.environ["PYTHONSAFEPATH"] = before
 
 
-def _submit(pool: ProcessPoolExecutor, job: object) -> Future[Any]:
-    """Submit a job, which may start a process; Ctrl-C takes effect afterwards."""
-    with _interrupt_later():
-        return pool.submit(_work, job)
+def _submit(pool: ProcessPoolExecutor, function: Callable[[Any], Any], job: object) -> Future[Any]:
+    """Submit a job, which may start a process; Ctrl-C takes effect afterwards.
 
-
-@contextmanager
-def _interrupt_later() -> Iterator[None]:
-    """Ctrl-C is blocked for processes started in this context, and takes effect in this one when the context ends.
-
-    A Ctrl-C goes to all processes of a terminal. A worker prints a traceback if it comes while the worker imports, or
-    if this process is interrupted before it has told the worker what to do.
+    A Ctrl-C goes to all processes of a terminal: a worker that does not block it prints a traceback while it imports.
     """
-    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    noted: list[int] = []
-    # The mask is what a new process inherits. It does not protect this one: a thread of a library can take the signal,
-    # and Python runs the handler in the main thread nevertheless.
-    handler = signal.signal(signal.SIGINT, lambda number, _frame: noted.append(number))
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        return pool.submit(function, job)
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        yield
+        return pool.submit(function, job)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-        if noted:
-            signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
-def _cluster(function: Callable[[Any], Any], address: str) -> Iterator[tuple[_Submit, int]]:
+def _cluster(address: str) -> Iterator[tuple[_Submit, int]]:
     with needs_package("distributed", extra="cluster", purpose="a study on a cluster"):
         distributed = importlib.import_module("distributed")
     try:
@@ -137,31 +120,15 @@ def _cluster(function: Callable[[Any], Any], address: str) -> Iterator[tuple[_Su
     except (OSError, ValueError, TypeError) as problem:
         raise ConfigError(f"scheduler: nothing answers at {address}: {problem}; is `dask scheduler` running?") from None
     with client:
-        # The function, with all that it carries, is sent to each worker once, not with every job.
-        everywhere = client.scatter(function, broadcast=True, hash=False)
-        # Not pure: Dask would hash all arguments to find equal calls, and there are none.
-        submit = partial(client.get_executor(pure=False).submit, _call, everywhere)
         try:
-            yield submit, sum(client.nthreads().values()) or 1
+            # Not pure: Dask would hash all arguments to find equal calls, and there are none.
+            yield client.get_executor(pure=False).submit, sum(client.nthreads().values()) or 1
         except (distributed.KilledWorker, distributed.comm.CommClosedError, CancelledError) as problem:
             raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem
 
 
-def _call(function: Callable[[Job], Done], job: Job) -> Done:
-    return function(job)
-
-
-_function: list[Callable[[Any], Any]] = []
-"""In a worker: the function of its jobs."""
-
-
-def _work(job: object) -> Any:
-    return _function[0](job)
-
-
-def _begin(function: Callable[[Any], Any]) -> None:
-    """In a new worker: keep the function, leave Ctrl-C to the parent, and end when the parent does."""
-    _function.append(function)
+def _begin() -> None:
+    """In a new worker: leave Ctrl-C to the parent, and end when the parent does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

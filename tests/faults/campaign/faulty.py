@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from markerseek.sim import Fault
+from .fault import Fault
 
 ANSWER_S = 0.5
 """How long a driver waits for an answer."""

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import DeviceTimeoutError, LaserError, Permit, Pulse, SweepPermit
-from markerseek.sim import Fault, SimulatedLaser, VirtualClock
+from markerseek.sim import SimulatedLaser, VirtualClock
 
+from .fault import Fault
 from .faulty import ANSWER_S, SLOWER, Faulty
 from .world import WatchedWorld
 

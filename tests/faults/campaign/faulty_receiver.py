@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame, SweepPermit
-from markerseek.sim import Fault, SimulatedReceiver, VirtualClock
+from markerseek.sim import SimulatedReceiver, VirtualClock
 
+from .fault import Fault
 from .faulty import SLOWER, Faulty
 
 

@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from markerseek.core import DeviceTimeoutError, Interval, MoveError, StageReading, Triggers
-from markerseek.sim import Fault, SimulatedStage, StageMotion, VirtualClock
+from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
 
+from .fault import Fault
 from .faulty import ANSWER_S, SLOWER, Faulty
 from .world import WatchedWorld
 

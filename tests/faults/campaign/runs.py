@@ -36,7 +36,6 @@ from markerseek.search import build
 from markerseek.signals import IntensityReader
 from markerseek.sim import (
     CurveWorld,
-    Fault,
     GaussianCurve,
     IntensityCurve,
     LaserSettings,
@@ -51,6 +50,7 @@ from markerseek.sim import (
     VirtualClock,
 )
 
+from .fault import Fault
 from .faulty import Host, HostKilled
 from .faulty_laser import FaultyLaser
 from .faulty_receiver import FaultyReceiver

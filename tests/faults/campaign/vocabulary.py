@@ -11,8 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.sim import Fault, FaultKind
-from markerseek.sim.faults import DeviceName
+from .fault import DeviceName, Fault, FaultKind
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,10 +10,11 @@ import numpy as np
 
 from markerseek.core import Interval, NotConnectedError
 from markerseek.drivers import Kdc101Settings, Kdc101Stage
-from markerseek.emulators import DirectPort, EmulatedKdc101
+from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer
+from tests.emulated_lines import DirectPort
 
 TRAVEL = Interval(low_deg=-36.5, high_deg=36.5)
 

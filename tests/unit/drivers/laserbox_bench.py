@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 from markerseek.core import FrameHeader, Permit, ReadingFrame
 from markerseek.drivers import LaserBox
-from markerseek.emulators import DirectPort
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash, VirtualClock
 from markerseek.wire import laserbox as wire
+from tests.emulated_lines import DirectPort
 
 
 @dataclass

@@ -36,14 +36,15 @@ from markerseek.drivers import EnergyMeter, LaserBoxSettings, metered
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import LIGHT_COUNTS, DirectPort
-from markerseek.emulators.bench import BenchClock, EmulatedBench
+from markerseek.emulators import LIGHT_COUNTS
+from markerseek.emulators.bench import EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.scene import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.signals import pickup_amplitude
 from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
+from tests.emulated_lines import BenchClock, DirectPort
 
 FULL_SCALE = 2047
 NEAR = Interval(low_deg=-12.0, high_deg=-4.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -20,8 +19,8 @@ from markerseek.core import (
     TriggeringStage,
 )
 from markerseek.drivers import Kdc101Stage
-from markerseek.emulators.faults import FAULTS
 from markerseek.wire import AptFramer, apt
+from tests.emulated_lines import FaultyLine
 from tests.unit.drivers.kdc101_bench import Bench, Killed, bench
 
 KEYS = {"speed_deg_s": 20.0, "acceleration_deg_s2": 25.0}
@@ -116,7 +115,6 @@ def test_a_host_that_dies_leaves_the_probe_at_the_end_and_the_next_start_restore
         ("frozen motor", None),
         ("readback jump", 2.0),
         ("jump on its way", -0.5),
-        ("late answers", 0.4),
         ("power cycle", None),
         ("says it is there", None),
     ],
@@ -125,8 +123,7 @@ def test_a_stage_that_fails_in_mid_sweep_is_stopped_and_has_its_speed_again(name
     it = bench(start_deg=-35.0)
     stage = it.stage(**KEYS)
     swept(it, stage, 35.0)
-    fault = FAULTS["stage"][name]
-    it.emulator.faults.inject(fault if amount is None else replace(fault, amount=amount))
+    it.emulator.faults.inject(name, amount)
     failed_s = it.clock.now_s()
     last_deg: list[float] = []
     try:
@@ -147,7 +144,7 @@ def test_a_stage_that_fails_in_mid_sweep_is_stopped_and_has_its_speed_again(name
 def test_a_stage_that_is_twice_as_fast_as_it_was_set_is_found() -> None:
     it = bench(start_deg=-35.0)
     stage = it.stage(**KEYS)
-    it.emulator.faults.inject(FAULTS["stage"]["too fast"])
+    it.emulator.faults.inject("too fast")
     stage.prepare_sweep(speed_deg_s=8.0)
     stage.begin_sweep(35.0)
     with pytest.raises(DeviceError, match=r"faster than it was set to|where its acceleration allows"):
@@ -155,16 +152,16 @@ def test_a_stage_that_is_twice_as_fast_as_it_was_set_is_found() -> None:
 
 
 def test_no_target_is_beyond_the_end_though_bytes_are_garbled_or_lost() -> None:
-    for name in ("garbled answers", "garbled commands", "lost bytes"):
+    for bad in (FaultyLine(answers=0.003), FaultyLine(commands=0.003), FaultyLine(lost=0.003)):
         it = bench(start_deg=-35.0)
         stage = it.stage(**KEYS)
         stage.prepare_sweep(speed_deg_s=12.0)
-        it.emulator.faults.inject(replace(FAULTS["stage"][name], amount=0.003))
+        it.port.line = bad
         try:
             stage.begin_sweep(35.0)
             readings(it, stage, 7.0)
         except DeviceError:
-            it.emulator.faults.heal()
+            it.port.line = FaultyLine()
             stage.stop()
         it.let_be(10.0)
         assert it.probe.angle_deg < 35.1

@@ -10,9 +10,9 @@ import pytest
 
 from markerseek.core import ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers import LaserBox
-from markerseek.emulators import DirectPort
 from markerseek.sim import VirtualClock
 from markerseek.wire import laserbox as wire
+from tests.emulated_lines import DirectPort
 from tests.unit.drivers.laserbox_bench import Bench, permit, pulses_of
 
 

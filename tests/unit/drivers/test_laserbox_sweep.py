@@ -21,13 +21,12 @@ from markerseek.core import (
 )
 from markerseek.drivers import LaserBox
 from markerseek.drivers._laserbox_sweep import BoxSweep
-from markerseek.emulators import DirectPort
 from markerseek.emulators._kdc101_triggers import Edge
-from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import ByteDevice
 from markerseek.sim import LaserSettings
 from markerseek.wire import laserbox as wire
+from tests.emulated_lines import BenchClock, DirectPort
 from tests.unit.drivers.laserbox_bench import Lit
 
 

@@ -22,10 +22,10 @@ from markerseek.core import (
 )
 from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings, SystemClock
 from markerseek.drivers.sonixdaq import _numbered, run_to_its_end
-from markerseek.emulators.bench import BenchClock
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.records.banks.frames import load_frame
 from markerseek.sim import World
+from tests.emulated_lines import BenchClock
 
 
 class Bench:

@@ -53,6 +53,7 @@ def test_its_angle_is_that_of_the_probe(tmp_path: Path) -> None:
     stage.close()
 
 
+@pytest.mark.long
 @pytest.mark.real_time
 def test_a_whole_search_with_a_virtual_stage_finds_the_marker(tmp_path: Path) -> None:
     file = tmp_path / "rig.toml"

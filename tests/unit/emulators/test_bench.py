@@ -12,14 +12,15 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ConfigError, DeviceError, Found, LaserError, Measured, Policy, RunPlan, SearchPlan
 from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
-from markerseek.emulators import DirectPort, EmulatedBench
-from markerseek.emulators.bench import BenchClock, ServingClock
+from markerseek.emulators import EmulatedBench
+from markerseek.emulators.bench import ServingClock
 from markerseek.guard import Admission, FiringLimits, Guard, State
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner, run
 from markerseek.search import build
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings, VirtualClock
 from markerseek.wire import apt
+from tests.emulated_lines import BenchClock, DirectPort
 
 SETTINGS = SimulatedSettings(marker=MarkerSettings(angle_deg=-8.0), receiver=ReceiverSettings(readout_s=0.3))
 

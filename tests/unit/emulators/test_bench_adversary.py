@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from markerseek.core import AcquisitionError, DeviceError, Found, ReadingFrame, SearchPlan, StageReading
-from markerseek.emulators.faults import FAULTS
 from markerseek.emulators.sonixdaq import EmulatedSonixDaq
 from markerseek.guard import State
 from markerseek.scan import run
@@ -63,7 +62,7 @@ def lost_and_doubled(bench: Bench, lost: int, doubled: int) -> None:
 
 
 def answering_late(bench: Bench, late_s: float) -> None:
-    bench.emulated.stage.faults.inject(replace(FAULTS["stage"]["late answers"], amount=late_s))
+    bench.stage_port.line.late_s = late_s
 
 
 def old_readings(bench: Bench, age_s: float) -> None:
@@ -85,7 +84,7 @@ def jumping(bench: Bench, by_deg: float, at_deg: float) -> None:
     def look(_: float) -> None:
         if left and bench.guard.state is State.SWEEPING and bench.probe_deg > at_deg:
             left.clear()
-            bench.emulated.stage.faults.inject(replace(FAULTS["stage"]["readback jump"], amount=by_deg))
+            bench.emulated.stage.faults.inject("readback jump", by_deg)
 
     bench.clock.lead(look)
 

@@ -20,7 +20,6 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.drivers import LaserBox
-from markerseek.emulators.faults import FAULTS
 from markerseek.guard import State
 from markerseek.scan import Scanner, run
 from markerseek.wire import laserbox as wire
@@ -111,15 +110,15 @@ def test_light_in_the_dark_frame_of_a_burst_ends_in_a_fault(tmp_path: Path, monk
 
 
 def stalled(bench: Bench) -> None:
-    bench.emulated.stage.faults.inject(FAULTS["stage"]["stall"])
+    bench.emulated.stage.faults.inject("stall")
 
 
 def frozen(bench: Bench) -> None:
-    bench.emulated.stage.faults.inject(FAULTS["stage"]["frozen motor"])
+    bench.emulated.stage.faults.inject("frozen motor")
 
 
 def without_stage(bench: Bench) -> None:
-    bench.emulated.stage.faults.inject(FAULTS["stage"]["silent"])
+    bench.emulated.stage.faults.inject("silent")
 
 
 def without_box(bench: Bench) -> None:

@@ -19,13 +19,13 @@ from markerseek.core import (
     Swept,
 )
 from markerseek.drivers.energy_meter import EnergyMeter
-from markerseek.emulators import DirectPort
 from markerseek.emulators.faults import Faults
 from markerseek.emulators.laserbox import LIGHT_COUNTS
 from markerseek.guard import State
 from markerseek.scan import run
 from markerseek.sim import SimulatedSettings
 from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer
+from tests.emulated_lines import DirectPort
 from tests.sweep_on_a_bench import SETTINGS, sweeping
 from tests.sweep_on_a_bench import Bench as SweepBench
 from tests.unit.scan.stamp_offsets import stamp_offsets_deg

@@ -199,26 +199,6 @@ def test_firmware_and_emulator_answer_alike_to_any_commands(
     assert sum(pair.trains) == len(pair.pulls)
 
 
-def test_an_interlock_that_opened_and_closed_between_two_turns_voids_the_permit() -> None:
-    pair = Pair()
-    pair.send(permit_line((1, 8, 0, 100, 2000)) + wire.encode(wire.Fire(token=1)))
-    pair.pass_ms(15)
-    pair.flick_interlock()
-    theirs, ours = pair.pass_ms(100)
-    assert ours == theirs == wire.encode(wire.Done(token=1, sent=2, photodiode=2))
-    assert [laser for _, laser in pair.pulls] == [True] * 2 + [False] * 6
-    assert [at_ms for at_ms, _ in pair.pulls] == [0, 10, 20, 30, 40, 50, 60, 70]
-
-
-def test_done_of_a_box_with_a_light_meter_ends_with_the_light_of_the_train() -> None:
-    pair = Pair(metered=True)
-    pair.shine()
-    theirs, ours = pair.send(permit_line((1, 3, 2, 100, 2000)) + wire.encode(wire.Fire(token=1)))
-    assert ours == theirs
-    theirs, ours = pair.pass_ms(100)
-    assert ours == theirs == wire.encode(wire.MeteredDone(token=1, sent=3, photodiode=3, light=60_000))
-
-
 @pytest.mark.parametrize("late_us", [0, 500, 1000])
 def test_done_waits_for_light_that_comes_late(late_us: int) -> None:
     times_us = []
@@ -235,29 +215,6 @@ def test_done_waits_for_light_that_comes_late(late_us: int) -> None:
     assert said == wire.encode(wire.Done(token=1, sent=3, photodiode=3))
 
 
-def test_no_minute_holds_more_pulses_than_the_box_s_own_budget() -> None:
-    pair = Pair()
-    box, pulls, now_s = pair.firmware, pair.pulls, 0.0
-    refused = 0
-    times_s: list[float] = []
-    for token in range(1, 131):
-        replies = box.feed(
-            wire.encode(wire.PermitPulses(token=token, pulses=100, rate_hz=1000, expiry_ms=2000, triggers=100))
-        )
-        refused += b"ERR BUDGET" in replies
-        box.feed(wire.encode(wire.Fire(token=token)))
-        for _ in range(1000):
-            now_s += 0.001
-            before = len(pulls)
-            box.advance(round(1e6 * now_s))
-            times_s += [now_s] * sum(laser for _, laser in pulls[before:])
-            if round(1e3 * now_s) % 50 == 0:
-                box.feed(wire.encode(wire.Beat(step=round(1e3 * now_s) // 50)))
-    assert refused > 0
-    worst = max(sum(begin_s <= at_s < begin_s + 60 for at_s in times_s) for begin_s in times_s[::100])
-    assert 5800 <= worst <= wire.MAX_PULSES_PER_MINUTE
-
-
 def test_emulator_and_firmware_refuse_the_same_pulses_by_their_budget() -> None:
     pair = Pair()
     for token in range(1, 9):
@@ -269,34 +226,6 @@ def test_emulator_and_firmware_refuse_the_same_pulses_by_their_budget() -> None:
             theirs, ours = pair.pass_ms(50)
             assert ours == theirs
     assert len(pair.pulls) == 6000
-
-
-def test_each_pulse_of_a_sweep_is_stamped_and_the_train_ends_dark() -> None:
-    pair = Pair()
-    pair.pass_ms(7)
-    theirs, ours = pair.send(sweep_line((1, 5, 20, 2000)) + wire.encode(wire.Fire(token=1)))
-    assert ours == theirs == wire.encode(wire.SweepPermitted(token=1, seen=0))
-    theirs, ours = pair.pass_ms(45)
-    assert (
-        ours
-        == theirs
-        == b"".join(
-            wire.encode(
-                wire.Stamped(token=1, number=number, stamp_us=1000 * (7 + 20 * number - 20), photodiode=1, edge=0)
-            )
-            for number in (1, 2, 3)
-        )
-    )
-    theirs, ours = pair.send(wire.encode(wire.AskTime(number=9)) + wire.encode(wire.Disarm()))
-    assert ours == theirs == wire.encode(wire.Time(number=9, clock_us=52_000)) + wire.encode(wire.Disarmed())
-    theirs, ours = pair.pass_ms(100)
-    assert (
-        ours
-        == theirs
-        == wire.encode(wire.Dark(token=1, sent=3, photodiode=3)) + wire.encode(wire.Done(token=1, sent=3, photodiode=3))
-    )
-    # as many triggers as were permitted, the last of them without light
-    assert [laser for _, laser in pair.pulls] == [True] * 3 + [False] * 2
 
 
 @pytest.mark.parametrize("late_ms", [1, 7, 30])
@@ -343,25 +272,6 @@ def test_an_edge_gives_a_pulse_and_one_that_comes_too_early_is_counted_in_the_da
     assert [laser for _, laser in pair.pulls] == [True] * 4 + [False] * 2
 
 
-def test_an_edge_that_waits_too_long_for_its_turn_is_counted_in_the_dark() -> None:
-    """In turns of 20 ms, those of 1 ms before one give light; of two in one turn the last."""
-    pair = Pair(turn_ms=20)
-    pair.send(sweep_line((1, 50, 20, 2000), wire.PermitEdges) + wire.encode(wire.Fire(token=1)))
-    edges_ms = [19, 42, 59, 85, 99, 119, 138, 158, 159]
-    said: list[wire.Reply] = []
-    for step in range(1, 201):
-        pair.send(wire.encode(wire.Beat(step=step)))
-        if pair.now_ms + 1 in edges_ms:
-            pair.edges_ms.append(pair.now_ms + 1)
-        theirs, ours = pair.pass_ms(1)
-        assert ours == theirs
-        said += map(wire.decode_reply, ours.splitlines())
-    # 119 came 19 ms after the light of 99.
-    assert pair.pulls == [(20, True), (60, True), (100, True), (160, True)]
-    stamped = [reply for reply in said if isinstance(reply, wire.Stamped)]
-    assert [(pulse.stamp_us, pulse.edge) for pulse in stamped] == [(19_000, 1), (59_000, 3), (99_000, 5), (159_000, 9)]
-
-
 def test_a_turn_that_is_held_up_itself_gives_no_late_light() -> None:
     """What counts is when the edge is looked at, and not when the turn began."""
     pulls: list[bool] = []
@@ -378,21 +288,6 @@ def test_a_turn_that_is_held_up_itself_gives_no_late_light() -> None:
     edge[0] = (3, 70_100, 70_200)
     box.advance(70_150)
     assert pulls == [True]
-
-
-def test_a_permit_of_edges_ends_with_its_lease_expiry_and_count() -> None:
-    for beats, expiry_ms, pulses in ((False, 2000, 50), (True, 300, 50), (True, 2000, 4)):
-        pair = Pair()
-        pair.send(sweep_line((1, pulses, 10, expiry_ms), wire.PermitEdges) + wire.encode(wire.Fire(token=1)))
-        for step in range(1, 21):
-            if beats:
-                pair.send(wire.encode(wire.Beat(step=step)))
-            theirs, ours = pair.step(10)
-            assert ours == theirs
-        lit_ms = [at_ms for at_ms, laser in pair.pulls if laser]
-        assert max(lit_ms) <= (100 if not beats else 300)
-        assert len(lit_ms) <= pulses
-        assert len(pair.pulls) == pulses
 
 
 @given(st.binary(max_size=80))

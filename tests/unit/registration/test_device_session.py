@@ -11,8 +11,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import StereoPair
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import DirectPort, EmulatedBench, EmulatedEndoscope
-from markerseek.emulators.bench import BenchClock
+from markerseek.emulators import EmulatedBench, EmulatedEndoscope
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.registration import (
     DeviceRoom,
@@ -32,6 +31,7 @@ from markerseek.registration import (
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings
+from tests.emulated_lines import BenchClock, DirectPort
 from tests.registration_sessions import BEGUN
 
 SETTINGS = SimulatedSettings(marker=MarkerSettings(angle_deg=0.0), receiver=ReceiverSettings(readout_s=0.1))

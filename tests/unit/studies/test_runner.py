@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import fcntl
 import importlib
 import json
-import multiprocessing
-import signal
-import subprocess
-import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import msgspec
 import pytest
 
-from markerseek.core import MarkerseekError, MissingExtraError, RecordError
+from markerseek.core import MissingExtraError, RecordError
 from markerseek.studies import (
     Axis,
     CurveSettings,
@@ -32,10 +20,8 @@ from markerseek.studies import (
     run_study,
     runner,
     study_policy,
-    workers,
 )
-from markerseek.studies.runner import chunks, run_chunk
-from markerseek.studies.workers import in_order
+from markerseek.studies.runner import chunks
 
 STUDY = Study(
     name="small",
@@ -156,30 +142,6 @@ def test_a_folder_in_use_cannot_be_used_and_one_that_cannot_be_made_is_named(tmp
         run_study(STUDY, tmp_path / "file" / "below")
 
 
-@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="Windows sends Ctrl-C otherwise")
-def test_ctrl_c_that_a_librarys_thread_takes_does_not_interrupt_the_start_of_a_worker() -> None:
-    started: list[str] = []
-    starting, interrupted = threading.Event(), threading.Event()
-
-    def interrupt() -> None:
-        starting.wait()
-        signal.raise_signal(signal.SIGINT)
-        interrupted.set()
-
-    def start(_function: object, job: str) -> None:
-        starting.set()
-        interrupted.wait()
-        started.append(job)
-
-    threading.Thread(target=interrupt).start()
-    mask, handler = signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGINT)
-    pool = cast("ProcessPoolExecutor", SimpleNamespace(submit=start))
-    with pytest.raises(KeyboardInterrupt):
-        workers._submit(pool, "job")
-    assert started == ["job"]
-    assert (signal.pthread_sigmask(signal.SIG_BLOCK, ()), signal.getsignal(signal.SIGINT)) == (mask, handler)
-
-
 def test_without_dask_the_answer_is_the_command_that_installs_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,85 +151,3 @@ def test_without_dask_the_answer_is_the_command_that_installs_it(
     monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(MissingExtraError, match=r"pip install 'markerseek\[cluster\]'"):
         run_study(STUDY, tmp_path, scheduler="tcp://127.0.0.1:1")
-
-
-ENTRY = """
-import fcntl, os, sys, time
-held = open(os.path.join(sys.argv[1], f"entry-{os.getpid()}"), "w")
-fcntl.flock(held, fcntl.LOCK_EX)
-sys.stdin.readline()
-print('{"answer": "not found"}', flush=True)
-# Its own child shares the lock: it is free when both have ended.
-os.fork()
-time.sleep(300)
-"""
-"""Answers its first search and hears nothing afterwards, not even the end of its input."""
-
-
-def study_of_entries(folder: Path) -> Study:
-    command = (sys.executable, "-c", ENTRY, str(folder))
-    return dataclasses.replace(
-        STUDY, policies=(study_policy(method="slow", acquisitions=3, command=command),), trials=10, vary=()
-    )
-
-
-def one_by_one(study: Study) -> Iterator[bytes]:
-    return in_order(partial(run_chunk, study), [range(trial, trial + 1) for trial in range(10)], workers=2)
-
-
-def wait_for_the_end_of_entries(folder: Path) -> None:
-    entries = list(folder.glob("entry-*"))
-    assert entries
-    ends_s = time.monotonic() + 20
-    for path in entries:
-        with path.open() as held:
-            while True:
-                with contextlib.suppress(BlockingIOError):
-                    fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    break
-                assert time.monotonic() < ends_s, f"{path.name} goes on"
-                time.sleep(0.05)
-
-
-@pytest.mark.real_time
-def test_workers_whose_results_nobody_takes_any_more_are_ended_with_their_entries_and_not_waited_for(
-    tmp_path: Path,
-) -> None:
-    """As at Ctrl-C: each of the searches that are left takes minutes."""
-    results = one_by_one(study_of_entries(tmp_path))
-    assert b"not found" in next(results)
-    began_s = time.monotonic()
-    results.close()
-    assert time.monotonic() - began_s < 15
-    assert not multiprocessing.active_children()
-    wait_for_the_end_of_entries(tmp_path)
-
-
-@pytest.mark.real_time
-def test_entries_end_when_their_worker_is_killed(tmp_path: Path) -> None:
-    """They have sessions of their own, and do not hear the end of their input."""
-    results = one_by_one(study_of_entries(tmp_path))
-    next(results)
-    for worker in multiprocessing.active_children():
-        worker.kill()
-    with pytest.raises(MarkerseekError, match="a worker process was ended from outside"):
-        list(results)
-    wait_for_the_end_of_entries(tmp_path)
-
-
-@pytest.mark.real_time
-def test_entries_end_when_the_process_of_the_study_is_killed(tmp_path: Path) -> None:
-    program = (
-        "import sys; from pathlib import Path\n"
-        "from tests.unit.studies.test_runner import one_by_one, study_of_entries\n"
-        "results = one_by_one(study_of_entries(Path(sys.argv[1])))\n"
-        "print(len(next(results)), flush=True); next(results); next(results)"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE, cwd=Path(__file__).parents[3]
-    ) as parent:
-        assert parent.stdout is not None
-        said = parent.stdout.readline()
-        parent.kill()
-    assert said.strip().isdigit()
-    wait_for_the_end_of_entries(tmp_path)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
-
-from markerseek.core import ConfigError
 
 DeviceName = Literal["stage", "laser", "receiver"]
 
@@ -30,7 +27,7 @@ class Fault:
 
     device: DeviceName
     name: str
-    """Which of that device's faults; the emulators list theirs."""
+    """Which of that device's faults."""
     kind: FaultKind
     """What sort of fault it is."""
     observable: bool
@@ -44,16 +41,6 @@ class Fault:
     """First step at which it holds; 0 from the start. What a step is, each device says."""
     to_step: int | None = None
     """First step at which it no longer holds; None for never."""
-
-    def __post_init__(self) -> None:
-        if not math.isfinite(self.amount):
-            raise ConfigError(f"fault {self.name!r}: amount is {self.amount}, it must be finite")
-        if not self.from_step >= 0:
-            raise ConfigError(f"fault {self.name!r}: from_step is {self.from_step}, it must be at least 0")
-        if self.to_step is not None and not self.to_step > self.from_step:
-            raise ConfigError(
-                f"fault {self.name!r}: to_step is {self.to_step}, it must be greater than from_step {self.from_step}"
-            )
 
     def holds_at(self, step: int) -> bool:
         """Whether the device is at fault in that step."""
