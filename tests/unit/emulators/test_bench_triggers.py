@@ -62,7 +62,7 @@ class Bench(SweepBench):
 
     def swept(self) -> list[Sample]:
         """Samples of one sweep."""
-        outcomes = list(self.scanner.sweep(SWEEP, number=1, goes_on=lambda: True))
+        outcomes = list(self.scanner.take(SWEEP, number=1, goes_on=lambda: True))
         assert isinstance(outcomes[-1], Swept)
         return [outcome for outcome in outcomes if isinstance(outcome, Sample)]
 
