@@ -13,15 +13,12 @@ from markerseek.core import (
     Found,
     LaserError,
     Measured,
-    Receiver,
     Sample,
     Sweep,
     Swept,
 )
-from markerseek.drivers.energy_meter import EnergyMeter
 from markerseek.emulators import DirectPort
 from markerseek.emulators.faults import Faults
-from markerseek.emulators.laserbox import LIGHT_COUNTS
 from markerseek.guard import State
 from markerseek.scan import run
 from markerseek.sim import SimulatedSettings
@@ -53,12 +50,6 @@ class Bench(SweepBench):
         self, folder: Path, *, settings: SimulatedSettings = SETTINGS, position_triggered: bool = True
     ) -> None:
         super().__init__(folder, settings=settings, position_triggered=position_triggered)
-
-    def receiver(self) -> Receiver:
-        receiver = super().receiver()
-        if self.settings.laser.energy_meter_noise is None:
-            return receiver
-        return EnergyMeter(receiver, measured=lambda _: None, usual_energy=LIGHT_COUNTS, box=self.laser)
 
     def swept(self) -> list[Sample]:
         """Samples of one sweep."""
