@@ -10,7 +10,7 @@ import numpy as np
 
 from markerseek.core import Event, Receiver, SearchPlan
 from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import EmulatedBench
+from markerseek.emulators import LIGHT_COUNTS, EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner, run
@@ -55,7 +55,7 @@ class Bench:
         self.stage_port = self.stage_line(device=self.emulated.stage, clock=clock)
         port = DirectPort(device=self.emulated.laser_box, clock=clock)
         self.stage = self.connect()
-        self.laser = LaserBox(port=port, clock=clock, position_triggered=position_triggered)
+        self.laser = LaserBox(port=port, clock=clock, position_triggered=position_triggered, usual_light=LIGHT_COUNTS)
         self.port = port
         self.alive = True
         clock.lead(self._beat, lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)

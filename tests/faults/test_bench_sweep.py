@@ -15,7 +15,7 @@ import pytest
 
 from markerseek.core import SWEEP_READING_S, Asked, RecordError
 from markerseek.drivers import LaserBox, SerialPort, SystemClock
-from markerseek.drivers._apt_line import AptLine
+from markerseek.drivers.kdc101 import AptLine
 from markerseek.records.journal import read_journal
 from markerseek.wire import apt
 from tests.emulated import WORLD, Emulation, emulation, markerseek

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import MoveError, NotConnectedError
 from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox
-from markerseek.drivers.daq_folder import DaqFolder
+from markerseek.drivers.sonixdaq import DaqFolder
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt, laserbox

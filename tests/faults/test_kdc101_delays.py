@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek.drivers import Kdc101Settings, Kdc101Stage
-from markerseek.drivers._apt_line import AptLine
+from markerseek.drivers.kdc101 import AptLine
 from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock

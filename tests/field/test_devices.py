@@ -26,7 +26,7 @@ from markerseek.drivers import (
     connect_plus,
     metered,
 )
-from markerseek.drivers.daq_folder import DaqFolder
+from markerseek.drivers.sonixdaq import DaqFolder
 from markerseek.emulators import EmulatedBench, EmulatedPlus
 from markerseek.rigs import read_rig_file
 from markerseek.rigs.bench_rig import bench

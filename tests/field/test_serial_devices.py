@@ -187,7 +187,7 @@ def test_c_a_channel_that_is_disabled_since_power_up_is_said_and_enabled_at_a_pe
     with pytest.raises(MoveError, match=r"did not begin to move .*channel is disabled, .*: arming the rig enables it"):
         stage.move_to(5.0)
     assert stage_bench.probe.angle_deg == 0.0
-    stage.enable()
+    stage.logic.enable()
     assert stage.move_to(5.0) == pytest.approx(5.0, abs=0.02)
     assert "disabled" not in ENTRY.describe(Kdc101Settings(port="/dev/x", zero_deg=0.0), stage)
 
@@ -197,7 +197,7 @@ def test_c_a_channel_that_stays_disabled_is_said() -> None:
     stage = stage_bench.stage()
     stage_bench.port.swallowed = 0x0210
     with pytest.raises(MoveError, match="does not keep its channel enabled"):
-        stage.enable()
+        stage.logic.enable()
 
 
 def test_c_an_obstacle_is_still_an_obstacle() -> None:

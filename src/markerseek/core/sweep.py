@@ -127,11 +127,14 @@ class Pulse:
     edge
         Number of the stage's trigger that gave it, of all that came since the light began, counted from 1; None where
         the laser runs free.
+    energy
+        Its energy over the usual one; None where the laser does not measure it.
     """
 
     at_s: float
     sigma_s: float = 0.0
     edge: int | None = None
+    energy: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -82,6 +82,8 @@ class BoxSweep:
     """When it was asked for its clock, by the number of the question; those that were answered are left out."""
     edged: bool
     """Whether it is position-triggered."""
+    usual_light: float | None = None
+    """What the light meter reads of a usual pulse; None: it is not used."""
     stamped: list[wire.Stamped] = field(default_factory=list)
     """Pulses, in order."""
     told: int = 0
@@ -146,10 +148,8 @@ class BoxSweep:
         return new
 
     def _pulse(self, stamped: wire.Stamped) -> Pulse:
-        pulse = self.clock.pulse(stamped.stamp_us)
-        return replace(pulse, edge=stamped.edge) if self.edged else pulse
-
-    def light(self, index: int) -> int | None:
-        """What the light meter read of a pulse, by its place in the sweep; None if the box did not report it."""
-        stamped = self.stamped[index] if index < len(self.stamped) else None
-        return stamped.light if isinstance(stamped, wire.MeteredStamped) else None
+        energy = None
+        if isinstance(stamped, wire.MeteredStamped) and self.usual_light is not None:
+            energy = stamped.light / self.usual_light
+        edge = stamped.edge if self.edged else None
+        return replace(self.clock.pulse(stamped.stamp_us), edge=edge, energy=energy)

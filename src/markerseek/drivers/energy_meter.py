@@ -34,8 +34,8 @@ class EnergyMeter:
     """A receiver whose frames say the energy of their pulses.
 
     ``receiver``: the receiver itself. ``measured``: what the meter says of a frame that has come, in a unit of its own.
-    ``usual_energy``: what it says of a usual pulse; None leaves the header as it is. ``box``: the laser box that
-    measures it, which tells the energy of single pulses of a sweep apart from that of a train; None: something else.
+    ``usual_energy``: what it says of a usual pulse; None leaves the header as it is. ``singles``: whether it measures
+    the single pulses of a sweep, too, by their frames; the laser box states their energy with their stamps.
     """
 
     def __init__(
@@ -44,11 +44,10 @@ class EnergyMeter:
         *,
         measured: Callable[[Frame], float | None],
         usual_energy: float | None,
-        box: LaserBox | None = None,
+        singles: bool = True,
     ) -> None:
         self._receiver, self._measured, self._usual_energy = receiver, measured, usual_energy
-        self._box, self._swept = box, 0
-        self._untold: list[Frame] = []
+        self._singles = singles
         self._values: list[float] = []
 
     @property
@@ -80,16 +79,15 @@ class EnergyMeter:
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """As of the receiver."""
-        self._swept, self._untold = 0, []
         self._sweeping.begin_sweep(permit)
 
     def frames(self) -> Sequence[Frame]:
-        """Frames of the receiver, each with the energy of its pulse in the header, once the meter has reported it."""
-        return self._each_with_energy(self._sweeping.frames(), ended=False)
+        """Frames of the receiver, each with the energy of its pulse in the header."""
+        return self._each_with_energy(self._sweeping.frames())
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        """As `frames`, those that are left; one whose energy the meter did not report has none in its header."""
-        return self._each_with_energy(self._sweeping.end_sweep(pulses=pulses), ended=True)
+        """As `frames`, those that are left."""
+        return self._each_with_energy(self._sweeping.end_sweep(pulses=pulses))
 
     @property
     def _sweeping(self) -> SweepingReceiver:
@@ -101,27 +99,12 @@ class EnergyMeter:
             )
         return cast("SweepingReceiver", self._receiver)
 
-    def _each_with_energy(self, frames: Sequence[Frame], *, ended: bool) -> Sequence[Frame]:
-        """Frames of a sweep; each is of the pulse after that of the frame before."""
-        if self._box is None:
-            return [self._with_energy(frame) for frame in frames]
-        self._untold += frames
-        told: list[Frame] = []
-        while self._untold:
-            light = self._box.light_of_pulse(self._swept)
-            # A frame may come before the box has reported its pulse, and waits for it.
-            if light is None and not ended:
-                break
-            told.append(self._of(self._untold.pop(0), light))
-            self._swept += 1
-        return told
+    def _each_with_energy(self, frames: Sequence[Frame]) -> Sequence[Frame]:
+        return [self._with_energy(frame) for frame in frames] if self._singles else frames
 
     def _with_energy(self, frame: Frame) -> Frame:
         # A dark frame has no pulse, whatever a meter says of it.
-        return self._of(frame, self._measured(frame) if frame.header.pulses else None)
-
-    def _of(self, frame: Frame, value: float | None) -> Frame:
-        """The frame, with the energy that the meter says of it."""
+        value = self._measured(frame) if frame.header.pulses else None
         if value is None:
             return frame
         self._values.append(value)
@@ -139,8 +122,9 @@ def metered(keys: LaserSettings, laser: Laser, receiver: Receiver, *, full_scale
     measured = _measured_by(keys, laser, receiver, full_scale)
     if measured is None:
         return receiver
-    box = laser if keys.energy_from == "photodiode" and isinstance(laser, LaserBox) else None
-    return EnergyMeter(receiver, measured=measured, usual_energy=keys.usual_energy, box=box)
+    return EnergyMeter(
+        receiver, measured=measured, usual_energy=keys.usual_energy, singles=keys.energy_from != "photodiode"
+    )
 
 
 def _measured_by(

@@ -6,11 +6,14 @@ It never homes: homing ignores the soft limits and turns through whatever is in 
 from __future__ import annotations
 
 import math
+from collections import defaultdict, deque
 from typing import Annotated, Literal, TypeVar
 
 from markerseek.core import (
     Clock,
     ConfigError,
+    DeviceError,
+    DeviceTimeoutError,
     Interval,
     LimitError,
     MoveError,
@@ -19,13 +22,13 @@ from markerseek.core import (
     Within,
 )
 from markerseek.drivers._approach import require_room, require_wide
-from markerseek.drivers._apt_line import AptLine
 from markerseek.drivers._stage_move import StageRules, StageStatus
+from markerseek.drivers._unread import Unread
 from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.standard_stage import StandardSweepingStage
 from markerseek.files import Line
 from markerseek.guard import Limits
-from markerseek.wire import Port, apt
+from markerseek.wire import AptFramer, Port, apt
 
 _TRIES = 3
 _TRIGGERING = ("KDC101",)
@@ -36,9 +39,98 @@ _MAX_COUNTS = 2**30
 
 DISABLED = "its channel is disabled, and its motor gets no current: arming the rig enables it"
 
-_ValueT = TypeVar(
-    "_ValueT", apt.Velocity, apt.Counts, apt.SoftLimits, apt.TriggerPorts, apt.TriggerPositions, apt.Channel
-)
+_POLL_S = 1e-3
+_READ_BYTES = 4096
+_LOST_AGES = 2
+"""Multiple of the age allowed after which a question counts as lost."""
+
+_AnswerT = TypeVar("_AnswerT", bound=apt.Answer)
+
+
+class AptLine:
+    """A line to one controller.
+
+    APT numbers neither requests nor answers. What arrived before a request is dropped; a later answer may still answer
+    an earlier request, which was repeated because this computer or the line was slow. Answers keep the order of their
+    requests, so each is at most as old as the first request that was open when it came. Where none comes within the age
+    allowed, a late one is not waited for.
+
+    ``clock``: all waiting is done on it. ``answer_s``: how long an answer may take before the request is repeated.
+    ``age_s``: how old an answer may be: after that, silence is an error. ``since_s``: earliest time at which the
+    request of the last answer can have been sent.
+    """
+
+    def __init__(self, *, port: Port, clock: Clock, answer_s: float, age_s: float) -> None:
+        self._port = port
+        self._clock = clock
+        self.since_s = clock.now_s()
+        self._answer_s = answer_s
+        self._age_s = age_s
+        self._framer = AptFramer()
+        self._open: defaultdict[int, deque[float]] = defaultdict(deque)
+        self._garbled = False
+        self._unread = Unread()
+
+    def send(self, message: bytes) -> float:
+        """Send a message that has no answer, and return the time just before, in seconds."""
+        now_s = self._clock.now_s()
+        self._port.write(message)
+        return now_s
+
+    def ask(self, question: bytes, ident: int, kind: type[_AnswerT]) -> _AnswerT:
+        """Send a request and return its answer.
+
+        ``ident``: identity of the message that answers. Raises `DeviceTimeoutError` if no answer comes in time.
+        """
+        self._take(ident)
+        self._unread.clear()
+        first_s = self._clock.now_s()
+        while (asked_s := self._clock.now_s()) - first_s < self._age_s:
+            self._open[ident].append(asked_s)
+            self._port.write(question)
+            again_s = min(asked_s + self._answer_s, first_s + self._age_s)
+            while True:
+                answer = self._take(ident)
+                if isinstance(answer, kind):
+                    return answer
+                if not self._clock.now_s() < again_s:
+                    break
+                self._clock.wait(_POLL_S)
+            # A message that began and did not end is garbled: its missing bytes would be taken from the next answer.
+            self._framer.forget()
+            if self._garbled and self._open[ident]:
+                self._open[ident].popleft()
+            self._garbled = False
+        raise DeviceTimeoutError(
+            f"the stage's controller gave no answer in {self._age_s:g} s: "
+            + self._unread.said(cure="check its cable and its power, and that stage.port is its port")
+        )
+
+    def close(self) -> None:
+        """Close the line; allowed twice."""
+        self._port.close()
+
+    def _take(self, ident: int) -> apt.Answer | None:
+        """Last answer of that kind among the bytes that have arrived; None if there is none."""
+        taken = None
+        now_s = self._clock.now_s()
+        data = self._port.read(_READ_BYTES, timeout_s=0.0)
+        self._garbled = self._garbled or bool(data)
+        self._unread.add(data)
+        for message in self._framer.feed(data):
+            self._garbled = False
+            asked_s = self._open[message.ident].popleft() if self._open[message.ident] else now_s - self._age_s
+            if message.ident == ident:
+                try:
+                    taken = apt.decode(message)
+                except DeviceError:
+                    # APT has no checksum: a damaged answer is dropped, and the request is repeated.
+                    continue
+                self.since_s = asked_s
+        # A question this old was lost on the line.
+        while self._open[ident] and now_s - self._open[ident][0] > _LOST_AGES * self._age_s:
+            self._open[ident].popleft()
+        return taken
 
 
 class Kdc101Settings(MotorSettings, frozen=True, kw_only=True, tag="kdc101"):
@@ -193,7 +285,7 @@ class Kdc101Logic:
     def _status(self) -> apt.Status:
         return self._line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status)
 
-    def _keep(self, name: str, value: _ValueT, message: bytes, ident: int) -> None:
+    def _keep(self, name: str, value: _AnswerT, message: bytes, ident: int) -> None:
         """Write a parameter and read it back, more than once if bytes get lost."""
         for _ in range(_TRIES):
             # Written and requested together: whichever is lost, both are sent again.
@@ -278,31 +370,17 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
             approach_deg=settings.approach_deg,
         )
         super().__init__(logic, clock=clock, travel=travel, rules=rules, play=settings.play_deg)
-        self.identity = logic.identity
-
-    @property
-    def enabled(self) -> bool:
-        """Whether its motor gets current; if not, `enable` is the word of the person who arms the rig."""
-        return self.logic.enabled
-
-    def enable(self) -> None:
-        """As of the logic."""
-        self.logic.enable()
-
-    def close(self) -> None:
-        """Close the line; the stage stays where it is. Allowed twice."""
-        self.logic.close()
 
 
 def _open(settings: Kdc101Settings, opening: Opening) -> Kdc101Stage:
     stage = Kdc101Stage(port=opening.line, clock=opening.clock, settings=settings, travel=opening.limits.travel)
-    opening.arm_with(stage.enable)
+    opening.arm_with(stage.logic.enable)
     return stage
 
 
 def _describe(settings: Kdc101Settings, stage: Kdc101Stage) -> str:
-    said = "" if stage.enabled else f" ({DISABLED})"
-    return f"{stage.identity.model} {stage.identity.serial_number} at {settings.port}{said}"
+    identity, said = stage.logic.identity, "" if stage.logic.enabled else f" ({DISABLED})"
+    return f"{identity.model} {identity.serial_number} at {settings.port}{said}"
 
 
 ENTRY: Entry[Kdc101Settings, Kdc101Stage] = Entry(

@@ -76,7 +76,8 @@ class LaserBox:
     ``rate_hz``: pulses per second, a whole number. ``dark_triggers``: number of triggers for a dark frame, equal to
     that of a lit frame, so that both average as many. ``answer_s``: longest time for an answer.
     ``position_triggered``: whether edges at the box's trigger input give the pulses of a sweep. ``stamp_delay_s`` and
-    ``stamp_delay_sigma_s``: time from the stamp of a pulse to its light, and its standard deviation. Raises
+    ``stamp_delay_sigma_s``: time from the stamp of a pulse to its light, and its standard deviation. ``usual_light``:
+    what its light meter reads of a usual pulse; None: the pulses of a sweep do not state their energy. Raises
     `NotConnectedError` if no box of this protocol answers, or it keeps triggering for longer than any firing takes.
 
     ``metered``: whether its photodiode measures the light of the pulses as well. ``light_per_pulse``: mean light of a
@@ -94,6 +95,7 @@ class LaserBox:
         position_triggered: bool = False,
         stamp_delay_s: float = 0.0,
         stamp_delay_sigma_s: float = 10e-3,
+        usual_light: float | None = None,
     ) -> None:
         if not 1 <= rate_hz <= wire.MAX_RATE_HZ or rate_hz != round(rate_hz):
             raise ConfigError(
@@ -114,6 +116,7 @@ class LaserBox:
         self.position_triggered = position_triggered
         self.stamp_delay_s = stamp_delay_s
         self._delay_sigma_s = stamp_delay_sigma_s
+        self._usual_light = usual_light
         self._permits = Permits("laser box", clock)
         self._settled = False
         self._seen = 0
@@ -158,10 +161,6 @@ class LaserBox:
         """Standard deviation of the delay of all pulses, in seconds."""
         return _LIGHT_SIGMA_S if self.position_triggered else self._delay_sigma_s
 
-    def light_of_pulse(self, index: int) -> int | None:
-        """Light of a pulse of the last sweep, counted from 0; None if the box did not report it."""
-        return None if self._sweep is None else self._sweep.light(index)
-
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire single pulses, free-running or at the edges of the trigger input; refused as `fire` is.
 
@@ -175,7 +174,14 @@ class LaserBox:
             self._token += 1
             now_s = self._clock.now_s()
             edged = self.position_triggered
-            sweep = BoxSweep(token=self._token, pulses=permit.pulses, heard_s=now_s, stepped_s=now_s, edged=edged)
+            sweep = BoxSweep(
+                token=self._token,
+                pulses=permit.pulses,
+                heard_s=now_s,
+                stepped_s=now_s,
+                edged=edged,
+                usual_light=self._usual_light,
+            )
             kind = wire.PermitEdges if edged else wire.PermitSweep
             for _ in range(_ROUND_TRIPS):
                 self._ask_time(sweep)
@@ -368,6 +374,7 @@ def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:
         position_triggered=settings.sweep_mode == "position-triggered",
         stamp_delay_s=settings.stamp_delay_s,
         stamp_delay_sigma_s=settings.stamp_delay_sigma_s,
+        usual_light=settings.usual_energy if settings.energy_from == "photodiode" else None,
     )
     opening.beat_with(box.beat)
     return box

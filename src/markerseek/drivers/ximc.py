@@ -220,22 +220,20 @@ class XimcStage(StandardStage[XimcLogic]):
             approach_deg=settings.approach_deg,
         )
         super().__init__(logic, clock=clock, travel=travel, rules=rules)
-        self.serial_number = logic.serial_number
-
-    def close(self) -> None:
-        """Close the connection; allowed twice."""
-        self.logic.close()
 
 
 def _open(settings: XimcSettings, opening: Opening) -> XimcStage:
-    return opening.keep(closing(XimcStage(settings=settings, clock=opening.clock, travel=opening.limits.travel)))
+    stage = XimcStage(settings=settings, clock=opening.clock, travel=opening.limits.travel)
+    opening.keep(closing(stage.logic))
+    return stage
 
 
 ENTRY: Entry[XimcSettings, XimcStage] = Entry(
     settings=XimcSettings,
     open=_open,
     describe=lambda settings, stage: (
-        f"{'VIRTUAL ' if stage.emulated else ''}8SMC5 {stage.serial_number} at {settings.uri}, beyond the supervisor"
+        f"{'VIRTUAL ' if stage.emulated else ''}8SMC5 {stage.logic.serial_number} at {settings.uri}, "
+        "beyond the supervisor"
     ),
     same=("steps_per_deg", "zero_deg", "direction"),
     require_room=lambda settings, limits: require_room(

@@ -22,7 +22,7 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
-from markerseek.scan import Earlier, RunLimits, run
+from markerseek.scan import RunLimits, Tally, run
 from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy, WholeRecording
 from markerseek.search.posterior import Posterior, SweepPosterior
 from markerseek.signals import SpareReader
@@ -92,7 +92,7 @@ def committed(
     journal: Journal,
     *,
     ahead_s: float = 0.0,
-    earlier: Earlier | None = None,
+    earlier: Tally | None = None,
 ) -> Generator[Event, None, None]:
     """The events of a run, each committed before it is yielded, and so before the policy receives it.
 
@@ -100,7 +100,8 @@ def committed(
     what the run had measured before it.
     """
     clock = rig.scanner.clock
-    beliefs = Beliefs(policy, journal.configuration.plan, [] if earlier is None else earlier.intensities)
+    intensities = [sample.reading.intensity for sample in (earlier or Tally()).lit]
+    beliefs = Beliefs(policy, journal.configuration.plan, intensities)
     with closing_run(events, clock, journal):
         for event in map(beliefs.added, events):
             journal.commit(event, clock_s=clock.now_s() + ahead_s)

@@ -24,7 +24,7 @@ from markerseek.rigs import (
 )
 from markerseek.runs.journalled import is_scan
 from markerseek.runs.resume import tell_recorded
-from markerseek.scan import Earlier, apply_confirmation
+from markerseek.scan import Tally, apply_confirmation
 from markerseek.search import build_sweeping
 from markerseek.signals import AnyImageReader, ImageReader, IntensityReader, ProbePreset, SpareReader
 from markerseek.vision import TipReader
@@ -153,10 +153,10 @@ def answer_again(recorded: RecordedRun, *, read_frames: bool) -> Estimate:
         reader = rebuild_reader(recorded.configuration)
         entries = tuple(_read_again(entry, reader) for entry in entries)
     tell_recorded(policy, entries)
-    earlier, estimate = Earlier.of([entry.event for entry in entries], elapsed_s=0.0), policy.estimate()
-    if earlier is None or earlier.confirmation is None:
+    tally, estimate = Tally.of(entry.event for entry in entries), policy.estimate()
+    if tally.confirmation is None or not tally.confirmed:
         return estimate
-    return apply_confirmation(estimate, earlier.confirmation, earlier.lit[:-1])
+    return apply_confirmation(estimate, tally.confirmation, tally.lit[:-1])
 
 
 def _read_again(entry: Entry, reader: Reader) -> Entry:

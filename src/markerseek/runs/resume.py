@@ -38,7 +38,7 @@ from markerseek.records.journal import (
 )
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import committed, limits_of
-from markerseek.scan import Earlier, RunLimits, larger_noise, moved_source, run
+from markerseek.scan import RunLimits, Tally, larger_noise, moved_source, run
 
 SHARE, PULSE_SHARE, HAND_SHARE = 0.1, 0.4, 0.3
 """Allowed relative change of an intensity: about the drift of a laser's energy; where it was a single pulse, which
@@ -120,7 +120,7 @@ def resumed(
             # A fault outlives this process: only a person's reset ends it.
             journal.fail(error, clock_s=clock.now_s() + ahead_s)
         raise
-    earlier = Earlier.of([entry.event for entry in entries], elapsed_s=clock.now_s() + ahead_s - begun_s)
+    earlier: Tally | None = Tally.of((entry.event for entry in entries), elapsed_s=clock.now_s() + ahead_s - begun_s)
     if changed:
         policy, earlier = anew(), None
     events = run(policy, rig.scanner, journal.configuration.plan, limits=limits, earlier=earlier)

@@ -6,25 +6,22 @@ a journal or a test can watch it; closing it stops the stage and takes the laser
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections import Counter
+from collections.abc import Generator, Iterable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
-from typing import Protocol
 
 from markerseek.core import (
     MAX_ACQUISITIONS,
     AcquisitionError,
     AnyPolicy,
     Asked,
-    Clock,
     ConfigError,
     ConfirmablePolicy,
     Event,
     Failed,
     Finished,
     Found,
-    Frame,
     Measured,
     RecordingPolicy,
     Refused,
@@ -37,51 +34,10 @@ from markerseek.core import (
     Sweep,
     SweepingPolicy,
     Swept,
-    Turning,
 )
-from markerseek.guard import Guard, Limits, State
+from markerseek.guard import Limits, State
 from markerseek.scan.confirmation import apply_confirmation
-
-
-class AnyScanner(Protocol):
-    """What `run` uses of a scanner: a `Scanner`, or one that replays a journal."""
-
-    @property
-    def clock(self) -> Clock:
-        """Time on the rig."""
-
-    @property
-    def guard(self) -> Guard:
-        """The rig's guard."""
-
-    @property
-    def limits(self) -> Limits:
-        """Angles that may be searched, and at which the probe may be."""
-
-    @property
-    def angle_deg(self) -> float:
-        """Angle of the probe now, in degrees."""
-
-    @property
-    def refused_frame(self) -> Frame | None:
-        """Frame of the last acquisition if it was refused."""
-
-    def guide(self, angle_deg: float) -> Iterator[Turning]:
-        """Where the probe is while a person turns it to an angle, before `measure` there."""
-
-    def measure(self, angle_deg: float) -> Sample:
-        """One acquisition at an angle, in degrees."""
-
-    def measure_dark(self) -> Sample:
-        """One acquisition at the present angle, with the laser off."""
-
-    def sweep(
-        self, sweep: Sweep, *, number: int, goes_on: Callable[[], bool]
-    ) -> Generator[Sample | Refused | Swept, None, None]:
-        """The samples of one sweep while it goes on, or why the frame of a pulse was refused; then its end."""
-
-    def stop(self) -> None:
-        """Disarm the guard and the laser, then stop the stage; allowed twice."""
+from markerseek.scan.scanner import Scanner
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,66 +51,80 @@ class RunLimits:
     attempts: int = 3
     """How often one acquisition is tried when its frames are refused."""
 
+    def __post_init__(self) -> None:
+        if self.attempts < 1:
+            raise ConfigError(f"run limits: attempts is {self.attempts}, at least 1 is needed")
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Earlier:
-    """How far a run had come before it was interrupted; its policy has been told all of it."""
 
-    dark: int = 0
-    acquisitions: int = 0
-    steps: int = 0
-    """Acquisitions at rest and sweeps."""
-    sweeps: int = 0
-    confirmations: int = 0
-    travel_deg: float = 0.0
+@dataclass(slots=True, kw_only=True)
+class Tally:
+    """What the events of a run add up to; a run that was interrupted goes on from that of its record."""
+
     elapsed_s: float = 0.0
-    lit: tuple[Sample, ...] = ()
-    """Samples with light, without their frames."""
+    """How long the run had taken before it was interrupted."""
+    counts: Counter[Role] = field(default_factory=Counter)
+    """Acquisitions of each role."""
+    steps: int = 0
+    """Acquisitions at rest that the policy asked for, and sweeps."""
+    sweeps: int = 0
+    travel_deg: float = 0.0
+    place_deg: float | None = None
+    """Where the probe is as far as the events say; None before the first event."""
+    lit: list[Sample] = field(default_factory=list)
+    """Samples with light, without their frames: 128 channels of some thousand samples each."""
     confirmation: Sample | None = None
-    """The last of them, if it is a confirmation."""
+    """The last confirmation."""
+    confirmed: bool = False
+    """Whether nothing was measured with light after the confirmation."""
     sweep_from_deg: float | None = None
-    """Where a sweep began that was not finished."""
+    """Where a sweep began that is not finished."""
 
     @classmethod
-    def of(cls, events: Sequence[object], *, elapsed_s: float) -> Earlier | None:
-        """What the events of a run add up to; None before its first."""
-        starts = [event.start_deg for event in events if isinstance(event, Started)]
-        if not starts:
-            return None
-        measured = [event for event in events if isinstance(event, Measured)]
-        lit = [replace(event.sample, frame=None) for event in measured if not event.sample.dark]
-        confirmed = bool(measured) and measured[-1].role == "confirmation"
-        sweeps = sum(isinstance(event, Asked) and event.sweep is not None for event in events)
-        last = next((event for event in reversed(events) if isinstance(event, Asked | Swept)), None)
-        return cls(
-            dark=sum(event.role == "dark" for event in measured),
-            acquisitions=sum(event.role == "search" for event in measured),
-            steps=sweeps + sum(event.role == "search" and event.sample.sweep is None for event in measured),
-            sweeps=sweeps,
-            confirmations=sum(event.role == "confirmation" for event in measured),
-            travel_deg=sum(abs(to - at) for at, to in pairwise([*starts[-1:], *(each.angle_deg for each in lit)])),
-            elapsed_s=elapsed_s,
-            lit=tuple(lit),
-            confirmation=lit[-1] if confirmed else None,
-            sweep_from_deg=last.sweep.from_deg if isinstance(last, Asked) and last.sweep is not None else None,
-        )
+    def of(cls, events: Iterable[object], *, elapsed_s: float = 0.0) -> Tally:
+        """That of recorded events; ``elapsed_s``: how long the run has taken."""
+        tally = cls(elapsed_s=elapsed_s)
+        for event in events:
+            tally.add(event)
+        return tally
 
-    @property
-    def intensities(self) -> list[float]:
-        """Intensities of the samples with light."""
-        return [sample.reading.intensity for sample in self.lit]
+    def add(self, event: object) -> None:
+        """Add an event."""
+        match event:
+            case Started(start_deg=start_deg):
+                self.place_deg = start_deg
+            case Asked(sweep=sweep):
+                self.sweep_from_deg = None if sweep is None else sweep.from_deg
+                self.sweeps, self.steps = self.sweeps + (sweep is not None), self.steps + (sweep is not None)
+                self.turn(self.sweep_from_deg)
+            case Measured(role=role, sample=sample):
+                self.counts[role] += 1
+                if not sample.dark:
+                    self.steps += role == "search" and sample.sweep is None
+                    self.confirmed = role == "confirmation"
+                    self.confirmation = sample if self.confirmed else self.confirmation
+                    self.lit.append(replace(sample, frame=None))
+                    self.turn(sample.angle_deg)
+            case Swept(angle_deg=angle_deg):
+                self.sweep_from_deg, self.confirmed = None, False
+                self.turn(angle_deg)
+
+    def turn(self, angle_deg: float | None) -> None:
+        """Count the way to an angle, if it is known."""
+        if angle_deg is not None and self.place_deg is not None:
+            self.travel_deg += abs(angle_deg - self.place_deg)
+            self.place_deg = angle_deg
 
 
-_RUN_LIMITS, _RUN_PLAN, _NOTHING = RunLimits(), RunPlan(), Earlier()
+_RUN_LIMITS, _RUN_PLAN = RunLimits(), RunPlan()
 
 
 def run(
     policy: AnyPolicy,
-    scanner: AnyScanner,
+    scanner: Scanner,
     plan: RunPlan = _RUN_PLAN,
     *,
     limits: RunLimits = _RUN_LIMITS,
-    earlier: Earlier | None = None,
+    earlier: Tally | None = None,
 ) -> Generator[Event, None, None]:
     """Let a policy search on a rig, and report each step.
 
@@ -174,7 +144,8 @@ def run(
     limits
         Limits of the run.
     earlier
-        How far it had come before it was interrupted; it then goes on instead of beginning.
+        What the events of the run add up to that was interrupted, with a policy that has been told all of it; the run
+        goes on from there.
 
     Yields
     ------
@@ -186,74 +157,12 @@ def run(
     Exception
         Whatever ended the run, a `MarkerseekError` unless a driver has a bug; the probe stays where it stopped.
     """
-    before = earlier or _NOTHING
-    began_s = scanner.clock.now_s() - before.elapsed_s
-    travel_deg = before.travel_deg
-    lit = list(before.lit)
-    # A confirmation that was kept is not taken again.
-    kept = before.confirmation
+    tally = earlier or Tally()
     try:
-        place_deg = scanner.angle_deg
-        if earlier is None:
-            yield Started(start_deg=place_deg, limits=scanner.limits.search)
-        for index in range(before.dark + 1, plan.dark_frames + 1):
-            dark = yield from _dark(scanner, index, place_deg, limits.attempts)
-            policy.tell(dark)
-        # Steps: a sweep of many acquisitions is one of them.
-        steps, sweeps = before.steps, before.sweeps
-        acquisitions, confirmations = before.acquisitions, before.confirmations
-        confirmation = kept
-        begin_deg = place_deg if before.sweep_from_deg is None else before.sweep_from_deg
-        travel_deg, place_deg = travel_deg + abs(place_deg - begin_deg), begin_deg
-        searching = True
-        while searching:
-            # The caller owns the loop (ask and tell): all that is measured is yielded, journalled and limited here.
-            while (asked := policy.ask()) is not None:
-                _require_budget(steps, scanner.clock.now_s() - began_s, limits)
-                steps, kept = steps + 1, None
-                if isinstance(asked, Sweep):
-                    done = _SweepsDone(sweeps=sweeps, acquisitions=acquisitions, way_deg=[place_deg])
-                    yield from _swept(scanner, policy, asked, done, attempts=limits.attempts)
-                    _require_order(scanner, policy)
-                    travel_deg += sum(abs(to - at) for at, to in pairwise(done.way_deg))
-                    sweeps, acquisitions, place_deg = done.sweeps, done.acquisitions, done.way_deg[-1]
-                    lit += done.samples
-                    continue
-                acquisitions += 1
-                sample = yield from _measured(scanner, "search", acquisitions, asked, limits.attempts)
-                # Without its frame: 128 channels of some thousand samples each, over hundreds of acquisitions.
-                lit.append(replace(sample, frame=None))
-                travel_deg += abs(sample.angle_deg - place_deg)
-                place_deg = sample.angle_deg
-                policy.tell(sample)
-            estimate, known_s = policy.estimate(), scanner.clock.now_s() - began_s
-            searching = isinstance(estimate, Found) and not plan.stay
-            if searching:
-                if kept is None:
-                    confirmations += 1
-                    confirmation = yield from _confirmed(
-                        scanner, policy, confirmations, estimate.mean_deg, limits.attempts
-                    )
-                    travel_deg += abs(confirmation.angle_deg - place_deg)
-                    place_deg = confirmation.angle_deg
-                    lit.append(replace(confirmation, frame=None))
-                    estimate = policy.estimate()
-                assert confirmation is not None  # noqa: S101 - it was taken now or kept
-                searching = isinstance(policy, ConfirmablePolicy) and policy.ask() is not None
-                estimate = apply_confirmation(estimate, confirmation, lit[:-1])
-        if plan.closing_dark and lit:
-            # One attempt: if frames are late by one, a second would show the dark data of the first and hide it.
-            yield from _dark(scanner, plan.dark_frames + 1, place_deg, 1)
-        yield Finished(
-            estimate=estimate,
-            confirmation=confirmation,
-            acquisitions=acquisitions,
-            travel_deg=travel_deg,
-            elapsed_s=scanner.clock.now_s() - began_s,
-            known_s=known_s if isinstance(estimate, Found) else None,
-            searched=policy.searched if isinstance(policy, RecordingPolicy) else None,
-            near=getattr(policy, "near_evidence", None),
-        )
+        with closing(_search(policy, scanner, plan, limits, tally)) as events:
+            for event in events:
+                tally.add(event)
+                yield event
     except Exception as error:
         yield Failed(error=error)
         raise
@@ -262,126 +171,75 @@ def run(
         scanner.stop()
 
 
-def _dark(scanner: AnyScanner, index: int, angle_deg: float, attempts: int) -> Generator[Event, None, Sample]:
-    """A dark frame at the present angle."""
-    yield Asked(role="dark", index=index, angle_deg=angle_deg)
-    sample = yield from _admitted(scanner, scanner.measure_dark, angle_deg, attempts)
-    yield Measured(role="dark", index=index, sample=sample)
-    return sample
-
-
-def _measured(
-    scanner: AnyScanner, role: Role, index: int, angle_deg: float, attempts: int
-) -> Generator[Event, None, Sample]:
-    """An acquisition at an angle of the search range."""
-    # Refused before it is yielded as `Asked`: the journal cannot record an angle that is no number.
-    scanner.limits.require_search(angle_deg)
-    yield Asked(role=role, index=index, angle_deg=angle_deg)
-    yield from scanner.guide(angle_deg)
-    sample = yield from _admitted(scanner, lambda: scanner.measure(angle_deg), angle_deg, attempts)
-    yield Measured(role=role, index=index, sample=sample)
-    return sample
-
-
-def _confirmed(
-    scanner: AnyScanner, policy: AnyPolicy, index: int, angle_deg: float, attempts: int
-) -> Generator[Event, None, Sample]:
-    """An acquisition at the angle found, which a `ConfirmablePolicy` weighs."""
-    sample = yield from _measured(scanner, "confirmation", index, angle_deg, attempts)
-    if isinstance(policy, ConfirmablePolicy):
-        policy.confirm(sample)
-    return sample
-
-
-@dataclass(slots=True, kw_only=True)
-class _SweepsDone:
-    """How far a run has come with its sweeps."""
-
-    sweeps: int
-    acquisitions: int
-    way_deg: list[float]
-    """Where the probe was before and after, and at each pulse."""
-    samples: list[Sample] = field(default_factory=list)
-    """Without their frames."""
-    wanted: bool = True
-    """Whether the policy still asks for the sweep."""
-
-
-def _swept(
-    scanner: AnyScanner, policy: AnyPolicy, asked: Sweep, done: _SweepsDone, *, attempts: int
+def _search(
+    policy: AnyPolicy, scanner: Scanner, plan: RunPlan, limits: RunLimits, tally: Tally
 ) -> Generator[Event, None, None]:
-    """A sweep: the policy is told each sample as it comes, may end it early, and is told when it is over.
+    """The events of a run up to its answer; the caller adds each to the tally."""
+    began_s, place_deg = scanner.clock.now_s() - tally.elapsed_s, scanner.angle_deg
+    if tally.place_deg is None:
+        yield Started(start_deg=place_deg, limits=scanner.limits.search)
+    tally.place_deg = place_deg
+    while tally.counts["dark"] < plan.dark_frames:
+        yield from _step(policy, scanner, tally, "dark", place_deg, limits.attempts)
+    # A sweep that was interrupted is made again from its beginning.
+    tally.turn(tally.sweep_from_deg)
+    searching = True
+    while searching:
+        # The caller owns the loop (ask and tell): all that is measured is yielded, journalled and limited here.
+        while (asked := policy.ask()) is not None:
+            _require_budget(tally.steps, scanner.clock.now_s() - began_s, limits)
+            yield from _step(policy, scanner, tally, "search", asked, limits.attempts)
+            _require_order(scanner, policy)
+        estimate, known_s = policy.estimate(), scanner.clock.now_s() - began_s
+        searching = isinstance(estimate, Found) and not plan.stay
+        if searching:
+            if not tally.confirmed:
+                yield from _step(policy, scanner, tally, "confirmation", estimate.mean_deg, limits.attempts)
+                estimate = policy.estimate()
+            assert tally.confirmation is not None  # noqa: S101 - it was taken now or before
+            searching = isinstance(policy, ConfirmablePolicy) and policy.ask() is not None
+            estimate = apply_confirmation(estimate, tally.confirmation, tally.lit[:-1])
+    if plan.closing_dark and tally.lit:
+        # One attempt: if frames are late by one, a second would show the dark data of the first and hide it.
+        yield from _step(policy, scanner, tally, "dark", tally.place_deg, 1)
+    yield Finished(
+        estimate=estimate,
+        confirmation=tally.confirmation,
+        acquisitions=tally.counts["search"],
+        travel_deg=tally.travel_deg,
+        elapsed_s=scanner.clock.now_s() - began_s,
+        known_s=known_s if isinstance(estimate, Found) else None,
+        searched=policy.searched if isinstance(policy, RecordingPolicy) else None,
+        near=getattr(policy, "near_evidence", None),
+    )
 
-    One that was broken off by a kill, or refused whole, is made again from its beginning while the policy wants it.
-    """
-    if not isinstance(policy, SweepingPolicy):
-        raise SearchError(f"the policy {type(policy).__name__} asks for a sweep and has no end_sweep")
-    begin_deg = done.way_deg[-1] if asked.from_deg is None else asked.from_deg
-    # Always stated: a run that is resumed goes on from another angle.
-    from_deg = scanner.limits.search.nearest(begin_deg)
-    sweep = replace(asked, from_deg=from_deg)
-    _require_inside(sweep, scanner.limits)
+
+def _step(
+    policy: AnyPolicy, scanner: Scanner, tally: Tally, role: Role, asked: float | Sweep, attempts: int
+) -> Generator[Event, None, None]:
+    """One step, at rest or in motion, and again while it is refused."""
+    step = asked if role == "dark" else _planned(asked, policy, scanner.limits, tally)
+    angle_deg, before = step.to_deg if isinstance(step, Sweep) else step, tally.counts[role]
     for attempt in range(1, attempts + 1):
-        done.sweeps += 1
-        done.way_deg.append(from_deg)
-        yield Asked(role="search", index=done.acquisitions + 1, angle_deg=sweep.to_deg, sweep=sweep)
+        if attempt == 1 or isinstance(step, Sweep):
+            sweep = step if isinstance(step, Sweep) else None
+            yield Asked(role=role, index=before + 1, angle_deg=angle_deg, sweep=sweep)
         try:
-            with closing(scanner.sweep(sweep, number=done.sweeps, goes_on=lambda: done.wanted)) as outcomes:
-                for outcome in outcomes:
-                    if not isinstance(outcome, Sample):
-                        yield outcome
-                        if isinstance(outcome, Swept):
-                            done.way_deg.append(outcome.angle_deg)
-                            policy.end_sweep()
-                            return
-                        continue
-                    done.acquisitions += 1
-                    yield Measured(role="search", index=done.acquisitions, sample=outcome)
-                    done.samples.append(replace(outcome, frame=None))
-                    done.way_deg.append(outcome.angle_deg)
-                    policy.tell(outcome)
-                    # Asked after each sample until it wants no more: a run that is repeated must ask as often.
-                    done.wanted = done.wanted and policy.ask() == asked
-        except SaturationError:
-            raise
-        except AcquisitionError as refusal:
-            # A policy cannot forget: if some samples of a sweep were told, it cannot be refused whole any more.
-            if done.samples or scanner.guard.state is State.FAULT or attempt == attempts:
-                scanner.guard.fail(str(refusal))
-                raise
-            yield Refused(angle_deg=sweep.to_deg, reason=str(refusal))
-        if not done.wanted:
-            return
-
-
-def _require_order(scanner: AnyScanner, policy: AnyPolicy) -> None:
-    """A fault where a policy has seen that the frames of its sweeps are not of the pulses in their order."""
-    disorder = getattr(policy, "disorder", None)
-    if disorder is not None:
-        scanner.guard.fail(disorder)
-        raise AcquisitionError(disorder)
-
-
-def _require_inside(sweep: Sweep, limits: Limits) -> None:
-    """Refuse a sweep that would leave the range, before anything moves."""
-    limits.require_search(sweep.to_deg)
-    limits.require_search(sweep.end_deg)
-    if sweep.wait_deg is not None:
-        limits.require_search(sweep.wait_deg)
-
-
-def _admitted(
-    scanner: AnyScanner, measure: Callable[[], Sample], angle_deg: float, attempts: int
-) -> Generator[Event, None, Sample]:
-    """Measure again while frames are refused, at most `attempts` times."""
-    for attempt in range(1, attempts + 1):
-        try:
-            return measure()
+            # A sweep goes on while the policy asks for it.
+            outcomes = scanner.take(
+                None if role == "dark" else step, number=tally.sweeps, goes_on=lambda: policy.ask() == asked
+            )
+            yield from _told(policy, outcomes, tally, role)
+            break
         except SaturationError:
             # Pulses are averaged: the same acquisition would be saturated again.
             raise
         except AcquisitionError as refusal:
             if scanner.guard.state is State.FAULT:
+                raise
+            # A policy cannot forget: if some samples of a sweep were told, it cannot be refused whole any more.
+            if tally.counts[role] > before:
+                scanner.guard.fail(str(refusal))
                 raise
             # A receiver that fails every time needs a person: FAULT is left by a reset only.
             if attempt == attempts:
@@ -389,7 +247,51 @@ def _admitted(
                 scanner.guard.fail(str(error))
                 raise error from refusal
             yield Refused(angle_deg=angle_deg, reason=str(refusal), frame=scanner.refused_frame)
-    raise ConfigError(f"run limits: attempts is {attempts}, at least 1 is needed")
+
+
+def _told(
+    policy: AnyPolicy, outcomes: Generator[Sample | Event, None, None], tally: Tally, role: Role
+) -> Generator[Event, None, None]:
+    """The events of a step that is taken; the policy learns of each once it was yielded."""
+    with closing(outcomes):
+        for outcome in outcomes:
+            if isinstance(outcome, Sample):
+                # The dark frame at the end is for the record alone.
+                tells = not outcome.dark or not tally.lit
+                yield Measured(role=role, index=tally.counts[role] + 1, sample=outcome)
+                if role == "confirmation" and isinstance(policy, ConfirmablePolicy):
+                    policy.confirm(outcome)
+                elif role != "confirmation" and tells:
+                    policy.tell(outcome)
+            else:
+                yield outcome
+                if isinstance(outcome, Swept) and isinstance(policy, SweepingPolicy):
+                    policy.end_sweep()
+
+
+def _planned(asked: float | Sweep, policy: AnyPolicy, limits: Limits, tally: Tally) -> float | Sweep:
+    """The step that answers a question; one that would leave the search range is refused, and nothing has moved."""
+    # Refused before it is yielded as `Asked`: the journal cannot record an angle that is no number.
+    if not isinstance(asked, Sweep):
+        limits.require_search(asked)
+        return asked
+    if not isinstance(policy, SweepingPolicy):
+        raise SearchError(f"the policy {type(policy).__name__} asks for a sweep and has no end_sweep")
+    for angle_deg in (asked.to_deg, asked.end_deg, asked.wait_deg):
+        if angle_deg is not None:
+            limits.require_search(angle_deg)
+    begin_deg = tally.place_deg if asked.from_deg is None else asked.from_deg
+    assert begin_deg is not None  # noqa: S101 - the run has started
+    # Always stated: a run that is resumed goes on from another angle.
+    return replace(asked, from_deg=limits.search.nearest(begin_deg))
+
+
+def _require_order(scanner: Scanner, policy: AnyPolicy) -> None:
+    """A fault where a policy has seen that the frames of its sweeps are not of the pulses in their order."""
+    disorder = getattr(policy, "disorder", None)
+    if disorder is not None:
+        scanner.guard.fail(disorder)
+        raise AcquisitionError(disorder)
 
 
 def _require_budget(count: int, elapsed_s: float, limits: RunLimits) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import replace
 from functools import partial
@@ -127,15 +127,28 @@ class Scanner:
         """Frame of the last acquisition if it was refused; None if it was not, or nothing came."""
         return self._refused_frame
 
-    def guide(self, angle_deg: float) -> Iterator[Turning]:
-        """Let a person turn the probe to an angle, before `measure` there; nothing where a motor turns it.
+    def take(
+        self, step: float | Sweep | None, *, number: int = 1, goes_on: Callable[[], bool] = lambda: True
+    ) -> Generator[Turning | Sample | Refused | Swept, None, None]:
+        """The samples of one step: one at an angle or, for None, one in the dark; of a sweep, one for each pulse.
 
-        Raises as `measure`.
+        At an angle, a person who turns the probe is guided there before. The frame of a pulse that says nothing is
+        `Refused`, and a sweep ends with `Swept`. ``number``: number of the sweep in its run. ``goes_on``: whether more
+        of a sweep is wanted; if not, the light ends and the probe brakes. Raises as `measure`; of a sweep,
+        `ConfigError` if the rig cannot sweep so, and `AcquisitionError` if frames and pulses do not belong together,
+        which refuses the sweep as a whole.
         """
-        # Of the class, and no isinstance: it would ask the device for its angle.
-        if hasattr(type(self._stage), "guide"):
-            with self._faulting:
-                yield from cast("GuidedStage", self._stage).guide(angle_deg)
+        self._refused_frame = None
+        if isinstance(step, Sweep):
+            yield from self._sweep(step, number=number, goes_on=goes_on)
+        elif step is None:
+            yield self.measure_dark()
+        else:
+            # Of the class, and no isinstance: it would ask the device for its angle.
+            if hasattr(type(self._stage), "guide"):
+                with self._faulting:
+                    yield from cast("GuidedStage", self._stage).guide(step)
+            yield self.measure(step)
 
     def measure(self, angle_deg: float) -> Sample:
         """Turn the probe to an angle, fire, acquire a frame, and return its reading.
@@ -177,16 +190,9 @@ class Scanner:
         """Its devices as those of a sweep; `ConfigError` says why this rig cannot sweep."""
         return SweepingDevices.of(self._stage, self._laser, self._receiver)
 
-    def sweep(
+    def _sweep(
         self, sweep: Sweep, *, number: int, goes_on: Callable[[], bool]
     ) -> Generator[Sample | Refused | Swept, None, None]:
-        """Turn the probe while the laser fires: a sample for each pulse, or why its frame was refused; then `Swept`.
-
-        ``number``: number of the sweep in its run. ``goes_on``: whether more of it is wanted; if not, the light ends
-        and the probe brakes. Raises `ConfigError` if the rig cannot sweep so; `LimitError` as `measure`. Raises
-        `AcquisitionError` if frames and pulses do not belong together, which refuses the sweep as a whole. Raises
-        `DeviceError` if a device did not do its part; the guard is in FAULT then.
-        """
         devices = self.sweeping
         if sweep.from_deg is not None and not abs(self.angle_deg - sweep.from_deg) <= _THERE_DEG:
             self._move(sweep.from_deg)

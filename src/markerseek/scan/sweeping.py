@@ -296,7 +296,10 @@ class SweepInProgress:
         forward = -self._permit.forward if turned else self._permit.forward
         backlash_deg = self._devices.stage.play_deg(forward)
         header = replace(
-            frame.header, angle_before_deg=stamped.lower.angle_deg, angle_after_deg=stamped.upper.angle_deg
+            frame.header,
+            angle_before_deg=stamped.lower.angle_deg,
+            angle_after_deg=stamped.upper.angle_deg,
+            energy=frame.header.energy if pulse.energy is None else pulse.energy,
         )
         return SweptFrame(
             frame=replace(frame, header=header),

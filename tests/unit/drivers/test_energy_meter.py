@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from msgspec.structs import replace as changed_keys
 
 from markerseek import rigs
@@ -30,7 +26,6 @@ from markerseek.core import (
     Receiver,
     RunPlan,
     SearchPlan,
-    SweepPermit,
 )
 from markerseek.drivers import EnergyMeter, LaserBoxSettings, metered
 from markerseek.drivers.kdc101 import Kdc101Stage
@@ -200,101 +195,7 @@ def test_a_rig_without_such_a_meter_is_refused(keys: LaserBoxSettings, message: 
         metered(keys, rig.laser, rig.receiver, full_scale=FULL_SCALE)
 
 
-class Swept:
-    """A receiver whose frames of a sweep come when they are there, the others at its end.
-
-    Each has a pick-up as strong as its number. ``there``: how many frames have come.
-    """
-
-    frame_period_s = 0.02
-    sweep_readout_s = 1.5
-    there = told = 0
-
-    def begin_sweep(self, permit: SweepPermit) -> None:
-        self.permit = permit
-        self.there = self.told = 0
-
-    def frames(self) -> Sequence[Frame]:
-        first, self.told = self.told, self.there
-        return self.numbered(first, self.there)
-
-    def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        return self.numbered(self.told, pulses)
-
-    def numbered(self, first: int, last: int) -> Sequence[Frame]:
-        def frame(number: int) -> Frame:
-            header = FrameHeader(sequence=number, token="s", pulses=1, commanded_deg=10.0, started_s=0.0, ended_s=1.0)
-            return ChannelFrame(header=header, samples=np.full((2, 8), number, np.int16), sampling_hz=40e6)
-
-        return [frame(number) for number in range(first + 1, last + 1)]
-
-    settle = arm = acquire = None
-
-
-def test_each_frame_of_a_sweep_has_the_energy_of_its_pulse() -> None:
-    receiver: Any = Swept()
-    meter = EnergyMeter(
-        receiver,
-        measured=lambda frame: float(frame.samples.max()) if isinstance(frame, ChannelFrame) else None,
-        usual_energy=2.0,
-    )
-    assert (meter.frame_period_s, meter.sweep_readout_s, list(meter.frames())) == (0.02, 1.5, [])
-    permit = SweepPermit(
-        token="s",
-        angle_deg=0.0,
-        pulses=9,
-        expires_s=9.0,
-        to_deg=10.0,
-        slowest_deg_s=1.0,
-        fastest_deg_s=9.0,
-        period_s=0.1,
-    )
-    meter.begin_sweep(permit)
-    assert receiver.permit is permit
-    assert [frame.header.energy for frame in meter.end_sweep(pulses=3)] == [0.5, 1.0, 1.5]
-
-
 def test_what_only_works_at_rest_says_why_it_cannot_sweep() -> None:
     still: Any = object()
     with pytest.raises(ConfigError, match=r"its receiver \(object\) only works with the probe at rest"):
         _ = EnergyMeter(still, measured=lambda _: None, usual_energy=1.0).frame_period_s
-
-
-def test_each_frame_of_a_sweep_has_what_the_box_says_of_its_own_pulse() -> None:
-    swept: Any = Swept()
-    permit: Any = object()
-    box: Any = SimpleNamespace(light_of_pulse={0: 10_000, 1: 30_000, 2: None}.get)
-    meter = EnergyMeter(swept, measured=lambda _: 1.0, usual_energy=20_000.0, box=box)
-    for _ in range(2):
-        meter.begin_sweep(permit)
-        assert [frame.header.energy for frame in meter.end_sweep(pulses=3)] == [0.5, 1.5, None]
-    assert meter.usual == 20_000.0
-
-
-@given(
-    arrivals=st.lists(st.sampled_from(["frame", "pulse", "asked"]), max_size=40),
-    unmeasured=st.frozensets(st.integers(0, 20), max_size=3),
-)
-def test_each_frame_has_the_energy_of_its_pulse_in_whatever_order_they_come(
-    arrivals: list[str], unmeasured: frozenset[int]
-) -> None:
-    """The box has told of all pulses when a sweep ends; until then a frame may come before its pulse, or after."""
-    energies = [None if index in unmeasured else 1.0 + index for index in range(arrivals.count("frame"))]
-    told: list[float | None] = []
-    box: Any = SimpleNamespace(light_of_pulse=lambda index: told[index] if index < len(told) else None)
-    swept: Any = Swept()
-    permit: Any = object()
-    meter = EnergyMeter(swept, measured=lambda _: None, usual_energy=1.0, box=box)
-    meter.begin_sweep(permit)
-    frames: list[Frame] = []
-    for arrival in arrivals:
-        if arrival == "frame":
-            swept.there += 1
-        elif arrival == "pulse" and len(told) < len(energies):
-            told.append(energies[len(told)])
-        elif arrival == "asked":
-            frames += meter.frames()
-    told += energies[len(told) :]
-    frames += meter.end_sweep(pulses=len(energies))
-    assert [frame.header.sequence for frame in frames] == list(range(1, len(energies) + 1))
-    assert [frame.header.energy for frame in frames] == energies

@@ -14,7 +14,7 @@ from tests.unit.drivers.kdc101_bench import bench
 def test_it_identifies_itself_and_writes_the_settings_that_power_up_lost() -> None:
     rig = bench()
     stage = rig.stage(speed_deg_s=12.0, acceleration_deg_s2=15.0)
-    assert (stage.identity.model, stage.identity.serial_number) == ("KDC101", 27000001)
+    assert (stage.logic.identity.model, stage.logic.identity.serial_number) == ("KDC101", 27000001)
     rig.port.write(apt.ask(apt.VELOCITY) + apt.ask(apt.BACKLASH) + apt.ask(apt.LIMITS))
     answers = [apt.decode(message) for message in AptFramer().feed(rig.port.read(4096, timeout_s=0.0))]
     assert answers == [

@@ -39,7 +39,7 @@ class TestVirtualStage(StageContract):
     def _virtual(self, tmp_path: Path) -> Iterator[None]:
         self.stage = XimcStage(settings=settings(tmp_path), clock=SystemClock(), travel=SPAN)
         yield
-        self.stage.close()
+        self.stage.logic.close()
 
     def make(self) -> XimcStage:
         return self.stage
@@ -50,7 +50,7 @@ def test_its_angle_is_that_of_the_probe(tmp_path: Path) -> None:
     stage = XimcStage(settings=settings(tmp_path, zero_deg=3.0, direction="reverse"), clock=SystemClock(), travel=SPAN)
     # A virtual device begins at 0 steps.
     assert stage.angle_deg == 3.0
-    stage.close()
+    stage.logic.close()
 
 
 @pytest.mark.long
@@ -187,7 +187,7 @@ def test_a_stage_that_is_not_ready_is_refused(made: Axis, fail: Any, error: type
 
 
 def test_another_controller_is_refused(made: Axis) -> None:
-    assert real(serial_number=7).serial_number == 7
+    assert real(serial_number=7).logic.serial_number == 7
     with pytest.raises(NotConnectedError, match="has the serial number 7, not 8"):
         real(serial_number=8)
 

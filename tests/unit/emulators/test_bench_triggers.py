@@ -13,14 +13,11 @@ from markerseek.core import (
     Found,
     LaserError,
     Measured,
-    Receiver,
     Sample,
     Sweep,
     Swept,
 )
-from markerseek.drivers.energy_meter import EnergyMeter
 from markerseek.emulators.faults import Faults
-from markerseek.emulators.laserbox import LIGHT_COUNTS
 from markerseek.guard import State
 from markerseek.scan import run
 from markerseek.sim import SimulatedSettings
@@ -54,15 +51,9 @@ class Bench(SweepBench):
     ) -> None:
         super().__init__(folder, settings=settings, position_triggered=position_triggered)
 
-    def receiver(self) -> Receiver:
-        receiver = super().receiver()
-        if self.settings.laser.energy_meter_noise is None:
-            return receiver
-        return EnergyMeter(receiver, measured=lambda _: None, usual_energy=LIGHT_COUNTS, box=self.laser)
-
     def swept(self) -> list[Sample]:
         """Samples of one sweep."""
-        outcomes = list(self.scanner.sweep(SWEEP, number=1, goes_on=lambda: True))
+        outcomes = list(self.scanner.take(SWEEP, number=1, goes_on=lambda: True))
         assert isinstance(outcomes[-1], Swept)
         return [outcome for outcome in outcomes if isinstance(outcome, Sample)]
 

@@ -62,7 +62,7 @@ FAST = StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0)
 
 
 def samples_of(bench: SweepBench, sweep: Sweep) -> list[Sample]:
-    outcomes = list(bench.scanner.sweep(sweep, number=1, goes_on=lambda: True))
+    outcomes = list(bench.scanner.take(sweep, number=1, goes_on=lambda: True))
     assert isinstance(outcomes[-1], Swept)
     return [outcome for outcome in outcomes if isinstance(outcome, Sample)]
 
@@ -439,7 +439,7 @@ def test_a_counter_that_jumps_ends_the_sweep_at_once() -> None:
 def test_a_sweep_that_is_left_ends_the_light_and_the_motion_by_itself() -> None:
     bench = SweepBench()
     bench.scanner.guard.arm(by="a test")
-    outcomes = bench.scanner.sweep(TO_END, number=1, goes_on=lambda: True)
+    outcomes = bench.scanner.take(TO_END, number=1, goes_on=lambda: True)
     for _ in range(30):
         next(outcomes)
     outcomes.close()
@@ -500,7 +500,7 @@ def test_a_supervisor_that_is_gone_in_mid_sweep_is_an_error_once_the_light_has_e
             raise NotConnectedError("the supervisor is gone")
 
     bench.scanner._watchdog_held = _WatchdogHeld(Gone())
-    outcomes = bench.scanner.sweep(TO_END, number=1, goes_on=lambda: True)
+    outcomes = bench.scanner.take(TO_END, number=1, goes_on=lambda: True)
     assert isinstance(next(outcomes), Sample)
     with pytest.raises(NotConnectedError, match="the supervisor is gone"):
         outcomes.close()

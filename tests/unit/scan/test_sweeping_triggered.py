@@ -88,7 +88,7 @@ def test_each_sample_is_where_the_encoder_was_whatever_the_stamps_are_off_by(
 @pytest.mark.parametrize("kind", [Losing, Doubling])
 def test_a_trigger_lost_or_doubled_refuses_the_sweep_whole(kind: type[SimulatedStage]) -> None:
     bench = with_stage(SweepBench(sweep_mode="position-triggered", readout_s=1.0), kind)
-    sweep = bench.scanner.sweep(TO_END, number=1, goes_on=lambda: True)
+    sweep = bench.scanner.take(TO_END, number=1, goes_on=lambda: True)
     with pytest.raises(AcquisitionError, match="a trigger was lost or doubled, or the stage is read too late, and the"):
         list(sweep)
     assert bench.scanner.guard.state is State.ARMED
@@ -97,7 +97,7 @@ def test_a_trigger_lost_or_doubled_refuses_the_sweep_whole(kind: type[SimulatedS
 def test_stamps_that_are_off_by_more_than_a_readout_can_be_refuse_the_sweep() -> None:
     bench = triggered(delay_s=40e-3)
     with pytest.raises(AcquisitionError, match="the stamp of its pulse differ by"):
-        list(bench.scanner.sweep(TO_END, number=1, goes_on=lambda: True))
+        list(bench.scanner.take(TO_END, number=1, goes_on=lambda: True))
 
 
 class Early(SimulatedStage):
