@@ -122,30 +122,6 @@ def test_numbers_that_mean_nothing_are_refused(
             refused(shell, *words, option, value)
 
 
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("trials = 1000000001", "trials is 1000000001"),
-        ("marks = [2, 1]", "must be positive and rise"),
-        ("curve.power = 1e300", "power is 1e+300, it must lie in (0, 20]"),
-        ("curve.fwhm_deg = 1e-300", "fwhm_deg is 1e-300 deg, it must lie between 1e-06"),
-        ("vary.curve.fwhm_deg = [nan]", "fwhm_deg is nan"),
-        ("vary.curve.fwhm_deg = [[1]]", "it must be"),
-        ("vary.curve = [1]", "curve is a whole number, it must be a table"),
-        (
-            f"[vary]\ncurve.fwhm_deg = {list(range(1, 201))}\ncurve.power = {[each / 10 for each in range(1, 101)]}",
-            "the values make 20000 combinations, at most 10000 are computed",
-        ),
-        ("trials = 1000000000\nvary.curve.fwhm_deg = [3, 4]", "its table has 2,000,000,000 rows"),
-    ],
-)
-def test_studies_that_could_not_be_run_are_refused(shell: Shell, line: str, said: str) -> None:
-    Path("s.toml").write_text(f'policies = [{{ method = "weighted-average" }}]\n{line}\n', encoding="utf-8")
-    refused(shell, "study", "s.toml", "--row", "0")
-    _, out, _ = shell("study", "s.toml", "--row", "0", "--json")
-    assert said in json.loads(out)["error"]
-
-
 @pytest.mark.parametrize("method", ["posterior", "weighted-average", "golden-section"])
 def test_the_smallest_numbers_there_are_are_no_marker_and_no_error(shell: Shell, method: str) -> None:
     rows = "".join(f"{angle},5e-324\n" for angle in range(-10, 11))

@@ -67,28 +67,6 @@ def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tm
     assert "the user's own" in html.unescape(page)
 
 
-def test_table_1_of_a_bank_without_a_reference_comes_as_object_files_and_page(shell: Shell, tmp_path: Path) -> None:
-    words = ("reproduce", "table1", "--bank", EXAMPLE, "--workers", 1)
-    code, out, err = shell(*words, "--out", tmp_path, "--json")
-    assert code == 0
-    assert f"table1 of {EXAMPLE} in 1 process, into {tmp_path}" in err.replace("\n", "")
-    assert " to do" in err
-    answer = json.loads(out)
-    (section,) = answer["sections"]
-    in_csv = rows_of(tmp_path / "table1_beside_the_paper.csv")
-    assert [float(row["ours"]) for row in in_csv] == [number["ours"] for number in section["numbers"]]
-    assert {Path(path).name for path in section["files"]} == {"table1.csv", "table1_beside_the_paper.csv"}
-    assert section["seconds"] > 0
-    page = Path(answer["report"]).read_text(encoding="utf-8")
-    assert "Made in " in page
-    assert all(f"{number['ours']:.3g}" in page for number in section["numbers"] if number["ours"] < 100)
-    # Without a reference, the largest intensity of the bank counts as the marker.
-    bank = read_bank(EXAMPLE)
-    largest_deg = bank.angles_deg[int(np.argmax(bank.intensities))]
-    shell(*words, "--out", tmp_path / "given", "--reference-deg", largest_deg)
-    assert rows_of(tmp_path / "given" / "table1.csv") == rows_of(tmp_path / "table1.csv")
-
-
 def test_a_folder_of_channel_data_is_imaged_once_by_the_probe_that_is_named(shell: Shell, tmp_path: Path) -> None:
     """The errors of table1 are those on the same intensities as a CSV; another preset gives other intensities."""
     rig = rigs.simulated(seed=11, marker_deg=1.3)

@@ -25,16 +25,6 @@ class Train:
     flash: Flash | None
     triggers: int
 
-    def split(self, count: int) -> tuple[Train, Train]:
-        """The first `count` triggers, and the rest."""
-        first, rest = min(count, self.triggers), self.triggers - min(count, self.triggers)
-        lit = 0 if self.flash is None else min(self.flash.pulses, self.triggers)
-        return self._part(first, lit=min(lit, first)), self._part(rest, lit=max(0, lit - first))
-
-    def _part(self, triggers: int, *, lit: int) -> Train:
-        flash = replace(self.flash, pulses=lit) if self.flash is not None and lit else None
-        return replace(self, flash=flash, triggers=triggers)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweptTrain:
@@ -97,12 +87,12 @@ class Trains:
         return np.stack(pulses)
 
     @staticmethod
-    def average(part: Train) -> Int16[np.ndarray, "channels samples"]:
-        """Average frame of a train; each part of a mixed acquisition has the noise of a whole one."""
-        flash = part.flash
-        if flash is not None and flash.pulses < part.triggers:
-            flash = replace(flash, energy=flash.energy * flash.pulses / part.triggers)
-        return _samples(part.world, flash, pulses=part.triggers)
+    def average(train: Train) -> Int16[np.ndarray, "channels samples"]:
+        """Average frame of a train."""
+        flash = train.flash
+        if flash is not None and flash.pulses < train.triggers:
+            flash = replace(flash, energy=flash.energy * flash.pulses / train.triggers)
+        return _samples(train.world, flash, pulses=train.triggers)
 
 
 def _samples(world: SimulatedWorld, flash: Flash | None, *, pulses: int) -> Int16[np.ndarray, "channels samples"]:

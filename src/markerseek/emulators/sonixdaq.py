@@ -2,8 +2,7 @@
 
 The files hold each pulse of an acquisition; their average equals the simulated world's averaged frame, count for count.
 Like the device it runs independently: when the host dies, triggered acquisitions are still written, one after the
-other. An acquisition is one train of triggers, or a fixed number of them: then a train that was cut short stays in it,
-and is completed by the next triggers.
+other. An acquisition is one train of triggers.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 import json
 import math
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -42,7 +40,6 @@ class EmulatedSonixDaq:
     - ``rng``: source of randomness for the differences between pulses.
     - ``readout_s``: time from the trigger to the last file: about 10 s (paper, section 4).
     - ``sdk``: layout of the files: that of SDK 6 and later, or that of the earlier ones.
-    - ``counts``: triggers of one acquisition, where it counts them; None: each train of triggers is an acquisition.
     """
 
     def __init__(
@@ -61,7 +58,6 @@ class EmulatedSonixDaq:
         except OSError as error:
             raise ConfigError(f"sonixdaq: the folder {folder} cannot be created ({error.strerror})") from error
         self.faults = Faults("receiver")
-        self.counts: int | None = None
         self._trains = Trains(world=world, rng=rng)
         self._folder = folder
         self._rng = rng
@@ -69,7 +65,6 @@ class EmulatedSonixDaq:
         self._numbered = sdk == 6
         self._now_s = 0.0
         self._triggered: deque[Train | SweptTrain] = deque()
-        self._counted: list[Train] = []
         self._previous: list[bytes] = []
         self._queue: deque[_Writing] = deque()
 
@@ -88,7 +83,7 @@ class EmulatedSonixDaq:
 
     def warm_up(self) -> None:
         """Compute one acquisition and discard it: the first real one is not delayed by imports and compilation."""
-        self._acquisition([self._trains.trial()])
+        self._acquisition(self._trains.trial())
 
     def trigger(self, count: int) -> None:
         """Receive a train of triggers at the present angle of the probe; `advance` does the work."""
@@ -102,7 +97,7 @@ class EmulatedSonixDaq:
         # Never backwards: the files run in a thread of their own, at a time that they read themselves.
         self._now_s = max(self._now_s, now_s)
         while self._triggered:
-            self._take_up(self._triggered.popleft())
+            self._finish(self._triggered.popleft())
         while self._queue and self._has_written(self._queue[0]):
             ended_s = self._queue.popleft().begins_s + self._readout_s
             if self._queue:
@@ -124,34 +119,18 @@ class EmulatedSonixDaq:
         writing.written = max(due, writing.written)
         return share == 1.0
 
-    def _take_up(self, train: Train | SweptTrain) -> None:
-        """Make the files of a train, or of all acquisitions that it completes; they are written in turn."""
-        if self.counts is None or isinstance(train, SweptTrain):
-            self._finish([train])
-            return
-        self._counted.append(train)
-        while sum(each.triggers for each in self._counted) >= self.counts:
-            parts, left, room = [], [], self.counts
-            for each in self._counted:
-                first, rest = each.split(room)
-                room -= first.triggers
-                parts += [first] if first.triggers else []
-                left += [rest] if rest.triggers else []
-            self._counted = left
-            self._finish(parts)
-
-    def _finish(self, parts: Sequence[Train | SweptTrain]) -> None:
+    def _finish(self, train: Train | SweptTrain) -> None:
         """Make the files of an acquisition, and queue them for writing."""
-        fresh = self._acquisition(parts)
+        fresh = self._acquisition(train)
         files = self._previous if self._previous and self.faults("repeats") else fresh
         self._previous = files
         if not self.faults("off"):
             self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.amount("late files")))
 
-    def _acquisition(self, parts: Sequence[Train | SweptTrain]) -> list[bytes]:
-        """Channel files of the triggers of these trains, one after the other."""
-        pulses = np.concatenate([self._trains.pulses(part) for part in parts])
-        if any(isinstance(part, SweptTrain) for part in parts):
+    def _acquisition(self, train: Train | SweptTrain) -> list[bytes]:
+        """Channel files of the triggers of a train."""
+        pulses = self._trains.pulses(train)
+        if isinstance(train, SweptTrain):
             lost, doubled = (round(self.faults.amount(f"{each} trigger")) for each in ("lost", "double"))
             pulses = np.delete(pulses, [lost - 1] if lost else [], axis=0)
             pulses = np.repeat(pulses, [1 + (number == doubled) for number in range(1, len(pulses) + 1)], axis=0)

@@ -87,20 +87,6 @@ def test_acquisitions_are_written_one_after_the_other_though_the_host_is_gone(be
     assert (bench.folder / "CH000.daq").read_bytes() != first
 
 
-def test_a_device_that_counts_completes_a_cut_train_with_the_next_triggers(tmp_path: Path) -> None:
-    bench = Bench(tmp_path / "daq")
-    bench.daq.counts = 4
-    bench.daq.trigger(3)
-    bench.clock.wait(2.0)
-    assert bench.received == []
-    bench.daq.trigger(4)
-    bench.clock.wait(2.0)
-    assert len(bench.received) == 2  # three triggers of the first train and one of the second are one acquisition
-    bench.daq.trigger(1)
-    bench.clock.wait(2.0)
-    assert len(bench.received) == 4
-
-
 def test_the_start_command_gets_the_number_of_pulses(bench: Bench, tmp_path: Path) -> None:
     code = "import pathlib, sys; pathlib.Path(sys.argv[1]).write_text(sys.argv[2])"
     command = (sys.executable, "-c", code, str(tmp_path / "said"), "n={frames}")

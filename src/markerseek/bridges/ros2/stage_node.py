@@ -16,9 +16,6 @@ _JOINT, _EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Empty"
 _PUBLISH_S, _TURNING_S = 0.1, 0.02
 """Time between two angles while the stage rests, and while it turns, in seconds."""
 
-_REFUSAL_S = 0.05
-"""Least time between two answers to commands that are refused, in seconds."""
-
 
 @runtime_checkable
 class _SeenOnItsWay(Protocol):
@@ -40,7 +37,7 @@ class StageNode(Served):
         self._moving = self._stopped = False
         self._refused = ("", 0)
         self._angle_deg = self._setpoint_deg = math.nan
-        self._due_s = self._refusal_due_s = -math.inf
+        self._due_s = -math.inf
         node.advertise(topics.MEASURED_JS, _JOINT)
         node.advertise(topics.SETPOINT_JS, _JOINT, latched=True)
         node.advertise(topics.FRAMES, messages.frames_kind())
@@ -63,10 +60,7 @@ class StageNode(Served):
             self._wanted_deg = angle_deg
             return
         self._refused = (reason, stamp_ns)
-        # A flood of bad commands is not answered one by one: the state that is due next has the reason.
-        if time.monotonic() >= self._refusal_due_s:
-            self._refusal_due_s = time.monotonic() + _REFUSAL_S
-            self._publish_state(is_busy=self._moving)
+        self._publish_state(is_busy=self._moving)
 
     def _refusal_of(self, angle_deg: float | None) -> str | None:
         """Why the stage is not sent to an angle; None if it is."""
