@@ -27,7 +27,7 @@ import numpy as np
 
 from markerseek.core import Float64, PaImage, RecordError, ScanGeometry
 from markerseek.files import new_file
-from markerseek.records.exports.series import Series, one_for_each
+from markerseek.records.exports.series import Series
 
 MAX_FRAMES = 9999
 """Frames that four digits of a field's name can count."""
@@ -48,11 +48,10 @@ def write_sequence(path: Path, images: Iterator[PaImage], *, series: Series) -> 
     count = len(series.angles_deg)
     if count > MAX_FRAMES:
         raise RecordError(f"{path}: {count} frames, a sequence holds at most {MAX_FRAMES}; scan coarser")
-    each = one_for_each(path, images, count)
-    first = next(each)
+    first = next(images)
     with new_file(path) as part, part.open("xb") as file:
         file.write(_header(first, series).encode("ascii"))
-        for image in chain((first,), each):
+        for image in chain((first,), images):
             if image.envelope.shape != first.envelope.shape:
                 raise RecordError(
                     f"{path}: an image of {image.envelope.shape} pixels follows one of {first.envelope.shape}; "
