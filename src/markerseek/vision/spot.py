@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from markerseek.core import ConfigError, Float32, Float64, Int64, UInt8
+from markerseek.vision.camera_image import brightness
 from markerseek.vision.opencv import opencv
 
 MAX_SIZE_PX = 61
@@ -105,9 +106,9 @@ def find_spot(
     same scene with the laser off; their mean is subtracted, and highlights with it.
     """
     _require_alike([*frames, *dark])
-    gray = [_gray(frame) for frame in frames]
+    gray = [brightness(frame) for frame in frames]
     mean = _mean(gray)
-    background = _mean([_gray(frame) for frame in dark]) if dark else np.zeros_like(mean)
+    background = _mean([brightness(frame) for frame in dark]) if dark else np.zeros_like(mean)
     mean -= background
     height = _height(mean)
     middle = float(np.median(height))
@@ -150,11 +151,6 @@ def _require_alike(images: list[UInt8[np.ndarray, " ..."]]) -> None:
                 f"camera frame {number} has the shape {image.shape}, at least {2 * MAX_SIZE_PX} pixels are needed in "
                 "both directions"
             )
-
-
-def _gray(image: UInt8[np.ndarray, " ..."]) -> UInt8[np.ndarray, "rows columns"]:
-    """Brightness: the brightest channel, because a camera shows 785 nm in one or two of its three."""
-    return image if image.ndim == 2 else image.max(axis=2)
 
 
 def _mean(images: Sequence[UInt8[np.ndarray, "rows columns"]]) -> Float32[np.ndarray, "rows columns"]:

@@ -41,7 +41,10 @@ def checked(rest: bytes) -> bytes:
     [
         (lambda path: path.write_bytes(b""), "no journal of a run"),
         (lambda path: path.write_bytes(b"not a database, and as long as one" * 99), "another kind of file"),
-        (lambda path: path.write_bytes(b'{"number":       0,"bytes":' + b" 1" * 99), "it does not begin as an entry does"),
+        (
+            lambda path: path.write_bytes(b'{"number":       0,"bytes":' + b" 1" * 99),
+            "it does not begin as an entry does",
+        ),
         (lambda path: path.write_bytes(checked(b'"block":99999999999}\n')), "has a frame of 99999999999 bytes"),
         (lambda path: path.write_bytes(checked(b'"record":2,"configuration":{}}\n')), "cannot be read"),
         (lambda path: path.write_bytes(checked(b'"record":2,"configuration":' + b"[" * 9999 + b"}\n")), "cannot be"),
