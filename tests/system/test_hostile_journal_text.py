@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.cli.terminal import printable
 from markerseek.core import (
     Asked,
     Failed,
@@ -70,21 +69,6 @@ def test_no_command_hands_control_characters_of_a_journal_to_the_terminal(
     assert out.count(SHOWN) >= 2
     assert out.count(SHOWN[:12]) >= 4  # those in the narrow columns of the table are wrapped
     assert sum(line.startswith("state: ") for line in out.splitlines()) == 1
-
-
-def test_nor_does_a_list_of_journals(shell: Shell, tmp_path: Path) -> None:
-    journal(tmp_path / "a\x1b[31m.journal", STARTED, Failed(error=MoveError(EVIL)))
-    journal(tmp_path / "b.journal", STARTED, method=EVIL)
-    for as_json in ((), ("--json",)):
-        code, out, err = shell("journal", "list", tmp_path, *as_json)
-        assert (code, controls(out) | controls(err)) == (0, set())
-    assert SHOWN in shell("journal", "list", tmp_path)[1]
-
-
-def test_ordinary_text_is_unchanged() -> None:
-    plain = "Zwölf Grad: 12.5° ± 0.1°, 14 µs – λ\n\tend"
-    assert printable(plain) == plain
-    assert printable(EVIL) == SHOWN + "\nstate: finished"
 
 
 def sample(angle_deg: float) -> Sample:

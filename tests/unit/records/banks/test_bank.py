@@ -166,14 +166,6 @@ def test_an_angle_that_could_be_meant_otherwise_is_refused(tmp_path: Path, name:
         read_bank(tmp_path)
 
 
-def test_a_folder_and_a_file_of_one_angle_are_refused(tmp_path: Path) -> None:
-    for name in ("-5", "1", "2"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "-5.mat").touch()
-    with pytest.raises(RecordError, match=r"-5\.mat: the angle -5 deg is that of -5"):
-        read_bank(tmp_path)
-
-
 FRAMES = FolderBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), places=(Path(),) * 4)
 BANK = IntensityBank(angles_deg=(-10.0, 0.0, 5.0, 20.0), intensities=(1.0, 3.0, 9.0, 2.0))
 

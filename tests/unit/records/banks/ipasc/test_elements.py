@@ -80,16 +80,6 @@ def test_other_arrays_are_refused_with_the_element_that_is_off(tmp_path, positio
         read_probed(changed(write(tmp_path / "a.hdf5"), placed(positions_m)))
 
 
-@pytest.mark.parametrize("names", [("0000000007",), tuple(f"{number:010d}" for number in range(1, 8))])
-def test_each_channel_must_have_a_position(tmp_path, names):
-    def change(file):
-        for name in names:
-            del file["meta_data_device/detectors"][name]
-
-    with pytest.raises(RecordError, match=f"positions of {8 - len(names)} elements for 8 channels"):
-        read_probed(changed(write(tmp_path / "a.hdf5"), change))
-
-
 def test_elements_of_which_some_have_no_position_are_refused_and_without_any_the_pitch_is_unknown():
     with pytest.raises(RecordError, match="positions of 7 elements for 8 channels"):
         row_of([None, *ROW_M[1:]])
