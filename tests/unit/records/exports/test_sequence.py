@@ -7,15 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - the name that its users give it
-from scipy.spatial.transform import Rotation
 
 from markerseek.records.exports import write_sequence
 from markerseek.records.exports.sequence import (
     IMAGE_ORIENTATION,
     TRANSDUCER_AXES,
-    image_to_probe,
     image_to_transducer,
-    probe_to_probe_home,
 )
 from tests.unit.records.exports.exported import ANGLES, FACTS, SERIES, UNPLACED, images, place_mm
 
@@ -46,13 +43,6 @@ def test_spacing_and_transforms_together_take_a_pixel_to_where_it_is(sequence, n
         assert sequence.GetMetaData(f"{prefix}{transform}TransformStatus") == "OK"
     assert sequence.GetMetaData(f"{prefix}ImageStatus") == "OK"
     assert float(sequence.GetMetaData(f"{prefix}angle_deg")) == ANGLES[number]
-
-
-@pytest.mark.parametrize("angle_deg", [-90.0, -3.0, 0.0, 45.0])
-def test_rotations_are_those_of_scipy_and_images_right_handed(angle_deg):
-    expected = Rotation.from_euler("y", angle_deg, degrees=True).as_matrix()
-    np.testing.assert_allclose(probe_to_probe_home(angle_deg)[:3, :3], expected, atol=1e-12)
-    assert np.linalg.det(image_to_probe(images()[0].geometry, face_radius_m=0.0)[:3, :3]) > 0
 
 
 def test_transducer_x_is_the_array_towards_its_last_element_and_y_is_far():

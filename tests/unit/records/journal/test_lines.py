@@ -136,13 +136,6 @@ def test_entries_that_are_missing_or_exchanged_are_found(whole: bytes, ends: lis
             Journal.reopen(path)
 
 
-def test_a_journal_of_before_the_first_release_is_said_to_be_one_perhaps(tmp_path: Path) -> None:
-    path = tmp_path / "old.journal"
-    path.write_bytes(b"SQLite format 3\0" + bytes(4096))
-    with pytest.raises(RecordError, match="from before the first release"):
-        read_journal(path)
-
-
 def test_a_tail_longer_than_one_entry_is_damage_and_read_at_once(whole: bytes, tmp_path: Path) -> None:
     """As of a sparse file of many gigabytes."""
     path = tmp_path / "run.journal"
