@@ -139,22 +139,14 @@ def test_an_angle_is_read_with_its_sign_and_its_fraction(tmp_path: Path, name: s
     "name",
     [
         "angle_\N{MINUS SIGN}30",
-        "\N{EN DASH}30",
         "neg30",
-        "angle_minus_30",
         "m30",
-        "scan_n30",
-        "P30",
         "angle-30",
         "30-",
-        "--30",
         "12,5",
-        "12p5",
         "1e1",
         "3of7",
-        "5.",
         "30cm",
-        "\N{ARABIC-INDIC DIGIT THREE}",
     ],
 )
 @pytest.mark.parametrize("suffix", ["", ".npy", ".mat"])

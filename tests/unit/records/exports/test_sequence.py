@@ -11,8 +11,7 @@ import SimpleITK as sitk  # noqa: N813 - the name that its users give it
 from markerseek.records.exports import write_sequence
 from markerseek.records.exports.sequence import (
     IMAGE_ORIENTATION,
-    TRANSDUCER_AXES,
-    image_to_transducer,
+    image_to_probe,
 )
 from tests.unit.records.exports.exported import ANGLES, FACTS, SERIES, UNPLACED, images, place_mm
 
@@ -45,16 +44,13 @@ def test_spacing_and_transforms_together_take_a_pixel_to_where_it_is(sequence, n
     assert float(sequence.GetMetaData(f"{prefix}angle_deg")) == ANGLES[number]
 
 
-def test_transducer_x_is_the_array_towards_its_last_element_and_y_is_far():
+def test_columns_run_towards_the_last_element_and_rows_away_from_the_array():
     """PLUS: X to the marked side, Y far, Z their product; MF: columns along X, rows along Y."""
-    axes = np.array(TRANSDUCER_AXES)
-    np.testing.assert_array_equal(axes @ (1, 0, 0), (0, 1, 0))
-    np.testing.assert_array_equal(axes @ (0, 1, 0), (0, 0, 1))
-    np.testing.assert_array_equal(axes[:, 2], np.cross(axes[:, 0], axes[:, 1]))
     assert IMAGE_ORIENTATION == "MF"
-    image = image_to_transducer(images()[0].geometry)
-    np.testing.assert_allclose(image @ (0, 0, 0, 1), (-4, 5, 0, 1))
-    np.testing.assert_allclose(image @ (8, 12, 0, 1), (4, 8, 0, 1))
+    image = image_to_probe(images()[0].geometry, face_radius_m=10e-3)
+    np.testing.assert_allclose(image @ (0, 0, 0, 1), (0, -4, 15, 1))
+    np.testing.assert_allclose(image @ (8, 12, 0, 1), (0, 4, 18, 1))
+    assert np.linalg.det(image[:3, :3]) > 0
 
 
 def test_what_is_not_known_of_the_probe_is_left_out(tmp_path):

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
-from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising
+from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced
 from markerseek.records.banks.ipasc import fields
 from markerseek.records.banks.table import amplitudes
 from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
@@ -71,7 +71,7 @@ class IpascBank(FrameBank):
                 ) from problem
         if self.facts.sampling_hz is None:
             raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
-        samples = np.ascontiguousarray(samples[::-1]) if self.falling else samples
+        samples = silenced(np.ascontiguousarray(samples[::-1]) if self.falling else samples, self.left_out)
         return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
 
 
