@@ -10,14 +10,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 
 from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 
 Shell = Callable[..., tuple[int, str, str]]
 pytestmark = [pytest.mark.usefixtures("no_child"), pytest.mark.filterwarnings("always")]
 
-PA_FRAMES = Path("/work/shared/data/pa-point-source")
 STRONGEST = 7
 """Number of the frame at 13°, counted from 1."""
 LATE = 400
@@ -197,23 +196,6 @@ def test_a8_saturation_is_seen_at_the_limit_of_the_data(
 ) -> None:
     np.save(tmp_path / "frame.npy", LIMITED[kind](counts[STRONGEST - 1]))
     assert strongest(shell, tmp_path / "frame.npy")["saturated_channels"] > 10
-
-
-@pytest.mark.skipif(not PA_FRAMES.exists(), reason="the public frames are not here")
-@pytest.mark.parametrize("kind", ["int16", "offset binary", "volts"])
-@pytest.mark.parametrize("name", ["phantom_20180124-144553", "phantom_20180124-150201", "waterbath_20170419-171235"])
-def test_a8_real_frames_are_saturated_in_the_phantom_alone(shell: Shell, tmp_path: Path, name: str, kind: str) -> None:
-    held = loadmat(PA_FRAMES / f"{name}.mat")
-    data, length = held["AdcData_frame000"], int(held["SampleNum"].item())
-    frame = data.transpose(0, 2, 1).reshape((128, -1), order="F")[:, :length]
-    as_kind = {
-        "int16": frame,
-        "offset binary": (frame.astype(np.int32) + 2048).astype(np.uint16),
-        "volts": (1.65 + frame * 1e-4).astype(np.float32),
-    }
-    np.save(tmp_path / "frame.npy", as_kind[kind])
-    found = strongest(shell, tmp_path / "frame.npy", "--probe", "L3-8")
-    assert bool(found["saturated_channels"]) == name.startswith("phantom")
 
 
 STARTS: dict[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {

@@ -122,12 +122,6 @@ def test_a_file_of_angles_of_another_length(shell: Shell, tmp_path: Path, frames
     assert "leave one out" in refused(shell, path, "--angles", tmp_path / "angles.txt", *STEPS)
 
 
-def test_a_bank_with_angles_takes_no_others(shell: Shell, tmp_path: Path, frames: np.ndarray) -> None:
-    imported(shell, ipasc(tmp_path / "scan.hdf5", frames), *STEPS)
-    (tmp_path / "bank.hdf5").rename(tmp_path / "ours.hdf5")
-    assert "this recording has its angles" in refused(shell, tmp_path / "ours.hdf5", *STEPS)
-
-
 def test_zea_without_poses(shell: Shell, tmp_path: Path, frames: np.ndarray) -> None:
     path = zea(tmp_path / "scan.hdf5", frames.transpose(0, 2, 1)[:, None, :, :, None])
     assert "--first-deg" in refused(shell, path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import stat
 import subprocess
@@ -60,20 +59,6 @@ def test_what_a_command_writes_can_be_read_by_its_owner_only(tmp_path: Path) -> 
     assert {each.name: stat.S_IMODE(each.stat().st_mode) for each in written} == dict.fromkeys(
         (each.name for each in written), 0o600
     )
-
-
-@pytest.mark.parametrize("length", [247, 255])
-def test_one_long_name_does_not_hide_the_other_journals(length: int, tmp_path: Path, shell: Shell) -> None:
-    folder = tmp_path / "journals"
-    folder.mkdir()
-    shell(*SEARCH, "--journal", folder / "good.journal")
-    (folder / ("x" * (length - 8) + ".journal")).write_bytes((folder / "good.journal").read_bytes())
-    code, out, _ = shell("journal", "list", folder, "--json")
-    listed = json.loads(out)["journals"]
-    assert code == 0
-    states = {Path(each["path"]).name[:4]: each["state"] for each in listed}
-    assert states["good"] == "finished"
-    assert states["xxxx"] in ("finished", "unreadable")
 
 
 def test_colons_in_a_path_are_printed_as_they_are(tmp_path: Path, shell: Shell) -> None:
