@@ -6,6 +6,7 @@ import io
 import struct
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -87,6 +88,20 @@ def _whole_csv() -> bytes:
     return b'angle_deg,intensity,note\n-1,2.5,"a"\n0,3,b\n2,1e-3,c\n'
 
 
+def _whole_mha() -> bytes:
+    """Three frames of 2 lines of 6 samples, packed."""
+    fields = [f"Seq_Frame{number:04d}_ProbeRotation = {angle}" for number, angle in enumerate(_ANGLES)]
+    head = [
+        "DimSize = 6 2 3",
+        "ElementType = MET_SHORT",
+        "CompressedData = True",
+        "UltrasoundImageType = RF_REAL",
+        *fields,
+        "ElementDataFile = LOCAL\n",
+    ]
+    return "\n".join(head).encode() + zlib.compress(np.stack([_FRAME] * 3).tobytes())
+
+
 def _whole_hdf5() -> bytes:
     from markerseek.core import ChannelFrame, FrameHeader, Reading, Sample
 
@@ -137,6 +152,7 @@ DECODERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] =
     "npy": ("a.npy", _whole_npy, load_frame),
     "npz": ("a.npz", _whole_npz, lambda path: _frames_of(read_arrays(path))),
     "csv": ("a.csv", _whole_csv, read_bank),
+    "mha": ("a.mha", _whole_mha, read_bank),
     "hdf5": ("a.hdf5", _whole_hdf5, lambda path: _frames_of(read_bank(path))),
 }
 """File's name, a whole file, and what reads it, by the decoder's name."""

@@ -17,7 +17,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured, Policy, RecordError, SearchPlan, Started
 from markerseek.guard import State
-from markerseek.records.journal import Journal, read_journal, verify
+from markerseek.records.journal import Journal, read_journal, salvage
 from markerseek.rigs import Rig
 from markerseek.runs import RunView
 from markerseek.runs.journalled import journalled
@@ -129,7 +129,7 @@ def test_a_folder_that_cannot_be_written_is_an_error_and_its_journals_are_still_
             os.setuid(NOBODY)
         for name in ("closed.journal", "dead.journal"):
             assert len(read_journal(folder / name).entries) == 4, name
-            assert verify(folder / name).faults == [], name
+            assert salvage(folder / name)[1] is None, name
         for attempt in (
             lambda: Journal.create(folder / "new.journal", configuration()),
             lambda: Journal.reopen(folder / "closed.journal"),

@@ -10,15 +10,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from scipy.io import loadmat, savemat
+from scipy.io import savemat
 
-from markerseek.records.banks import read_bank
 from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 
 Shell = Callable[..., tuple[int, str, str]]
 pytestmark = [pytest.mark.usefixtures("no_child"), pytest.mark.filterwarnings("always")]
 
-PA_FRAMES = Path("/work/shared/data/pa-point-source")
 STRONGEST = 7
 """Number of the frame at 13°, counted from 1."""
 LATE = 400
@@ -88,29 +86,6 @@ def found_at_the_marker(shell: Shell, bank: Path, *words: object) -> None:
     assert answer["others"] == []
 
 
-@pytest.mark.parametrize("kind", ["npz", "zea", "volts", "iq"])
-def test_a2_empty_frames_of_any_format_are_left_out_at_their_angles(
-    shell: Shell, tmp_path: Path, counts: np.ndarray, angles_deg: np.ndarray, kind: str
-) -> None:
-    """Zeros between two flanks would make two sources of one."""
-    frames = counts.astype(np.int16)
-    frames[[0, 5, 6]] = 0
-    if kind == "zea":
-        path = tmp_path / "scan.zea.hdf5"
-        with h5py.File(path, "w") as file:
-            file["tracks/track_0/data/raw_data"] = frames.transpose(0, 2, 1)[:, None, :, :, None]
-            file["tracks/track_0/scan/sampling_frequency"] = np.float32(SAMPLING_HZ)
-        words: tuple[object, ...] = ("--first-deg", angles_deg[0], "--step-deg", 1)
-    else:
-        as_kind = {"npz": frames, "volts": frames * 1e-6, "iq": frames.astype(np.complex64)}
-        np.savez(path := tmp_path / "scan.npz", frames=as_kind[kind], angle_deg=angles_deg, sampling_hz=SAMPLING_HZ)
-        words = ()
-    bank, said = imported(shell, path, *words)
-    assert "3 frames hold zeros only, and are left out: 1, 6, 7" in said
-    left = [*range(1, 5), *range(7, 12)]
-    assert read_bank(bank).angles_deg == pytest.approx(angles_deg[left], abs=0.01)
-
-
 RANDOM = np.random.default_rng(45)
 OFFSETS_V = {
     "1.65 V": 1.65,
@@ -139,18 +114,6 @@ def test_a6_noise_below_a_count_is_said(shell: Shell, save: Callable[..., Path],
     loud[:, ::4, 1900] = 5.0
     _, said = imported(shell, save(loud))
     assert "counts only, and what is weaker than a count is lost" in said, said
-
-
-def test_a6_other_programs_ipasc_may_hold_volts(
-    shell: Shell, save: Callable[..., Path], volts: np.ndarray, tmp_path: Path
-) -> None:
-    bank, _ = imported(shell, save(volts))
-    with h5py.File(bank, "r+") as file:
-        frames = file["binary_time_series_data"][()]
-        for name in ("binary_time_series_data", "meta_data/intensity", "meta_data/markerseek_bank_version"):
-            del file[name]
-        file["binary_time_series_data"] = (1.65 + frames * 1e-9).astype(np.float32)
-    assert centre_deg(shell, bank) == pytest.approx(12.495, abs=0.01)
 
 
 @pytest.mark.parametrize("marker_mv", [0.3, 0.1])
@@ -233,23 +196,6 @@ def test_a8_saturation_is_seen_at_the_limit_of_the_data(
 ) -> None:
     np.save(tmp_path / "frame.npy", LIMITED[kind](counts[STRONGEST - 1]))
     assert strongest(shell, tmp_path / "frame.npy")["saturated_channels"] > 10
-
-
-@pytest.mark.skipif(not PA_FRAMES.exists(), reason="the public frames are not here")
-@pytest.mark.parametrize("kind", ["int16", "offset binary", "volts"])
-@pytest.mark.parametrize("name", ["phantom_20180124-144553", "phantom_20180124-150201", "waterbath_20170419-171235"])
-def test_a8_real_frames_are_saturated_in_the_phantom_alone(shell: Shell, tmp_path: Path, name: str, kind: str) -> None:
-    held = loadmat(PA_FRAMES / f"{name}.mat")
-    data, length = held["AdcData_frame000"], int(held["SampleNum"].item())
-    frame = data.transpose(0, 2, 1).reshape((128, -1), order="F")[:, :length]
-    as_kind = {
-        "int16": frame,
-        "offset binary": (frame.astype(np.int32) + 2048).astype(np.uint16),
-        "volts": (1.65 + frame * 1e-4).astype(np.float32),
-    }
-    np.save(tmp_path / "frame.npy", as_kind[kind])
-    found = strongest(shell, tmp_path / "frame.npy", "--probe", "L3-8")
-    assert bool(found["saturated_channels"]) == name.startswith("phantom")
 
 
 STARTS: dict[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import h5py
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -18,7 +17,6 @@ from pydicom.dataset import Dataset
 from markerseek.core import RecordError
 from markerseek.files import natural
 from markerseek.records import read_images
-from markerseek.records.banks import FrameBank, read_bank
 from tests.tip_images import dicom, images_of_a_tip
 
 pytestmark = pytest.mark.usefixtures("no_child")
@@ -127,23 +125,6 @@ def test_a13_natural_order() -> None:
         assert sorted(sorted(names, reverse=True), key=natural) == names
 
 
-@pytest.mark.parametrize("pattern", ["detection_element_{}", "{}", "element {} of 128", "D{:03d}"])
-def test_a13_elements_that_are_named_without_padding_are_read(tmp_path: Path, pattern: str) -> None:
-    """An IPASC file of another program, of 128 elements."""
-    frames = np.random.default_rng(3).integers(-900, 900, (128, 200, 1, 5)).astype(np.int16)
-    with h5py.File(tmp_path / "scan.hdf5", "w") as file:
-        file["binary_time_series_data"] = frames
-        file["meta_data/trus_angle_deg"] = np.arange(5.0)
-        file["meta_data/ad_sampling_rate"] = 40e6
-        for number in range(128):
-            place = f"meta_data_device/detectors/{pattern.format(number)}/detector_position"
-            file[place] = [0.3e-3 * number, 0.0, 0.0]
-    bank = read_bank(tmp_path / "scan.hdf5")
-    assert isinstance(bank, FrameBank)
-    assert bank.facts.pitch_m == pytest.approx(0.3e-3)
-    np.testing.assert_array_equal(bank.frame(2).samples, frames[:, :, 0, 2])
-
-
 def region(
     first: tuple[int, int], last: tuple[int, int], pixel_mm: float, *, units: int = 3, spatial_format: int = 1
 ) -> Dataset:
@@ -185,24 +166,6 @@ def test_a14_a_coloured_palette_becomes_grey(tmp_path: Path) -> None:
         tags[f"{colour}PaletteColorLookupTableData"] = (grey * share).astype(np.uint8).tobytes()
     series = read_images(dicom(tmp_path / "scan.dcm", tip_images()[:1], **tags))
     np.testing.assert_array_equal(series.images[0], tip_images()[0])
-
-
-def test_a14_a_black_text_field_is_not_the_tip(shell: Shell, tmp_path: Path) -> None:
-    images = tip_images()
-    palette = np.arange(256, dtype=np.uint8)
-    palette[250:] = 0
-    assert images.max() < 250
-    stored = images.copy()
-    stored[:, 5:40, 5:90] = 253
-    tags: dict[str, object] = {"PhotometricInterpretation": "PALETTE COLOR"}
-    for colour in ("Red", "Green", "Blue"):
-        tags[f"{colour}PaletteColorLookupTableDescriptor"] = [256, 0, 8]
-        tags[f"{colour}PaletteColorLookupTableData"] = palette.tobytes()
-    # The name of a file of several frames says nothing of their angles.
-    path = dicom(tmp_path / "img-2.5.dcm", stored, PixelSpacing=[PIXEL_MM, PIXEL_MM], **tags)
-    report = answer(shell, path)
-    assert (report["reference_deg"], report["half_range_deg"]) == (0, HALF_DEG)
-    assert report["images"][0]["row"] > 100
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])

@@ -122,12 +122,6 @@ def test_a_file_of_angles_of_another_length(shell: Shell, tmp_path: Path, frames
     assert "leave one out" in refused(shell, path, "--angles", tmp_path / "angles.txt", *STEPS)
 
 
-def test_a_bank_with_angles_takes_no_others(shell: Shell, tmp_path: Path, frames: np.ndarray) -> None:
-    imported(shell, ipasc(tmp_path / "scan.hdf5", frames), *STEPS)
-    (tmp_path / "bank.hdf5").rename(tmp_path / "ours.hdf5")
-    assert "this recording has its angles" in refused(shell, tmp_path / "ours.hdf5", *STEPS)
-
-
 def test_zea_without_poses(shell: Shell, tmp_path: Path, frames: np.ndarray) -> None:
     path = zea(tmp_path / "scan.hdf5", frames.transpose(0, 2, 1)[:, None, :, :, None])
     assert "--first-deg" in refused(shell, path)
@@ -224,19 +218,6 @@ def test_channels_of_a_folder_of_frames_are_left_out(
     assert json.loads(out)["depth_m"] == pytest.approx(0.0504, abs=0.2e-3)
 
 
-@pytest.mark.parametrize("words", [(), ("--without-channel", "41")])
-def test_channels_of_ipasc_with_angles_are_left_out(
-    shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray, words: tuple[str, ...]
-) -> None:
-    broken = frames.astype(np.float32)
-    broken[2:, 40] = np.nan
-    with h5py.File(path := ipasc(tmp_path / "scan.hdf5", broken), "r+") as file:
-        file["meta_data/trus_angle_deg"] = angles_deg
-    assert "channel 41 " in imported(shell, path, *words)
-    assert info(shell, tmp_path / "bank.hdf5")["cen_deg"] == pytest.approx(MARKER_DEG, abs=0.1)
-    assert answer_deg(shell, path) == pytest.approx(MARKER_DEG, abs=0.1)
-
-
 LOCKS = """
 import sys, h5py, time
 with h5py.File(sys.argv[1], "r+") as file:
@@ -324,24 +305,6 @@ def test_damage_is_called_a_change_of_a_checksum_only(shell: Shell, tmp_path: Pa
     assert "changed since" not in said
 
 
-def iq_of(frames: np.ndarray) -> np.ndarray:
-    time_s = np.arange(frames.shape[2]) / SAMPLING_HZ
-    return np.asarray(hilbert(frames.astype(float), axis=2) * np.exp(-2j * np.pi * 7e6 * time_s))
-
-
-@pytest.mark.parametrize("wrong", ["NaN", "noise", "by hand"])
-def test_channels_of_iq_data_are_left_out(
-    shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray, wrong: str
-) -> None:
-    iq, words = iq_of(frames), ("--without-channel", "41") if wrong == "by hand" else ()
-    # Twice as loud as the marker: the mean over the channels shows it.
-    noise = np.random.default_rng(1).normal(0.0, 8000.0, iq[:, 40].shape)
-    iq[:, 40] += np.nan if wrong == "NaN" else noise
-    np.savez(tmp_path / "scan.npz", frames=iq, angle_deg=angles_deg)
-    assert "channel 41 " in imported(shell, tmp_path / "scan.npz", *words)
-    assert info(shell, tmp_path / "bank.hdf5")["cen_deg"] == pytest.approx(MARKER_DEG, abs=0.3)
-
-
 def test_variables_of_hdf5_are_named(shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray) -> None:
     path = tmp_path / "scan.h5"
     with h5py.File(path, "w") as file:
@@ -352,23 +315,3 @@ def test_variables_of_hdf5_are_named(shell: Shell, tmp_path: Path, frames: np.nd
     assert answer_deg(shell, path, "--columns", "theta,rf") == pytest.approx(MARKER_DEG, abs=0.1)
     imported(shell, ipasc(tmp_path / "ipasc.hdf5", frames), *STEPS)
     assert "it is no CSV" in shell("bank", "info", tmp_path / "bank.hdf5", "--skip-invalid")[2]
-
-
-def test_complex_numbers_of_another_program(
-    shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray
-) -> None:
-    """HDF5 has none of its own: h5py calls the parts r and i, MATLAB and others real and imag."""
-    iq = iq_of(frames)
-    pairs = np.empty(iq.shape, [("real", "f4"), ("imag", "f4")])
-    pairs["real"], pairs["imag"] = iq.real, iq.imag
-    path = tmp_path / "scan.h5"
-    with h5py.File(path, "w") as file:
-        file["frames"], file["angle_deg"] = pairs, angles_deg
-    assert answer_deg(shell, path) == pytest.approx(MARKER_DEG, abs=0.3)
-
-
-def test_no_order_of_axes_is_offered_for_nothing(shell: Shell, tmp_path: Path, frames: np.ndarray) -> None:
-    np.savez(tmp_path / "scan.npz", frames=frames[:0], angle_deg=np.empty(0))
-    said = refused(shell, tmp_path / "scan.npz")
-    assert "frames has the shape (0, 128, 2080) for 0 angles" in said
-    assert "--axes" not in said

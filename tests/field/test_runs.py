@@ -24,7 +24,7 @@ from markerseek.bridges import AskedSearch, Outcome, Searches, SearchOptions
 from markerseek.bridges.page.server import Address
 from markerseek.cli import doctor
 from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
-from markerseek.records.image_files import read_png
+from markerseek.records.images import _read_png
 from markerseek.records.journal import Entry, Interrupted, JournalItem, read_journal
 from tests.emulated import markerseek
 
@@ -317,7 +317,7 @@ def test_c_an_image_whose_library_is_broken_is_not_called_damaged(
     image = tmp_path / "tip.png"
     image.write_bytes(b"\x89PNG\r\n\x1a\n")
     with pytest.raises(RecordError, match="because of a library: ImportError: libGL") as raised:
-        read_png(image)
+        _read_png(image)
     assert "damaged" not in str(raised.value)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +10,10 @@ import pytest
 from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks import IntensityBank, Layout, TableFormat
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
-from tests.field.base_scan import MARKER_DEG, base_scan
 from tests.unit.records.vantage_workspaces import write_workspace
 
 pytestmark = pytest.mark.usefixtures("no_child")
 
-Shell = Callable[..., tuple[int, str, str]]
 
 FRAMES = np.random.default_rng(7).integers(-2000, 2000, (12, 8, 40)).astype(np.int16)
 FIRST_DEG, STEP_DEG = -35.0, 2.5
@@ -164,44 +160,3 @@ def test_a2_a_variable_of_angles_counts_the_lost_frames(tmp_path: Path, numbers:
         bank = read_arrays(write_workspace(tmp_path / "run.mat", frames, change=change))
     assert isinstance(bank, ArrayBank)
     require_true_angles(bank, [0, 1, 2, 4, 5, 6, 7, 8])
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("always:.*hold zeros only")
-def test_a1_and_a2_the_marker_of_the_base_scan_is_found_at_its_angle_or_not_at_all(
-    shell: Shell, tmp_path: Path
-) -> None:
-    scan = base_scan()
-    frames = scan.frames[:, :, :1400].copy()
-    frames[[9, 19, 29]] = 0
-    path = write_workspace(
-        tmp_path / "run.mat",
-        frames,
-        last=30,
-        last_saved=False,
-        mixed=False,
-        connector=tuple(range(1, 129)),
-        spacing_mm=1e3 * scan.pitch_m,
-        change=lambda held: every_receive_is_photoacoustic(held, 1400),
-    )
-    words = ("bank", "import", path, tmp_path / "scan.hdf5", "--first-deg", "-35", "--step-deg", "1")
-    code, _, err = shell(*words)
-    assert code == 2
-    assert "lastFrame is missing" in err
-    code, _, err = shell(*words, "--first-frame", "31")
-    assert code == 0, err
-    assert "3 frames hold zeros only, and are left out: 40, 50, 60" in " ".join(err.split())
-    code, out, err = shell("bank", "info", tmp_path / "scan.hdf5", "--json")
-    assert code == 0, err
-    info = json.loads(out)
-    assert (info["angles"], info["first_deg"], info["last_deg"]) == (68, -35, 35)
-    assert info["max_deg"] == pytest.approx(MARKER_DEG, abs=1)
-
-
-def every_receive_is_photoacoustic(held, samples: int) -> None:
-    """Both receives of a frame are the second one, which the helper fills with the scan."""
-    receive = held.file["Receive"]
-    for name, value in (("startSample", samples + 1), ("endSample", 2 * samples)):
-        for reference in receive[name][()].ravel():
-            held.file[reference][...] = value
-    del receive["sampleMode"]

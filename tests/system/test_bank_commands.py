@@ -87,29 +87,12 @@ def test_a_frame_that_has_changed_is_found_by_every_command_and_nothing_is_left_
     assert (code, err.count("error:")) == (2, 1)
 
 
-def test_info_as_text_names_the_statistics_of_the_peak_and_draws(shell, scan, tmp_path):
-    code, out, _ = shell("bank", "info", scan, "--plot", "--out", tmp_path)
-    assert code == 0
-    for word in ("max", "com", "cen", "fwhm", "reference", "dark frames", "simulated", "760 nm"):
-        assert word in out
-    assert (tmp_path / "scan.png").read_bytes().startswith(b"\x89PNG")
-
-
 def test_a_name_that_is_no_unicode_is_escaped_in_json(shell, tmp_path):
     bank = tmp_path / "odd\udcff.csv"
     bank.write_text("angle_deg,intensity\n0,1\n1,2\n2,1\n")
     for words in (("info", bank), ("export", bank, tmp_path / "again\udcff.csv")):
         code, out, err = shell("bank", *words, "--json")
         assert (code, json.loads(out)["path"].endswith("\\udcff.csv")) == (0, True), err
-
-
-def test_bank_to_pacfish_to_bank_gives_the_same_search(shell, scan, tmp_path):
-    data = pacfish.load_data(str(scan))
-    pacfish.write_data(str(tmp_path / "again.hdf5"), data)
-    ours, again = replayed(shell, scan), replayed(shell, tmp_path / "again.hdf5")
-    assert again["angle_deg"] == ours["angle_deg"]
-    assert [each["intensity"] for each in again["samples"]] == [each["intensity"] for each in ours["samples"]]
-    assert ours["reference_deg"] == again["reference_deg"] != None  # noqa: E711 - both, and neither is None
 
 
 def test_a_table_becomes_a_bank_and_the_search_is_the_same(shell, tmp_path):
@@ -125,21 +108,6 @@ def test_a_table_becomes_a_bank_and_the_search_is_the_same(shell, tmp_path):
     code, _, err = shell("bank", "export", tmp_path / "a.hdf5", tmp_path / "a.csv")
     assert code == 0, err
     assert read_bank(tmp_path / "a.csv").intensities == read_bank(source).intensities
-
-
-def test_an_export_has_one_image_for_each_angle(shell, scan, tmp_path):
-    name = "a.igs.mha"
-    code, out, err = shell("bank", "export", scan, tmp_path / name, "--json")
-    assert code == 0, err
-    assert json.loads(out) | {"version": ""} == {
-        "path": str(tmp_path / name),
-        "angles": 15,
-        "images": True,
-        "version": "",
-    }
-    assert (tmp_path / name).stat().st_size > 15 * 4 * 128 * 500
-    code, _, err = shell("bank", "export", scan, tmp_path / name)
-    assert (code, "there is a file already" in err) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -263,13 +231,9 @@ def test_frames_of_the_public_data_set_are_imaged_by_their_own_probe(shell, tmp_
 
 WRONG = [
     (("bank", "scan", "nowhere/a.hdf5"), "there is no folder nowhere; make it, or name another"),
-    (("bank", "export", "good.csv", "nowhere/a.csv"), "there is no folder nowhere"),
     (("bank", "export", "good.csv", ".csv"), "the name must end in one of"),
     (("bank", "scan", "a.txt"), r"must end in .hdf5 or .h5"),
-    (("bank", "scan", "a.hdf5", "--step-deg", 0), "step_deg is 0 deg, it must lie between"),
     (("bank", "scan", "a.hdf5", "--wavelength-nm", -1), "--wavelength-nm is -1, it must be positive and at most 20000"),
-    (("bank", "scan", "a.hdf5", "--rig", "none.toml"), "none.toml"),
-    (("bank", "info", "none.hdf5"), "there is no such file or folder"),
     (("bank", "info", "a.csv"), "the column intensity is missing"),
     (("bank", "info", "broken.hdf5"), "no bank in HDF5 that can be read"),
     (("bank", "info", "good.csv", "--plot", "--out", "a.csv"), "a.csv: no picture can be written there: it is a file"),
@@ -281,6 +245,10 @@ WRONG = [
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0), "go together"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 0), "a step not 0"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 1), "has 128"),
+    (
+        ("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 1, "--first-frame", 1),
+        "a first frame is for the receive buffer of a Verasonics workspace",
+    ),
     (("bank", "import", "good.csv", "b.hdf5", "--sampling-mhz", 0), "--sampling-mhz is 0, it must be positive"),
     (("bank", "import", "good.csv", "b.hdf5", "--sampling-mhz", 4e7), "at most 1000; check the unit"),
     (("bank", "export", "good.csv", "b.igs.mha"), "intensities and no frames"),

@@ -8,13 +8,15 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.cli.terminal import printable
 from markerseek.core import (
     Asked,
     Failed,
     Interval,
+    Measured,
     MoveError,
+    Reading,
     Refused,
+    Sample,
     SearchPlan,
     Started,
 )
@@ -69,7 +71,16 @@ def test_no_command_hands_control_characters_of_a_journal_to_the_terminal(
     assert sum(line.startswith("state: ") for line in out.splitlines()) == 1
 
 
-def test_ordinary_text_is_unchanged() -> None:
-    plain = "Zwölf Grad: 12.5° ± 0.1°, 14 µs – λ\n\tend"
-    assert printable(plain) == plain
-    assert printable(EVIL) == SHOWN + "\nstate: finished"
+def sample(angle_deg: float) -> Sample:
+    return Sample(angle_deg=angle_deg, reading=Reading(intensity=1.0))
+
+
+@pytest.mark.parametrize("angle_deg", [1e300, -1e300, 37.2, -170.0])
+def test_an_angle_outside_the_limits_of_the_run_is_not_gone_to(shell: Shell, tmp_path: Path, angle_deg: float) -> None:
+    taken = Measured(role="search", index=1, sample=sample(angle_deg))
+    path = journal(tmp_path / "run.journal", STARTED, ASKED, taken)
+    before = path.stat().st_size
+    code, _, err = shell("resume", path, "--arm")
+    assert code == 2
+    assert f"the strongest acquisition lies at {angle_deg:g} deg, outside of" in " ".join(err.split())
+    assert path.stat().st_size >= before

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from markerseek.records import read_camera_images
 from markerseek.registration import read_registration
+from markerseek.registration.points import read_camera_images
 from markerseek.sim import EndoscopeSettings, endoscope, spot_images
 from markerseek.vision import find_spot
 

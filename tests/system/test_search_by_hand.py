@@ -12,7 +12,7 @@ import pytest
 
 from markerseek import find_marker, rigs
 from markerseek.core import AcquisitionError, Asked, DeviceTimeoutError, SearchPlan, Turning
-from markerseek.records.journal import Journal, read_journal, verify
+from markerseek.records.journal import Journal, read_journal, salvage
 from markerseek.rigs import Rig
 from markerseek.runs import answer_again, new_session, plan_on
 from markerseek.signals import IntensityReader
@@ -63,7 +63,7 @@ def test_its_journal_tells_where_the_probe_was_on_its_way(shell: Shell, tmp_path
     path = tmp_path / "by-hand.journal"
     journalled(by_hand(4), path)
     held = read_journal(path)
-    assert verify(path).faults == []
+    assert salvage(path)[1] is None
     events = [entry.event for entry in held.entries]
     target_deg = next(event.angle_deg for event in events if isinstance(event, Asked) and event.role == "search")
     turning = [event for event in events if isinstance(event, Turning) and event.target_deg == target_deg]

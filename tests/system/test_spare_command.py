@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -49,14 +48,6 @@ def test_a_source_is_found_and_the_result_says_how(shell, rf_file, tmp_path):
     assert abs(report["depth_m"] - 48e-3) < 0.05e-3
     assert (tmp_path / "pa.png").exists()
     assert "SPARE" in shell("frame", rf_file, "--spare", "--number", 2)[1]
-
-
-def test_a_probe_of_ones_own_is_one_whose_lines_can_be_focused(shell, rf_file):
-    own = Path(__file__).parents[2] / "examples" / "probes" / "linear-64.toml"
-    code, out, _ = shell("frame", rf_file, "--spare", "--number", 2, "--probe", own, "--json")
-    report = json.loads(out)
-    assert "error" not in report
-    assert (code in (0, 3), report["probe"]) == (True, "linear-64.toml")
 
 
 def test_noise_is_no_source_and_without_spare_nothing_is_looked_for(shell, rf_file):

@@ -118,6 +118,7 @@ def test_the_paper_s_way_is_asked_for_by_name(shell, folder):
         (("--angles", "few.txt"), "2 angles for 13 images"),
         (("--angles", "words.txt"), "'x' is no angle in degrees"),
         (("--angles", "names.csv"), "there is no angle of 00.png"),
+        (("--angles", "comma.csv"), "one or two columns are expected"),
         (("--angles", "few.txt", "--step-deg", 2), "leave --step-deg and --first-deg out"),
     ],
 )
@@ -125,6 +126,7 @@ def test_what_does_not_fit_is_a_sentence(shell, folder, monkeypatch, words, mess
     monkeypatch.chdir(folder.parent)
     (folder.parent / "few.txt").write_text("1\n2\n")
     (folder.parent / "words.txt").write_text("1\nx\n")
+    (folder.parent / "comma.csv").write_text("00.png,-1,5\n")
     (folder.parent / "names.csv").write_text("file,angle_deg\nother.png,3\n")
     code, _, err = shell("tooltip", folder, *words)
     assert (code, message in err) == (2, True), err

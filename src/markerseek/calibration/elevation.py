@@ -38,11 +38,6 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
     ``samples``: one for each angle, in the order of the angles. ``saturated_limit``: largest share of saturated
     channels at the strongest angle; clipping changes the shape of the wave.
     """
-    if len(samples) < MIN_ANGLES:
-        raise SearchError(
-            f"{len(samples)} angles are too few to calibrate with, at least {MIN_ANGLES} must receive the source; "
-            f"{_CURE}"
-        )
     intensity = np.array([sample.reading.intensity for sample in samples])
     # Exactly equal intensities cannot be measured: noise alone makes any two of them differ.
     if np.ptp(intensity) == 0:
@@ -57,11 +52,6 @@ def require_peak(samples: Sequence[Sample], *, saturated_limit: float) -> None:
         raise SearchError(
             f"no source at any angle: the strongest, at {strongest.angle_deg:g} deg, is {intensity[best] / noise:.2g} "
             f"times the noise, more than {RECEIVED_RATIO:g} are needed; check laser and gain, or average more pulses"
-        )
-    if not BESIDE <= best < len(samples) - BESIDE:
-        raise SearchError(
-            f"the source is strongest at {strongest.angle_deg:g} deg, at an end of the scan from "
-            f"{samples[0].angle_deg:g} to {samples[-1].angle_deg:g} deg; scan further to that side, 12 deg beyond it"
         )
     # Only the strongest: it is the first to clip, and its wave is the template of the fit.
     clipped = strongest.reading.saturated_fraction

@@ -183,7 +183,7 @@ def verify(
     as_json: AsJson = False,
 ) -> None:
     """Read every frame of a bank and compare it with its checksum; exit code 1 if anything is wrong."""
-    from markerseek.records.banks import FrameBank, frame_faults, has_checksums, read_bank
+    from markerseek.records.banks import FrameBank, IpascBank, frame_faults, read_bank
 
     held = read_bank(bank)
     frames = len(held.angles_deg) + held.dark_frames if isinstance(held, FrameBank) else 0
@@ -193,7 +193,7 @@ def verify(
             if fault is not None:
                 faults.append(fault)
             progress.advance(progress.task_ids[0])
-    checksums = has_checksums(held)
+    checksums = isinstance(held, IpascBank) and held.checked
     sound = f"{frames - len(faults)} of {frames} frames"
     if not frames:
         found = f"{len(held.angles_deg)} angles with intensities can be read; there are no frames"

@@ -29,7 +29,7 @@ from markerseek.core import ConfigError
 from markerseek.files import as_read_error
 
 if TYPE_CHECKING:
-    from markerseek.records.banks import BankFacts, FrameBank, IntensityBank, Layout, TableFormat
+    from markerseek.records.banks import FrameBank, IntensityBank, Layout, TableFormat
 
 IMPORT_EXAMPLES = """
     markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5
@@ -188,8 +188,7 @@ def export_bank(
 ) -> None:
     """Write a bank with the probe's angles for other programs: images (envelope), channel data (zea), intensities."""
     from markerseek.files import require_new
-    from markerseek.records.banks import FrameBank, require_whole
-    from markerseek.records.exports import write_intensities
+    from markerseek.records.banks import FrameBank, IntensityBank, require_whole, write_bank
 
     kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
     if kind is None or to.name.lower() == kind:
@@ -205,15 +204,12 @@ def export_bank(
     require_whole(bank)
     announce_compilation()
     if kind == ".csv":
-        write_intensities(
-            to, angles_deg=bank.angles_deg, intensities=runs.bank_curve(bank, probe=probe).intensity.tolist()
-        )
+        intensities = tuple(runs.bank_curve(bank, probe=probe).intensity.tolist())
+        write_bank(IntensityBank(angles_deg=bank.angles_deg, intensities=intensities), to)
     elif not isinstance(bank, FrameBank):
         raise ConfigError(f"{source}: it holds intensities and no frames; export it as .csv")
-    elif kind == ".zea.hdf5":
-        _write_channels(to, bank, probe=probe, face_radius_mm=face_radius_mm)
     else:
-        _write_sequence(to, bank, probe=probe, face_radius_mm=face_radius_mm)
+        _write_frames(to, bank, probe=probe, face_radius_mm=face_radius_mm, as_images=kind == ".igs.mha")
     count = len(bank.angles_deg)
     report = Report(
         values=with_version(path=str(to), angles=count, images=kind == ".igs.mha"),
@@ -222,19 +218,26 @@ def export_bank(
     Output(as_json=as_json).show(report)
 
 
-def _write_sequence(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
-    from markerseek.records.exports import series_of, write_sequence
+def _write_frames(
+    to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None, as_images: bool
+) -> None:
+    """Write a bank of frames as a sequence of images, or as channel data of zea."""
+    from markerseek.records.exports import series_of, write_sequence, write_zea
 
-    series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
-    write_sequence(
-        to, _with_progress(runs.bank_images(bank, probe=probe, order=series.order), len(series.order)), series=series
-    )
-
-
-def _write_channels(to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None) -> None:
-    from markerseek.records.exports import series_of, write_zea
-
-    series = series_of(bank, facts=_facts(bank, probe, face_radius_mm))
+    facts = runs.bank_facts(bank, probe=probe)
+    if face_radius_mm is not None:
+        facts = replace(facts, face_radius_m=face_radius_mm / 1e3)
+    elif facts.face_radius_m is None:
+        stderr.print(
+            "[yellow]the export has no positions of the images: the bank does not hold the distance of the array's "
+            "face from the axis of rotation; give --face-radius-mm[/]"
+        )
+    series = series_of(bank, facts=facts)
+    count = len(series.order)
+    if as_images:
+        images = runs.bank_images(bank, probe=probe, order=series.order)
+        write_sequence(to, _with_progress(images, count), series=series)
+        return
     preset = rigs.preset_of(bank, probe)
     first_s = bank.facts.first_sample_s or 0.0
     filled = round(first_s * preset.sampling_hz)
@@ -243,27 +246,12 @@ def _write_channels(to: Path, bank: FrameBank, *, probe: str | None, face_radius
     frames = (replace(each, samples=each.samples[:, filled:]) for each in read)
     write_zea(
         to,
-        _with_progress(frames, len(series.order)),
+        _with_progress(frames, count),
         series=series,
         array=preset.array,
         band_hz=(preset.low_hz, preset.high_hz),
         first_sample_s=first_s - preset.trigger_offset_s,
     )
-
-
-def _facts(bank: IntensityBank | FrameBank, probe: str | None, face_radius_mm: float | None) -> BankFacts:
-    """Facts of a bank with the face radius given; warns if images cannot be placed without it."""
-    from markerseek.records.banks import FrameBank
-
-    facts = runs.bank_facts(bank, probe=probe)
-    if face_radius_mm is not None:
-        return replace(facts, face_radius_m=face_radius_mm / 1e3)
-    if facts.face_radius_m is None and isinstance(bank, FrameBank):
-        stderr.print(
-            "[yellow]the export has no positions of the images: the bank does not hold the distance of the array's "
-            "face from the axis of rotation; give --face-radius-mm[/]"
-        )
-    return facts
 
 
 def _with_progress(items: Iterable[Item], count: int) -> Iterator[Item]:

@@ -102,22 +102,21 @@ def follow(journal: _File) -> None:
 
 def verify(journal: _File, as_json: AsJson = False) -> None:
     """Check that all entries can be read and agree with their checksums; exit code 1 if anything is wrong."""
-    from markerseek.records.journal import verify as verify_journal
+    from markerseek.records.journal import salvage
 
-    finding = verify_journal(journal)
+    recorded, damage = salvage(journal, frames=False)
+    faults = [] if damage is None else [str(damage)]
+    entries, unfinished_bytes = len(recorded.entries), recorded.unfinished_bytes
+    values = {"ok": not faults, "entries": entries, "faults": faults, "unfinished_bytes": unfinished_bytes}
     # Nothing acted on an unfinished entry, so it is no fault.
-    unfinished = f"; an unfinished entry of {counted(finding.unfinished_bytes, 'byte')} behind them is ignored"
-    report = Report(
-        values={"ok": not finding.faults} | msgspec.to_builtins(finding),
-        shown=[
-            *(f"[red]wrong:[/] {one_line(fault)}" for fault in finding.faults),
-            f"{counted(finding.entries, 'entry is', 'entries are')} whole"
-            + ("" if finding.faults else ", and nothing is wrong")
-            + (unfinished if finding.unfinished_bytes else ""),
-        ],
-        exit_code=1 if finding.faults else 0,
+    unfinished = f"; an unfinished entry of {counted(unfinished_bytes, 'byte')} behind them is ignored"
+    whole = (
+        f"{counted(entries, 'entry is', 'entries are')} whole"
+        + ("" if faults else ", and nothing is wrong")
+        + (unfinished if unfinished_bytes else "")
     )
-    Output(as_json=as_json).show(report)
+    shown = [*(f"[red]wrong:[/] {one_line(fault)}" for fault in faults), whole]
+    Output(as_json=as_json).show(Report(values=values, shown=shown, exit_code=1 if faults else 0))
 
 
 def replay(journal: _File, as_json: AsJson = False) -> None:

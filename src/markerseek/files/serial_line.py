@@ -38,10 +38,6 @@ class Line:
         if not self.safe_command:
             raise ConfigError(f"line {self.name!r}: safe_command is empty; give the command that makes the device safe")
         require_fields(self, f"line {self.name!r}")
-        if not isinstance(self.baud, int):
-            raise ConfigError(f"line {self.name!r}: baud is {self.baud!r}, it must be a whole number")
-        if not isinstance(self.rtscts, bool):
-            raise ConfigError(f"line {self.name!r}: rtscts is {self.rtscts!r}, it must be True or False")
 
 
 def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float, rtscts: bool = False) -> Any:

@@ -1,5 +1,5 @@
 from .curve_svg import DrawnCurve, Mark, as_html, errors_svg, tracks_svg
-from .images import ImageSeries, read_camera_images, read_image_sequence, read_images
+from .images import ImageSeries, read_image_sequence, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
 from .result import NAME_WITHOUT_CLAIM, Answer, ReplayedSearch, SampleRow, SearchResult
 from .words import (
@@ -40,7 +40,6 @@ __all__ = [
     "errors_svg",
     "interval_text",
     "others_rows",
-    "read_camera_images",
     "read_image_sequence",
     "read_images",
     "sigma_text",

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import importlib.util
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from markerseek.core import MissingExtraError, RecordError, UInt8
+from markerseek.core import MissingExtraError, RecordError, UInt8, described
 from markerseek.files import MIB, as_read_error, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
 from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
-from markerseek.records.image_files import MAX_PIXELS, read_camera_png, read_dicom, read_png
 
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 """Suffixes of files with B-mode images; DICOM files without a suffix need one."""
@@ -21,7 +23,16 @@ IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 MAX_IMAGES = 2000
 """Most images of a series."""
 
+MAX_PIXELS, _LARGEST = 1 << 30, 1 << 28
+"""Most pixels of a series, and of one image."""
+
 _MAX_BYTES = 512 * MIB
+
+_CENTIMETRE_UNITS = 3
+"""Physical units of an ultrasound region that mean centimetres (DICOM PS3.3, C.8.5.5.1.1)."""
+
+_IMAGE_FORMAT = 1
+"""Spatial format of an ultrasound region that is an image, no M-mode, spectrum or graphic."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,27 +123,6 @@ def read_image_sequence(
     )
 
 
-def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
-    """Images of a camera from the PNG files of a folder, in natural order: the brightest of the colours."""
-    held = in_natural_order(folder.iterdir()) if folder.is_dir() else []
-    files = [each for each in held if each.suffix.lower() == ".png"]
-    if not 0 < len(files) <= MAX_IMAGES:
-        raise RecordError(f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read; save the camera's frames so")
-    if importlib.util.find_spec("cv2") is None:
-        raise MissingExtraError(package="opencv-python-headless", extra="vision", purpose=f"{folder}: it")
-    found: list[np.ndarray] = []
-    for file in files:
-        with as_read_error(file):
-            require_input(file, most_bytes=_MAX_BYTES)
-        pixels = read_camera_png(file)
-        if pixels.dtype != np.uint8 or pixels.ndim != 2:
-            raise RecordError(f"{file}: {pixels.dtype} of shape {pixels.shape}; save camera images with 8 bits")
-        found.append(pixels)
-        if sum(each.size for each in found) > MAX_PIXELS:
-            raise RecordError(f"{folder}: more than {MAX_PIXELS} pixels; 25 frames are usual")
-    return found
-
-
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
@@ -159,7 +149,7 @@ def _frames(
     with as_read_error(path):
         # Only regular files, and none that is too large.
         require_input(path, most_bytes=_MAX_BYTES)
-    arrays = {"pixels": read_png(path)[np.newaxis]} if suffix == ".png" else read_dicom(path)
+    arrays = {"pixels": _read_png(path)[np.newaxis]} if suffix == ".png" else _read_dicom(path)
     frames = arrays["pixels"]
     if frames.ndim != 3 or frames.dtype.kind not in "ui":
         raise RecordError(
@@ -207,3 +197,86 @@ def _as_8_bits(path: Path, images: list[np.ndarray]) -> tuple[UInt8[np.ndarray, 
 
 def _size(pixel_m: tuple[float, float] | None) -> str:
     return "of unknown size" if pixel_m is None else f"{1e3 * pixel_m[0]:g} × {1e3 * pixel_m[1]:g} mm"
+
+
+def _read_png(path: Path) -> np.ndarray:
+    """Pixels of one image, shape (rows, columns), of 8 or 16 bits; colours become grey."""
+    data = np.fromfile(path, np.uint8)
+    # Width and height stand first in every PNG; memory is taken for what they say.
+    width, height = (int.from_bytes(data[start : start + 4].tobytes(), "big") for start in (16, 20))
+    with _as_image_error(path):
+        import cv2
+
+        if data[12:16].tobytes() == b"IHDR" and width * height > _LARGEST:
+            raise ValueError(f"{width} × {height} pixels, far more than its file can hold")
+        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH) if data.size else None
+        if image is None:
+            raise ValueError("empty" if data.size == 0 else "no PNG")
+        return np.asarray(image)
+
+
+@contextmanager
+def _as_image_error(path: Path) -> Iterator[None]:
+    """Errors of the libraries, which are of any kind, as `RecordError`; their warnings are not shown."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            yield
+        except RecordError:
+            raise
+        except ImportError as problem:
+            raise RecordError(f"{path}: it cannot be read, because of a library: {described(problem)}") from problem
+        except Exception as problem:
+            reason = " ".join(str(problem).split()).strip("'\"") or type(problem).__name__
+            raise RecordError(
+                f"{path}: it cannot be read as an image: {reason}; it is damaged: export it again"
+            ) from problem
+
+
+def _read_dicom(path: Path) -> dict[str, np.ndarray]:
+    """``pixels`` of all frames as grey values, shape (frames, rows, columns), and what is known of a pixel's size.
+
+    ``regions``: first row and column, last row and column, and height and width of a pixel in metres of each region
+    that is an image. ``pixel_m``: height and width by ``PixelSpacing``.
+    """
+    with _as_image_error(path):
+        import pydicom
+
+        file = pydicom.dcmread(path)
+        colour = str(file.get("PhotometricInterpretation", ""))
+        try:
+            pixels = np.asarray(file.pixel_array)
+            if colour == "PALETTE COLOR":
+                # Without the fourth colour of a palette, transparency.
+                pixels = np.asarray(pydicom.pixels.processing.apply_color_lut(pixels, file))[..., :3]
+        except (AttributeError, RuntimeError, NotImplementedError, ValueError) as problem:
+            reason = " ".join(str(problem).split())
+            raise RecordError(f"{path}: its images cannot be unpacked: {reason}; export it uncompressed") from problem
+        if colour == "PALETTE COLOR" or (pixels.shape[-1] == 3 and int(file.get("SamplesPerPixel", 1)) == 3):
+            # Grey is the same in all three colours of a B-mode image; pydicom has made RGB of YBR.
+            pixels = pixels.max(axis=-1)
+        if pixels.ndim == 2:
+            pixels = pixels[np.newaxis]
+        if colour == "MONOCHROME1":
+            # About the middle of what the bits can hold, so that the images of a scan can be compared.
+            signed = int(file.get("PixelRepresentation", 0))
+            pixels = (-1 if signed else 2 ** int(file.BitsStored) - 1) - pixels.astype(np.int64)
+        found = {"pixels": pixels, "regions": np.array(_regions(file)).reshape(-1, 6)}
+        if file.get("PixelSpacing"):
+            found["pixel_m"] = np.array([1e-3 * float(file.PixelSpacing[0]), 1e-3 * float(file.PixelSpacing[1])])
+        return found
+
+
+def _regions(file: Any) -> list[tuple[float, ...]]:
+    """Rows as in `_read_dicom` of the ultrasound regions that are images."""
+    found = []
+    for region in file.get("SequenceOfUltrasoundRegions") or ():
+        units = {int(region.get(f"PhysicalUnits{axis}Direction", 0)) for axis in "XY"}
+        if units != {_CENTIMETRE_UNITS} or int(region.get("RegionSpatialFormat", _IMAGE_FORMAT)) != _IMAGE_FORMAT:
+            continue
+        places = ("MinY0", "MinX0", "MaxY1", "MaxX1")
+        edges = [float(region.get(f"RegionLocation{place}", -1)) for place in places]
+        if min(edges) < 0:
+            edges = [0, 0, float(file.Rows) - 1, float(file.Columns) - 1]
+        found.append((*edges, *(1e-2 * abs(float(region.get(f"PhysicalDelta{axis}", 0))) for axis in "YX")))
+    return found

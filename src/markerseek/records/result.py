@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -70,15 +70,8 @@ class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def of(cls, sample: Sample) -> SampleRow:
         """Row of a sample."""
-        reading = sample.reading
-        return cls(
-            angle_deg=sample.angle_deg,
-            intensity=reading.intensity,
-            lateral_m=reading.lateral_m,
-            depth_m=reading.depth_m,
-            arrival_s=reading.arrival_s,
-            noise_sigma=reading.noise_sigma,
-        )
+        known = {name: getattr(sample.reading, name) for name in cls.__struct_fields__ if name != "angle_deg"}
+        return cls(angle_deg=sample.angle_deg, **known)
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
@@ -92,9 +85,14 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
     interval_kind: IntervalKind | None
 
     @classmethod
-    def of(cls, estimate: Estimate) -> Answer:
-        """The answer of a search, or of all angles of a recording."""
-        known = None if isinstance(estimate, NotFound) else estimate
+    def of(cls, estimate: Estimate, *, as_published: bool = False) -> Answer:
+        """The answer of a search, or of all angles of a recording.
+
+        ``as_published``: whether it is that of the paper's form of a method, which answers also where there is no
+        marker, so that its uncertainty means nothing.
+        """
+        # A search that detected nothing has the uncertainty of noise.
+        known = None if isinstance(estimate, NotFound) or as_published else estimate
         interval = None if known is None else known.interval95_deg
         return cls(
             answer=answer_name(estimate),
@@ -245,31 +243,24 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         if finished is None:
             raise SearchError("the run is not over, or it failed: there is no result")
         estimate, searched = finished.estimate, finished.searched
-        # The paper's form answers where there is no marker as well, and a search that detected nothing has noise only.
-        known = None if isinstance(estimate, NotFound) or plan.as_published else estimate
-        interval = None if known is None else known.interval95_deg
         # The marker's position follows from all frames with light.
         lit = [*samples, *([] if confirmation is None else [confirmation])]
-        placed = estimate if isinstance(estimate, Found) or _unsure_of_width(estimate) else None
-        marker = None if placed is None else marker_position(placed, lit, facts)
+        placed = None if isinstance(estimate, Unsure) and estimate.doubt != "width" else estimate
+        marker = marker_position(placed, lit, facts) if isinstance(placed, Found | Unsure) else None
+        half_width_m = estimate.half_width_m if isinstance(estimate, Found | Unsure) else None
         kept = samples if searched is None else _all_angles(samples)
         return cls(
             found=isinstance(estimate, Found),
-            answer=answer_name(estimate),
-            reason=answer_reason(estimate),
+            **msgspec.structs.asdict(Answer.of(estimate, as_published=plan.as_published)),
             doubt=estimate.doubt if isinstance(estimate, Unsure) else None,
             # The method of a search says nothing of the answer from all angles.
             method=plan.method if searched is None else "posterior",
             as_published=plan.as_published,
             rig=facts.kind,
             emulated=facts.emulated,
-            angle_deg=estimate.mean_deg,
-            sigma_deg=None if known is None else known.sigma_deg,
-            interval95_deg=None if interval is None else (interval.low_deg, interval.high_deg),
-            interval_kind=None if known is None else known.interval_kind,
-            half_width_m=known.half_width_m if isinstance(known, Found | Unsure) else None,
+            half_width_m=None if plan.as_published else half_width_m,
             marker_trus_m=None if marker is None else marker.position_m,
-            marker_sigma_m=None if marker is None or known is None else marker.sigma_m,
+            marker_sigma_m=None if marker is None or plan.as_published else marker.sigma_m,
             candidates=[] if plan.as_published else list(marker_candidates(estimate, lit, facts)),
             acquisitions=finished.acquisitions if searched is None else len(kept),
             refused=refused,
@@ -399,10 +390,6 @@ def _replayed_search(
         travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
         samples=[SampleRow.of(each) for each in taken],
     )
-
-
-def _unsure_of_width(estimate: Estimate) -> TypeGuard[Unsure]:
-    return isinstance(estimate, Unsure) and estimate.doubt == "width"
 
 
 def _answer_rows(result: SearchResult) -> list[tuple[str, str]]:

@@ -48,7 +48,7 @@ def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     """Frames of a workspace and what is known of them, named as `markerseek.records.banks.arrays` reads them.
 
     The acquisitions of a frame are averaged; the frames are in the order of the buffer, with their numbers and the
-    number of the last one, as `markerseek.records.banks.ring` needs them.
+    number of the last one, as `markerseek.records.banks.arrays` needs them.
     """
     workspace = _Workspace(path=path, file=file)
     receives = workspace.receives()

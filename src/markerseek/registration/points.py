@@ -8,15 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import ConfigError, Float64, RecordError
-from markerseek.files import DECIMAL_COMMA, MIB, csv_rows, in_natural_order, natural
+from markerseek.core import ConfigError, Float64, RecordError, UInt8
+from markerseek.files import DECIMAL_COMMA, MIB, as_read_error, csv_rows, in_natural_order, natural, read_input
 from markerseek.geometry import Camera
-from markerseek.records import read_camera_images
 from markerseek.registration.report import PointPair
 from markerseek.registration.shared_errors import seen_point
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.runs import read_marker
-from markerseek.vision import LaserSpot, find_spot
+from markerseek.vision import LaserSpot, decoded_image, find_spot
 
 COLUMNS: dict[str, tuple[str, ...]] = {
     "trus_m": ("trus_x_m", "trus_y_m", "trus_z_m"),
@@ -91,6 +90,30 @@ def _folders(*paths: Path) -> tuple[Path, ...]:
         if not path.is_dir():
             raise ConfigError(f"--frames: {path} is no folder; name that of the left and that of the right camera")
     return paths
+
+
+MAX_IMAGES = 2000
+"""Most images of one camera at one point; 25 are usual."""
+
+
+def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
+    """Images of a camera from the PNG files of a folder, in natural order: the brightest of the colours."""
+    held = in_natural_order(folder.iterdir()) if folder.is_dir() else []
+    files = [each for each in held if each.suffix.lower() == ".png"]
+    if not 0 < len(files) <= MAX_IMAGES:
+        raise RecordError(f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read; save the camera's frames so")
+    found = []
+    for file in files:
+        with as_read_error(file):
+            data = read_input(file, most_bytes=64 * MIB)
+        try:
+            image = decoded_image(data)
+        except ConfigError as problem:
+            raise RecordError(f"{file}: {problem}") from problem
+        if image is None:
+            raise RecordError(f"{file}: it cannot be read as an image: it is cut off, or no PNG; export it again")
+        found.append(image)
+    return found
 
 
 def _spot(folder: Path, camera: Camera) -> tuple[tuple[float, float], float]:

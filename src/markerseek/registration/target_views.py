@@ -10,7 +10,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64, UInt8
 from markerseek.geometry import Camera
-from markerseek.records import read_camera_images
+from markerseek.registration.points import read_camera_images
 from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
 from markerseek.registration.stereo_files import StereoSettings
 

@@ -38,7 +38,7 @@ RANGE_DB = 40.0
 """Dynamic range from white to black, in dB."""
 
 _TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
-"""The rotation of `markerseek.records.exports.sequence.TRANSDUCER_AXES` as x, y, z, w."""
+"""Rotation from image to probe as x, y, z, w: columns along y, rows along z."""
 
 
 @cache

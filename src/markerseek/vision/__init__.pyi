@@ -1,10 +1,9 @@
 from .as_published import published_sensitive_range
 from .camera_image import SUFFIXES, brightness, decoded_image, says_its_end
-from .lit import lit_pairs
 from .opencv import opencv
 from .rectangle import Rectangle
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
-from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot
+from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot, lit_pairs
 from .tip_reader import TipReader, TipSettings
 from .tooltip import Tip, brightest_blob, find_tip
 

@@ -10,7 +10,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.optimize import least_squares
 
-from markerseek.core import ConfigError, Float32, Float64, Int64, UInt8
+from markerseek.core import ConfigError, Float32, Float64, Int64, StereoPair, UInt8
+from markerseek.vision.camera_image import brightness
 from markerseek.vision.opencv import opencv
 
 MAX_SIZE_PX = 61
@@ -105,9 +106,9 @@ def find_spot(
     same scene with the laser off; their mean is subtracted, and highlights with it.
     """
     _require_alike([*frames, *dark])
-    gray = [_gray(frame) for frame in frames]
+    gray = [brightness(frame) for frame in frames]
     mean = _mean(gray)
-    background = _mean([_gray(frame) for frame in dark]) if dark else np.zeros_like(mean)
+    background = _mean([brightness(frame) for frame in dark]) if dark else np.zeros_like(mean)
     mean -= background
     height = _height(mean)
     middle = float(np.median(height))
@@ -150,11 +151,6 @@ def _require_alike(images: list[UInt8[np.ndarray, " ..."]]) -> None:
                 f"camera frame {number} has the shape {image.shape}, at least {2 * MAX_SIZE_PX} pixels are needed in "
                 "both directions"
             )
-
-
-def _gray(image: UInt8[np.ndarray, " ..."]) -> UInt8[np.ndarray, "rows columns"]:
-    """Brightness: the brightest channel, because a camera shows 785 nm in one or two of its three."""
-    return image if image.ndim == 2 else image.max(axis=2)
 
 
 def _mean(images: Sequence[UInt8[np.ndarray, "rows columns"]]) -> Float32[np.ndarray, "rows columns"]:
@@ -362,3 +358,44 @@ def _jackknife(
         rest = normal - slopes[inside].T @ slopes[inside]
         squares += np.linalg.lstsq(rest, -slopes[inside].T @ left[inside], rcond=None)[0] ** 2
     return squares
+
+
+LIT_SHARE = 0.5
+"""Least light of an image over that of the brightest one."""
+
+MIN_LIGHT_COUNTS = 6.0
+"""Least light over the images with the laser off, in counts of 255, smoothed."""
+
+_LIT_BLUR_PX = 0.75
+"""Standard deviation of the smoothing, in pixels of an image of half the size, which is four times as fast."""
+
+
+def lit_pairs(pairs: Sequence[StereoPair], dark: Sequence[StereoPair]) -> list[StereoPair]:
+    """Return the pairs in which at least one camera saw the laser's light.
+
+    Parameters
+    ----------
+    pairs
+        Pairs taken while the laser fired, lit or not.
+    dark
+        Pairs of the same scene with the laser off; at least one.
+    """
+    if not pairs or not dark:
+        return []
+    left = np.asarray(np.mean([_halved(pair.left) for pair in dark], axis=0, dtype=np.float32))
+    right = np.asarray(np.mean([_halved(pair.right) for pair in dark], axis=0, dtype=np.float32))
+    light = [max(_light(pair.left, left), _light(pair.right, right)) for pair in pairs]
+    least = max(LIT_SHARE * max(light), MIN_LIGHT_COUNTS)
+    return [pair for pair, counts in zip(pairs, light, strict=True) if counts >= least]
+
+
+def _light(image: UInt8[np.ndarray, "rows columns"], dark: Float32[np.ndarray, "rows columns"]) -> float:
+    """The most that a place of an image is brighter than with the laser off, in counts."""
+    return float(opencv(_PURPOSE).GaussianBlur(_halved(image) - dark, (0, 0), _LIT_BLUR_PX).max())
+
+
+def _halved(image: UInt8[np.ndarray, "rows columns"]) -> UInt8[np.ndarray, "rows columns"]:
+    """The image at half its size: the mean of each four pixels."""
+    cv2 = opencv(_PURPOSE)
+    half: UInt8[np.ndarray, "rows columns"] = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    return half

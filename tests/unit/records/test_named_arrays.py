@@ -113,31 +113,6 @@ def test_what_unpacks_too_far_names_the_way_to_save_it(tmp_path):
     assert [not read_arrays(tmp_path / name).frame(3).samples.any() for name in ("a.mat", "a.npz", "b.mat")]
 
 
-def link_outside(file, path):
-    with h5py.File(path.with_name("secret.h5"), "w") as other:
-        other["angles"] = np.arange(4.0)
-    file["angle_deg"] = h5py.ExternalLink("secret.h5", "angles")
-
-
-def external_bytes(file, path):
-    path.with_name("secret").write_bytes(bytes(32))
-    file.create_dataset("angle_deg", (4,), "f8", external=[(str(path.with_name("secret")), 0, 32)])
-
-
-def virtual(file, path):
-    layout = h5py.VirtualLayout((4,), "f8")
-    layout[...] = h5py.VirtualSource(str(path), "frames", (4,))
-    file.create_virtual_dataset("angle_deg", layout)
-
-
-def other_filter(file, _path):
-    file.create_dataset("angle_deg", data=np.arange(4), chunks=(2,), scaleoffset=3)
-
-
-def bomb(file, _path):
-    file.create_dataset("angle_deg", (2**32, 2**32), "f8", chunks=(1024, 1024))
-
-
 def test_anything_but_arrays_of_numbers_is_skipped(tmp_path):
     path = write_73(tmp_path / "a.mat", {"frames": COUNTS})
     with h5py.File(path, "r+") as file:

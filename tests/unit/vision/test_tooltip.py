@@ -19,7 +19,6 @@ from markerseek.vision import (
     published_sensitive_range,
     sensitive_range,
 )
-from markerseek.vision.rectangle import LARGEST_PX
 
 PIXEL_M = (0.15e-3, 0.15e-3)
 HEADER = FrameHeader(sequence=1, token="a", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
@@ -66,15 +65,6 @@ def test_the_centroid_of_a_drawn_disc_is_its_middle_and_the_intensity_its_grey_v
     assert math.pi * 7.5**2 <= tip.area_px <= math.pi * 12**2
     # Mean and three deviations of the tissue, to the accuracy of some thousand pixels.
     assert tip.level == pytest.approx(80 + 3 * 15, abs=5)
-
-
-def test_the_rectangle_reaches_three_millimetres_beyond_the_blob():
-    image = np.zeros((200, 200), np.uint8)
-    image[100:110, 60:80] = 250
-    rectangle, _ = brightest_blob(image, pixel_m=(0.1e-3, 0.2e-3))
-    # 30 rows of 0.1 mm and 15 columns of 0.2 mm, and up to one deviation of the blur (0.7 mm).
-    assert 100 - 30 - 7 <= rectangle.row <= 100 - 30
-    assert 60 - 15 - 4 <= rectangle.column <= 60 - 15
 
 
 def test_ten_runs_are_equal_whatever_came_before():
@@ -203,13 +193,6 @@ def test_an_even_image_and_one_of_two_grey_values_have_no_tip():
 def test_a_series_that_is_none_is_refused(angles, images, message):
     with pytest.raises(ConfigError, match=message):
         sensitive_range(angles, images, pixel_m=PIXEL_M)
-
-
-def test_a_bright_region_as_wide_as_the_largest_image_is_cut_at_its_ends():
-    image = np.full((32, LARGEST_PX), 20, np.uint8)
-    image[10:20] = 200
-    rectangle, _ = brightest_blob(image, pixel_m=(1e-4, 1e-4))
-    assert (rectangle.column, rectangle.columns) == (0, LARGEST_PX)
 
 
 def test_a_rectangle_outside_of_the_image_or_as_wide_as_it_is_refused():

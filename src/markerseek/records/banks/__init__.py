@@ -4,7 +4,7 @@
 A child process tries HDF5 first (`markerseek.records.child`).
 """
 
-from markerseek.records.banks.arrays import ArrayBank, read_arrays
+from markerseek.records.banks.arrays import read_arrays
 from markerseek.records.banks.bank import (
     HDF5_SUFFIXES,
     MIN_ANGLES,
@@ -16,28 +16,23 @@ from markerseek.records.banks.bank import (
     require_angles,
     unwrapped,
 )
-from markerseek.records.banks.frames import MAT_PROBE, FolderBank, load_frame
+from markerseek.records.banks.frames import MAT_PROBE, load_frame
 from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
-from markerseek.records.banks.layout import AXES, USUAL_LAYOUT, Layout, angles_in
-from markerseek.records.banks.reading import frame_faults, has_checksums, read_bank, require_whole
+from markerseek.records.banks.layout import USUAL_LAYOUT, Layout, angles_in
+from markerseek.records.banks.reading import frame_faults, read_bank, require_whole
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, write_bank
 from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
-from markerseek.records.named_arrays import ARRAY_SUFFIXES
 
 __all__ = [
-    "ARRAY_SUFFIXES",
-    "AXES",
     "DEFAULT_FORMAT",
     "HDF5_SUFFIXES",
     "MAT_PROBE",
     "MIN_ANGLES",
     "ULTRASONIX_SUFFIXES",
     "USUAL_LAYOUT",
-    "ArrayBank",
     "Bank",
     "BankFacts",
-    "FolderBank",
     "FrameBank",
     "IntensityBank",
     "IpascBank",
@@ -46,7 +41,6 @@ __all__ = [
     "UltrasonixFile",
     "angles_in",
     "frame_faults",
-    "has_checksums",
     "is_sequence",
     "load_frame",
     "open_ultrasonix",

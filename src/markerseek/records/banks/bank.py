@@ -6,7 +6,7 @@ import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -160,6 +160,8 @@ class FrameBank(Bank, ABC):
     """Laser pulses averaged at each angle; empty where it is not known."""
     energies: tuple[float, ...] = field(repr=False, default=())
     """Energy of the pulses at each angle over the usual one, NaN where it was not measured; empty where none is."""
+    left_out: tuple[int, ...] = ()
+    """Channels that are left out, counted from 0: their samples are 0."""
 
     def to_xarray(self) -> xr.Dataset:
         """As of `Bank.to_xarray`."""
@@ -195,23 +197,6 @@ class FrameBank(Bank, ABC):
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _SilencedBank(FrameBank):
-    """A bank some of whose channels are left out: their samples are 0."""
-
-    inner: FrameBank
-    left_out: Bool[np.ndarray, " channels"] = field(repr=False, compare=False)
-
-    def frame(self, index: int) -> ChannelFrame:
-        return self._silenced(self.inner.frame(index))
-
-    def dark_frame(self, index: int) -> ChannelFrame:
-        return self._silenced(self.inner.dark_frame(index))
-
-    def _silenced(self, frame: ChannelFrame) -> ChannelFrame:
-        return replace(frame, samples=np.where(self.left_out[:, None], np.int16(0), frame.samples))
-
-
 def without_channels(
     bank: IntensityBank | FrameBank, path: Path, channels: tuple[int, ...]
 ) -> IntensityBank | FrameBank:
@@ -220,10 +205,9 @@ def without_channels(
         return bank
     if isinstance(bank, IntensityBank):
         raise ConfigError(f"{path}: --without-channel is for frames, and it holds intensities; leave it out")
-    left_out = chosen_channels(path, channels, count=len(bank.frame(0).samples))
-    known = {each.name: getattr(bank, each.name) for each in fields(FrameBank)}
+    chosen = np.flatnonzero(chosen_channels(path, channels, count=len(bank.frame(0).samples)))
     # What the frames without these channels show is computed again.
-    return _SilencedBank(**{**known, "intensities": ()}, inner=bank, left_out=left_out)
+    return replace(bank, left_out=tuple(sorted({*bank.left_out, *chosen.tolist()})), intensities=())
 
 
 def chosen_channels(path: Path, channels: Sequence[int], *, count: int) -> Bool[np.ndarray, " channels"]:
@@ -275,6 +259,12 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
         stacklevel=3,
     )
     return turned
+
+
+def silenced(samples: np.ndarray, left_out: Sequence[int]) -> np.ndarray:
+    """Samples of (…, channels, samples) with zeros in the channels that are left out, counted from 0."""
+    chosen = np.isin(np.arange(samples.shape[-2]), left_out)
+    return np.where(chosen[:, None], samples.dtype.type(0), samples) if chosen.any() else samples
 
 
 def first_of(names: Sequence[str]) -> str:

@@ -24,9 +24,10 @@ from markerseek.records.banks.bank import (
     FrameBank,
     chosen_channels,
     rising,
+    silenced,
 )
 from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
-from markerseek.records.banks.layout import broken_channels, said_of_broken, silenced
+from markerseek.records.banks.layout import broken_channels, said_of_broken
 from markerseek.records.journal import is_journal
 from markerseek.records.named_arrays import arrays_in, content, try_arrays
 from markerseek.wire import sonixdaq
@@ -60,12 +61,13 @@ def load_frame(
     - ``scaling``: how numbers of an ``.npy`` become counts; None: as the frame itself says, with a warning where it is
       scaled.
     - ``blanked``: samples at the start that are not imaged, and do not count for the scale.
-    - ``left_out``: channels of an ``.npy``, counted from 0, that become zeros; None: those that hold NaN or infinity,
+    - ``left_out``: channels, counted from 0, that become zeros; None: those of an ``.npy`` that hold NaN or infinity,
       where they are few, with a warning.
     """
     place = Path(path)
     with as_read_error(place):
         samples, pulses = _load(place, scaling, blanked, left_out)
+    samples = silenced(samples, left_out or ())
     header = FrameHeader(
         sequence=1, token=place.name, pulses=pulses, commanded_deg=angle_deg, started_s=math.nan, ended_s=math.nan
     )
@@ -103,7 +105,7 @@ def _load(
     samples = npy_samples(path)
     if left_out is None:
         left_out = _left_out(path, [path], ())
-    samples = silenced(samples, np.isin(np.arange(len(samples)), left_out))
+    samples = silenced(samples, left_out)
     return as_counts(path, samples, scaling or scaling_of(path, [samples], blanked=blanked)), 1
 
 
@@ -173,8 +175,6 @@ class FolderBank(FrameBank):
     """Path of each, in the order of the angles."""
     scaling: Scaling = EXACT
     """How the numbers of files of NumPy become counts, alike at all angles."""
-    left_out: tuple[int, ...] = ()
-    """Channels of files of NumPy, counted from 0, that are left out."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -254,7 +254,7 @@ def _common_scaling(path: Path, places: list[Path], blanked: int, left_out: tupl
     first = npy_samples(places[0])
     if first.dtype == np.int16 and first.min() < 0:
         return EXACT
-    silent = (silenced(each, np.isin(np.arange(len(each)), left_out)) for each in map(npy_samples, places))
+    silent = (silenced(each, left_out) for each in map(npy_samples, places))
     return scaling_of(path, silent, blanked=blanked)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from markerseek.core import Bool, ConfigError, RecordError
 from markerseek.files import MIB, is_number, read_text
-from markerseek.records.banks.bank import chosen_channels
+from markerseek.records.banks.bank import chosen_channels, silenced
 
 AXES = ("angles", "channels", "samples")
 """Axes of frames, in their order."""
@@ -140,7 +140,7 @@ def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...])
     if not left_out.any():
         return frames
     warnings.warn(f"{path}: {'; '.join(said)}", stacklevel=3)
-    return silenced(frames, left_out)
+    return silenced(frames, np.flatnonzero(left_out).tolist())
 
 
 def broken_channels(frames: Iterable[np.ndarray], left_out: Bool[np.ndarray, " channels"]) -> np.ndarray:
@@ -157,11 +157,6 @@ def broken_channels(frames: Iterable[np.ndarray], left_out: Bool[np.ndarray, " c
 def said_of_broken(broken: Bool[np.ndarray, " channels"]) -> list[str]:
     """What a warning says of `broken_channels`."""
     return [f"channel {number} holds NaN or infinity, and is left out" for number in _numbers_of(broken)]
-
-
-def silenced(samples: np.ndarray, left_out: Bool[np.ndarray, " channels"]) -> np.ndarray:
-    """Samples of (…, channels, samples) with zeros in the channels that are left out."""
-    return np.where(left_out[:, None], samples.dtype.type(0), samples)
 
 
 def _few(channels: int) -> int:

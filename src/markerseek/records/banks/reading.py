@@ -129,7 +129,7 @@ def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
     """Fault of each frame, dark ones last; None for a frame without one.
 
     Opening a bank has already checked its numbers and read the first frame. Frames are compared with their checksums
-    where the file has any (`has_checksums`).
+    where the file has any.
 
     Yields the fault in words, for each frame that the bank should hold; nothing for a bank of intensities.
     """
@@ -146,15 +146,8 @@ def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
                 yield None
 
 
-def has_checksums(bank: IntensityBank | FrameBank) -> bool:
-    """Whether the frames have checksums, which detect a change."""
-    return isinstance(bank, IpascBank) and bank.checked
-
-
 def require_whole(bank: IntensityBank | FrameBank) -> None:
     """Refuse a bank in IPASC HDF5 with a frame that cannot be read or has changed; other banks are read anyway."""
-    if not isinstance(bank, IpascBank):
-        return
-    for fault in frame_faults(bank):
+    for fault in frame_faults(bank) if isinstance(bank, IpascBank) else ():
         if fault is not None:
             raise RecordError(fault)

@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
-from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, new_file, replace_file
+from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file
 from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, first_of, require_angles, unwrapped
 
 COLUMNS = ("angle_deg", "intensity")
@@ -82,26 +82,15 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
     """Write a bank as a CSV that `read_bank` reads, with every digit; its folder is made if missing."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replace_file(path) as part:
-            _write_rows(part, bank.angles_deg, bank.intensities)
+        with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
+            # Python's csv ends lines with CR LF by default, also on Linux.
+            writer = csv.writer(lines, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))
     except OSError as problem:
         raise RecordError(
             f"{path}: the bank cannot be written: {problem.strerror or problem}; name another place"
         ) from problem
-
-
-def write_intensities(path: Path, *, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:
-    """Write intensities over angles in degrees as a new CSV; `RecordError` if it cannot be written."""
-    with new_file(path) as part:
-        _write_rows(part, angles_deg, intensities)
-
-
-def _write_rows(path: Path, angles_deg: Sequence[float], intensities: Sequence[float]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as lines:
-        # Python's csv ends lines with CR LF by default, also on Linux.
-        writer = csv.writer(lines, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        writer.writerows(zip(angles_deg, intensities, strict=True))
 
 
 def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:

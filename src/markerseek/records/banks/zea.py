@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Float64, RecordError
-from markerseek.records.banks.ipasc.columns import row_of
-from markerseek.records.banks.ipasc.reading import as_bank_error
+from markerseek.records.banks.ipasc.reading import as_bank_error, row_of
 from markerseek.records.hdf5 import CheckedHdf5, require_h5py
 
 RAW, POSE = "data/raw_data", "metadata/probe_pose"

@@ -1,6 +1,5 @@
-"""Exports of a bank: a sequence for 3D Slicer and PLUS, a file of zea, a CSV table."""
+"""Exports of a bank: a sequence for 3D Slicer and PLUS, a file of zea."""
 
-from markerseek.records.banks.table import write_intensities
 from markerseek.records.exports.sequence import image_to_probe, probe_to_probe_home, write_sequence
 from markerseek.records.exports.series import Series, series_of
 from markerseek.records.exports.zea import write_zea
@@ -10,7 +9,6 @@ __all__ = [
     "image_to_probe",
     "probe_to_probe_home",
     "series_of",
-    "write_intensities",
     "write_sequence",
     "write_zea",
 ]

@@ -12,8 +12,6 @@ Probe
     the array's middle, and the frame rotates with the probe.
 ProbeHome
     The frame Probe at 0 degrees.
-Transducer
-    As PLUS has it: x along the array, y away from it, z the product of both.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ import numpy as np
 
 from markerseek.core import Float64, PaImage, RecordError, ScanGeometry
 from markerseek.files import new_file
-from markerseek.records.exports.series import Series, one_for_each
+from markerseek.records.exports.series import Series
 
 MAX_FRAMES = 9999
 """Frames that four digits of a field's name can count."""
@@ -48,11 +46,10 @@ def write_sequence(path: Path, images: Iterator[PaImage], *, series: Series) -> 
     count = len(series.angles_deg)
     if count > MAX_FRAMES:
         raise RecordError(f"{path}: {count} frames, a sequence holds at most {MAX_FRAMES}; scan coarser")
-    each = one_for_each(path, images, count)
-    first = next(each)
+    first = next(images)
     with new_file(path) as part, part.open("xb") as file:
         file.write(_header(first, series).encode("ascii"))
-        for image in chain((first,), each):
+        for image in chain((first,), images):
             if image.envelope.shape != first.envelope.shape:
                 raise RecordError(
                     f"{path}: an image of {image.envelope.shape} pixels follows one of {first.envelope.shape}; "
@@ -108,16 +105,13 @@ def _line(name: str, value: str | float | bool) -> str:
     return f"{name} = {printable}"[:_LONGEST_LINE].rstrip()
 
 
-TRANSDUCER_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-"""Rotation from Transducer to Probe, row by row: Transducer X is +y, towards the element with the highest number.
-
-PLUS calls that side of a transducer the marked one, and an image whose columns run there MF. On which side a housing
-has its mark is not known here. If it is the other one, the images must stay MF: PLUS would mirror the pixels of any
-other orientation, but not ImageToProbe.
-"""
-
 IMAGE_ORIENTATION = "MF"
-"""Orientation of the image in PLUS's letters: columns along Transducer X (M), rows along Transducer Y (F)."""
+"""Orientation of the image in PLUS's letters: columns towards the marked side of the transducer (M), rows away (F).
+
+Here the marked side is that of the element with the highest number, +y. On which side a housing has its mark is not
+known. If it is the other one, the images must stay MF: PLUS would mirror the pixels of any other orientation, but not
+ImageToProbe.
+"""
 
 
 def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:
@@ -126,27 +120,14 @@ def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:
     return np.array([[cosine, 0, sine, 0], [0, 1, 0, 0], [-sine, 0, cosine, 0], [0, 0, 0, 1]], dtype=np.float64)
 
 
-def transducer_to_probe(*, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
-    """From the middle of the array's face to the axis of rotation, in millimetres."""
-    matrix = np.eye(4)
-    # Depth counts from the face, which is the face radius away from the axis of rotation.
-    matrix[:3, :3] = TRANSDUCER_AXES
-    matrix[2, 3] = 1e3 * face_radius_m
-    return matrix
-
-
-def image_to_transducer(geometry: ScanGeometry) -> Float64[np.ndarray, "4 4"]:
-    """Pixels (column, row, 0) to millimetres from the middle of the array's face: the column along x, the row along y.
-
-    The third axis is one millimetre long.
-    """
-    matrix = np.diag((1e3 * geometry.lateral_step_m, 1e3 * geometry.depth_step_m, 1.0, 1.0))
-    matrix[:2, 3] = 1e3 * geometry.first_lateral_m, 1e3 * geometry.first_depth_m
-    return matrix
-
-
 def image_to_probe(geometry: ScanGeometry, *, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
-    """Pixels (column, row, 0) to millimetres: the column along y, the row along z from the axis of rotation."""
-    to_probe = transducer_to_probe(face_radius_m=face_radius_m)
-    matrix: Float64[np.ndarray, "4 4"] = to_probe @ image_to_transducer(geometry)
+    """Pixels (column, row, 0) to millimetres: the column along y, the row along z from the axis of rotation.
+
+    The third axis of the image is one millimetre of x long.
+    """
+    matrix = np.zeros((4, 4))
+    matrix[0, 2] = matrix[3, 3] = 1.0
+    matrix[1, 0], matrix[1, 3] = 1e3 * geometry.lateral_step_m, 1e3 * geometry.first_lateral_m
+    # Depth counts from the face, which is the face radius away from the axis of rotation.
+    matrix[2, 1], matrix[2, 3] = 1e3 * geometry.depth_step_m, 1e3 * geometry.first_depth_m + 1e3 * face_radius_m
     return matrix

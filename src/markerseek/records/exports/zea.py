@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek._version import __version__
-from markerseek.core import ChannelFrame, Float64, LinearArray, RecordError
+from markerseek.core import ChannelFrame, LinearArray, RecordError
 from markerseek.files import new_file
+from markerseek.records.banks.ipasc.writer import probe_poses
 from markerseek.records.banks.zea import POSE, RAW, TRACK
 from markerseek.records.exports.series import Series
 from markerseek.records.hdf5 import require_h5py
@@ -96,18 +97,13 @@ def _write_frames(
 
 
 def _write_poses(file: h5py.File, series: Series) -> None:
-    turned = np.radians(series.angles_deg)
-    rotation = np.column_stack([turned, np.zeros((len(turned), 2))])
+    radius_m = series.facts.face_radius_m
+    # Coordinates of IPASC, whose poses count from the first: here that is the array at 0 degrees.
+    poses = probe_poses([0.0, *series.angles_deg], radius_m or 0.0)[1:].astype(np.float32)
     place = file.create_group(POSE)
-    place["rotation"] = rotation.astype(np.float32)
+    place["rotation"] = poses[:, 3:]
     place["rotation_representation"] = "euler_xyz"
-    place["translation"] = _translation_m(turned, series.facts.face_radius_m).astype(np.float32)
+    # The place of the array is not known without its distance from the axis.
+    place["translation"] = np.full_like(poses[:, :3], np.nan) if radius_m is None else poses[:, :3]
     place["start_time_offset"] = np.float32(0.0)
     place["timestamps"] = (np.array(series.times_s) - series.times_s[0]).astype(np.float32)
-
-
-def _translation_m(turned: Float64[np.ndarray, " frames"], radius_m: float | None) -> Float64[np.ndarray, "frames 3"]:
-    """Middle of the array's face relative to its place at 0 degrees; NaN if its distance from the axis is not known."""
-    radius = math.nan if radius_m is None else radius_m
-    # 1 - cos in a form that keeps small angles exact.
-    return radius * np.column_stack([np.zeros_like(turned), -np.sin(turned), -2 * np.sin(turned / 2) ** 2])

@@ -1,6 +1,6 @@
 """Journals: all events of a run in one file that only grows, each on the disk before the search acts on it.
 
-`Journal` writes, `read_journal` reads and checks, `verify` reports all damage, `follow` reads while a run goes on.
+`Journal` writes, `read_journal` reads and checks, `salvage` names damage, `follow` reads while a run goes on.
 Numbers are stored exactly.
 """
 
@@ -26,7 +26,6 @@ from markerseek.records.journal.reader import (
     run_state,
     salvage,
     since_started,
-    verify,
 )
 from markerseek.records.journal.writer import Journal
 
@@ -60,6 +59,5 @@ __all__ = [
     "since_started",
     "size_bytes_of",
     "summary",
-    "verify",
     "versions",
 ]

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from markerseek.core import RecordError
-from markerseek.files import data_folder, open_input, quoted, require_input
+from markerseek.files import data_folder, open_input, quoted
 
 MAX_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
@@ -63,18 +63,6 @@ def open_for_reading(path: Path) -> int:
         )
     with open_input(path, most_bytes=MAX_BYTES) as file:
         return os.dup(file.fileno())
-
-
-def open_for_writing(path: Path) -> int:
-    """File descriptor of a journal, locked against other writers."""
-    require_input(path, most_bytes=MAX_BYTES)
-    descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)
-    try:
-        lock(descriptor)
-    except BaseException:
-        os.close(descriptor)
-        raise
-    return descriptor
 
 
 def lock(descriptor: int) -> None:

@@ -9,6 +9,7 @@ entry has the keys ``number``, ``block`` (bytes of the frame behind the line, 0 
 from __future__ import annotations
 
 import os
+import re
 import zlib
 from pathlib import Path
 
@@ -19,7 +20,6 @@ from markerseek.records.configuration import Configuration
 from markerseek.records.journal.encoding import decode, encode, json_values, require_finite
 from markerseek.records.journal.events import Entry
 from markerseek.records.journal.file import MAGIC, MAGIC_1
-from markerseek.records.journal.lines_1 import PREFIX_1_BYTES, numbers_1, prefix_agrees
 
 VERSION = 2
 """Version of the format; newer ones are refused."""
@@ -32,6 +32,13 @@ MAX_FRAME_BYTES = 1 << 28
 
 _PREFIX_BYTES = len(MAGIC) + len('00000000",')
 _PIECE_BYTES = 1 << 16
+
+_PREFIX_1 = re.compile(
+    rb'\{"number": *(\d+),"bytes": *(\d+),"frame_bytes": *(\d+),"check": *(\d+),"crc": *(\d+),', re.ASCII
+)
+_PREFIX_1_BYTES = len(b'{"number":%8d,"bytes":%9d,"frame_bytes":%9d,"check":%10d,"crc":%10d,' % (0, 0, 0, 0, 0))
+"""Beginning of a line in files of version 1: number, bytes of the rest and of the frame behind it, CRC-32 of these
+three, and that of the rest and the frame, which goes on from it."""
 
 
 class UnfinishedError(RecordError):
@@ -118,7 +125,6 @@ class EntryReader:
         self.descriptor = descriptor
         self.version = VERSION
         """Version of the file's format."""
-        self._checksum_1 = 0
         self._number = 0
         self._confirmation: Sample | None = None
         self.configuration = self._configuration()
@@ -215,26 +221,21 @@ class EntryReader:
         return rest, data[:-1]
 
     def _next_line_1(self) -> tuple[bytes, bytes] | None:
-        """`_next_line` of a file of version 1, whose checksums form a chain."""
-        prefix = os.pread(self.descriptor, PREFIX_1_BYTES, self.end)
-        if len(prefix) < PREFIX_1_BYTES or prefix.endswith(b"\0"):
+        """`_next_line` of a file of version 1."""
+        prefix = os.pread(self.descriptor, _PREFIX_1_BYTES, self.end)
+        if len(prefix) < _PREFIX_1_BYTES:
             return None
-        numbers = numbers_1(prefix)
-        if numbers is None or not prefix_agrees(prefix, numbers, previous=self._checksum_1):
-            raise RecordError(f"{self._here}: the lengths do not agree with their checksum; it is damaged")
-        number, rest_bytes, frame_bytes, check, own = numbers
+        match = _PREFIX_1.fullmatch(prefix)
+        number, rest_bytes, frame_bytes, check, own = map(int, match.groups()) if match else (-1, 0, 0, 0, 0)
         if number != self._number or rest_bytes > MAX_LINE_BYTES or frame_bytes > MAX_FRAME_BYTES:
-            raise RecordError(
-                f"{self._here}: entry {number} of {rest_bytes + frame_bytes} bytes follows; it is damaged"
-            )
+            raise RecordError(f"{self._here}: it does not begin as an entry does; it is damaged")
         size = rest_bytes + frame_bytes + (frame_bytes > 0)
-        data = os.pread(self.descriptor, size, self.end + PREFIX_1_BYTES)
-        if len(data) < size or (data.endswith(b"\0") and self._is_last(self.end + PREFIX_1_BYTES + size)):
+        data = os.pread(self.descriptor, size, self.end + _PREFIX_1_BYTES)
+        if len(data) < size:
             return None
         if zlib.crc32(data[: rest_bytes + frame_bytes], check) != own or data[-1:] != b"\n":
             raise RecordError(f"{self._here}: it does not agree with its checksum; it is damaged")
-        self.end += PREFIX_1_BYTES + size
-        self._checksum_1 = own
+        self.end += _PREFIX_1_BYTES + size
         return data[:rest_bytes], data[rest_bytes : rest_bytes + frame_bytes]
 
     @staticmethod

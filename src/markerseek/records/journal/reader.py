@@ -1,7 +1,7 @@
 """Reads a journal and checks every entry; a run that died has all entries that were committed.
 
-`read_journal` refuses a damaged journal, `salvage` reads its undamaged beginning, `verify` reports all damage, and
-`follow` reads a journal while it is written.
+`read_journal` refuses a damaged journal, `salvage` reads its undamaged beginning and names the damage, and `follow`
+reads a journal while it is written.
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
-
-import msgspec
 
 from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Sample, Started
 from markerseek.records.configuration import Configuration
@@ -38,17 +36,6 @@ class RecordedRun:
     """Whether a program was writing it."""
     unfinished_bytes: int = 0
     """Bytes behind the entries, of one that was never finished; they are ignored."""
-
-
-class JournalCheck(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of a check."""
-
-    entries: int
-    """Number of entries that can be read and agree with their checksums, from the first on."""
-    faults: list[str]
-    """What is wrong, in words; empty for a whole journal."""
-    unfinished_bytes: int
-    """Bytes of an entry behind them that was never finished, after a sudden end."""
 
 
 def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
@@ -105,13 +92,6 @@ def has_begun(path: Path) -> bool:
             return True
     except UnfinishedError:
         return False
-
-
-def verify(path: Path) -> JournalCheck:
-    """Check that every entry can be read and agrees with its checksum."""
-    recorded, damage = salvage(path, frames=False)
-    faults = [] if damage is None else [str(damage)]
-    return JournalCheck(entries=len(recorded.entries), faults=faults, unfinished_bytes=recorded.unfinished_bytes)
 
 
 def follow(

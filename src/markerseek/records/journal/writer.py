@@ -19,7 +19,6 @@ from markerseek.records.journal.file import (
     flush,
     lock,
     open_for_reading,
-    open_for_writing,
 )
 from markerseek.records.journal.lines import VERSION, EntryReader, entry_line, first_line
 from markerseek.records.journal.reader import RecordedRun
@@ -45,7 +44,6 @@ class Journal:
         self._descriptor = descriptor
         self._open = True
         self._tail = tail
-        self._uncertain: _Tail | None = None
         self._lost = False
 
     @classmethod
@@ -78,8 +76,9 @@ class Journal:
         """
         with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
             os.close(open_for_reading(path))
-            descriptor = open_for_writing(path)
+            descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)
             undo.callback(os.close, descriptor)
+            lock(descriptor)
             reader = EntryReader(path, descriptor)
             if reader.version != VERSION:
                 raise RecordError(
@@ -101,48 +100,29 @@ class Journal:
         Raises `RecordError` if it cannot be written, or the file was changed or deleted; earlier entries are not
         changed.
         """
-        self._settle()
         self._require_present()
+        before = self._tail
         entry = Entry(
-            number=1 if self._tail.entry is None else self._tail.entry.number + 1,
+            number=1 if before.entry is None else before.entry.number + 1,
             written=datetime.now(UTC).isoformat(),
             clock_s=clock_s,
             event=event,
         )
         data = entry_line(entry)
-        # A signal can arrive between the write and the lines after it: `_settle` then asks the file.
-        self._uncertain = _Tail(entry=entry, end=self._tail.end + len(data))
         with as_record_error(self.path, verb="written"):
             try:
-                _write(self._descriptor, data, at=self._tail.end)
-                self._flush()
-            except OSError:
+                self._tail = _Tail(entry=entry, end=before.end + len(data))
+                _write(self._descriptor, data, at=before.end)
+                if self.kept:
+                    flush(self._descriptor)
+            except BaseException as problem:
                 with contextlib.suppress(OSError):
-                    os.ftruncate(self._descriptor, self._tail.end)
-                self._uncertain = None
+                    # A signal can arrive when all of it is written: then it stays.
+                    if isinstance(problem, OSError) or os.fstat(self._descriptor).st_size < self._tail.end:
+                        self._tail = before
+                        os.ftruncate(self._descriptor, before.end)
                 raise
-        self._note()
         return entry
-
-    def _flush(self) -> None:
-        if self.kept:
-            flush(self._descriptor)
-
-    def _note(self) -> None:
-        if self._uncertain is not None:
-            self._tail, self._uncertain = self._uncertain, None
-
-    def _settle(self) -> None:
-        """Find out from the file whether the last entry was written, after a signal in the middle of it."""
-        if self._uncertain is None or not self._open:
-            return
-        with as_record_error(self.path, verb="written"):
-            if os.fstat(self._descriptor).st_size >= self._uncertain.end:
-                self._flush()
-                self._note()
-            else:
-                os.ftruncate(self._descriptor, self._tail.end)
-                self._uncertain = None
 
     def _require_present(self) -> None:
         """Raise a `RecordError` if the file was changed or deleted."""
@@ -165,7 +145,8 @@ class Journal:
         Raises `RecordError` if it cannot be written.
         """
         if not isinstance(self.last, Finished | Failed | Interrupted | None):
-            self.commit(Interrupted(reason=reason), clock_s=self._clock_s)
+            clock_s = 0.0 if self._tail.entry is None else self._tail.entry.clock_s
+            self.commit(Interrupted(reason=reason), clock_s=clock_s)
 
     def fail(self, error: Exception, *, clock_s: float) -> None:
         """Record the error that ended the run; does nothing if it is over or has failed already."""
@@ -175,12 +156,7 @@ class Journal:
     @property
     def last(self) -> JournalEvent | None:
         """What was committed last; None before the first."""
-        self._settle()
         return None if self._tail.entry is None else self._tail.entry.event
-
-    @property
-    def _clock_s(self) -> float:
-        return 0.0 if self._tail.entry is None else self._tail.entry.clock_s
 
     def close(self) -> None:
         """Release the file; allowed twice.
@@ -190,7 +166,6 @@ class Journal:
         if not self._open:
             return
         try:
-            self._settle()
             # It was said before.
             if not self._lost:
                 self._require_present()

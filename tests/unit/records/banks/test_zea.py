@@ -81,14 +81,6 @@ def test_elements_from_right_to_left_are_turned_round(tmp_path):
     np.testing.assert_array_equal(frames_of(bank), FRAMES[[1, 2, 0], ::-1])
 
 
-@pytest.mark.parametrize(("first", "cut"), [(8, 0), (-8, 8)])
-def test_samples_count_from_the_laser(tmp_path, first, cut):
-    times = np.array([first / 31.25e6], np.float32)
-    counts = frames_of(read_bank(write(tmp_path / "a.hdf5", **{f"{TRACK}scan__initial_times": times})))
-    assert counts.shape[2] == 40 + first
-    np.testing.assert_array_equal(counts[:, :, max(0, first) :], FRAMES[[1, 2, 0], :, cut:])
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

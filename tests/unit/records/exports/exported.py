@@ -18,9 +18,7 @@ DEPTH = np.linspace(5e-3, 8e-3, 13)
 FACTS = BankFacts(
     description="a phantom", probe="BPL9-5/55", face_radius_m=10e-3, reference_angle_deg=1.5, simulated=True
 )
-SERIES = Series(
-    angles_deg=ANGLES, times_s=TIMES, clock="rig", order=(0, 1, 2), intensities=(1.0, 2.0, 3.0), facts=FACTS
-)
+SERIES = Series(angles_deg=ANGLES, times_s=TIMES, clock="rig", order=(0, 1, 2), facts=FACTS)
 UNPLACED = replace(SERIES, facts=BankFacts())
 
 

@@ -18,7 +18,6 @@ from markerseek.core import (
     Asked,
     AtBound,
     ChannelFrame,
-    Failed,
     Finished,
     Floor,
     Found,
@@ -26,19 +25,17 @@ from markerseek.core import (
     Interval,
     LocalMaxima,
     Measured,
-    MoveError,
     NotFound,
     OtherSource,
     Reading,
     ReadingFrame,
-    Refused,
     RigFacts,
     Sample,
     SearchPlan,
     Started,
     Unsure,
 )
-from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, Journal, JournalEvent, Resuming
+from markerseek.records.journal import Configuration, Entry, Journal, JournalEvent
 from markerseek.records.journal.lines import entry_line
 from tests.unit.records.changed_configuration import changed
 
@@ -130,16 +127,7 @@ def write(journal: Journal, acquisitions: int, counts_of: Callable[[int], np.nda
 
 
 EVENTS: dict[str, JournalEvent] = {
-    "started": Started(start_deg=-0.1, limits=RANGE),
-    "asked": Asked(role="dark", index=2, angle_deg=1 / 3),
-    "measured intensity": measured(1),
-    "measured without a frame": Measured(role="search", index=1, sample=Sample(angle_deg=0.0, reading=FULL_READING)),
     "measured channels": measured(2, counts=counts()),
-    "refused": Refused(angle_deg=2.0, reason='a "quoted" reason, 5 % \N{DEGREE SIGN}'),
-    "failed": Failed(error=MoveError("the stage did not arrive")),
-    "interrupted": Interrupted(reason="SIGTERM"),
-    "resuming": Resuming(by="a person", check_deg=1.1, fault_reset=True, versions={"markerseek": "0.1.0"}),
-    "checked": Checked(reading=FULL_READING, difference=None),
     **{
         type(estimate).__name__: Finished(
             estimate=estimate, confirmation=None, acquisitions=3, travel_deg=70.5, elapsed_s=1 / 7

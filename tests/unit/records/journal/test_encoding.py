@@ -14,13 +14,12 @@ from markerseek.core import Asked, ChannelFrame, Failed, Measured, MoveError, Re
 from markerseek.records.journal import (
     Journal,
     JournalEvent,
-    RecordedError,
     Resuming,
     decode,
     encode,
     read_journal,
     run_state,
-    verify,
+    salvage,
 )
 from tests.unit.records.journal.synthetic_journals import (
     EVENTS,
@@ -34,30 +33,21 @@ from tests.unit.records.journal.synthetic_journals import (
 
 
 @pytest.mark.parametrize("event", EVENTS.values(), ids=EVENTS.keys())
-def test_every_kind_of_event_is_read_back_equal(event: JournalEvent, tmp_path: Path) -> None:
+def test_answers_and_frames_are_read_back_equal(event: JournalEvent, tmp_path: Path) -> None:
+    """Every other kind of event: `test_lines_versions`."""
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration()) as journal:
         journal.commit(event, clock_s=0.1 + 0.2)
     (entry,) = read_journal(path).entries
-    if isinstance(event, Failed):
-        assert isinstance(entry.event, Failed)
-        assert isinstance(entry.event.error, RecordedError)
-        assert (entry.event.error.kind, str(entry.event.error)) == ("MoveError", "the stage did not arrive")
-    else:
-        assert entry.event == event
+    assert entry.event == event
     assert (entry.number, entry.clock_s) == (1, 0.1 + 0.2)
-    if isinstance(event, Measured) and event.sample.frame is not None:
+    if isinstance(event, Measured):
         assert isinstance(entry.event, Measured)
-        frame = entry.event.sample.frame
-        assert frame is not None
-        assert frame.header == HEADER
-        if isinstance(event.sample.frame, ChannelFrame):
-            assert isinstance(frame, ChannelFrame)
-            np.testing.assert_array_equal(frame.samples, event.sample.frame.samples)
-            assert frame.samples.dtype == np.int16
-            assert frame.sampling_hz == 40e6
-        else:
-            assert frame == event.sample.frame
+        frame, written = entry.event.sample.frame, event.sample.frame
+        assert isinstance(frame, ChannelFrame)
+        assert isinstance(written, ChannelFrame)
+        assert (frame.header, frame.sampling_hz, frame.samples.dtype) == (HEADER, 40e6, np.int16)
+        np.testing.assert_array_equal(frame.samples, written.samples)
 
 
 def test_samples_lie_in_the_file_as_little_endian_integers_that_any_program_can_read(tmp_path: Path) -> None:
@@ -94,7 +84,7 @@ def test_the_state_of_a_run(tmp_path: Path) -> None:
     assert len(held.entries) == 5
     stands = run_state(read_journal(path).entries)
     assert (stands.state, stands.fault) == ("fault", "stuck")
-    assert verify(path).faults == []
+    assert salvage(path)[1] is None
 
 
 @given(st.binary(max_size=400))

@@ -11,12 +11,7 @@ import pytest
 
 from markerseek.core import Asked, RecordError, Started
 from markerseek.records.banks import read_bank
-from markerseek.records.journal import (
-    Journal,
-    read_journal,
-    summary,
-    verify,
-)
+from markerseek.records.journal import Journal, read_journal, salvage, summary
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration
 
 
@@ -29,7 +24,7 @@ def test_two_programs_do_not_drive_one_run_and_any_number_read_it(tmp_path: Path
             Journal.reopen(path)
         assert path.read_bytes() == before
         assert len(read_journal(path).entries) == 1
-        assert verify(path).faults == []
+        assert salvage(path)[1] is None
         assert summary(path).state == "running"
         journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=0.0)
     assert len(read_journal(path).entries) == 2
@@ -46,7 +41,10 @@ def checked(rest: bytes) -> bytes:
     [
         (lambda path: path.write_bytes(b""), "no journal of a run"),
         (lambda path: path.write_bytes(b"not a database, and as long as one" * 99), "another kind of file"),
-        (lambda path: path.write_bytes(b'{"number":       0,"bytes":' + b" 1" * 99), "the lengths do not agree"),
+        (
+            lambda path: path.write_bytes(b'{"number":       0,"bytes":' + b" 1" * 99),
+            "it does not begin as an entry does",
+        ),
         (lambda path: path.write_bytes(checked(b'"block":99999999999}\n')), "has a frame of 99999999999 bytes"),
         (lambda path: path.write_bytes(checked(b'"record":2,"configuration":{}}\n')), "cannot be read"),
         (lambda path: path.write_bytes(checked(b'"record":2,"configuration":' + b"[" * 9999 + b"}\n")), "cannot be"),
@@ -60,7 +58,7 @@ def checked(rest: bytes) -> bytes:
 def test_a_file_that_is_not_a_journal_is_reported(make: Callable[[Path], object], said: str, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     make(path)
-    for look in (read_journal, verify, Journal.reopen):
+    for look in (read_journal, Journal.reopen):
         with pytest.raises(RecordError, match=said) as refused:
             look(path)
         assert str(refused.value).startswith(f"{path}: ")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.records.journal import Entry, Interrupted, Journal, RecordedRun, read_journal, salvage, summary, verify
+from markerseek.records.journal import Entry, Interrupted, Journal, RecordedRun, read_journal, salvage, summary
 from markerseek.records.journal.lines import MAX_LINE_BYTES
 from tests.unit.records.journal.synthetic_journals import counts, whole_run
 
@@ -70,7 +70,7 @@ def test_a_journal_torn_in_its_first_line_was_never_begun(whole: bytes, ends: li
     path = tmp_path / "run.journal"
     for size in (0, 1, 20, ends[0] - 1):
         path.write_bytes(whole[:size])
-        for look in (read_journal, verify, Journal.reopen):
+        for look in (read_journal, Journal.reopen):
             with pytest.raises(RecordError, match=r"never begun|does not begin as a journal does"):
                 look(path)
 
@@ -102,7 +102,7 @@ def test_a_damaged_journal_is_not_continued_and_not_changed(whole: bytes, ends: 
         Journal.reopen(path)
     assert path.read_bytes() == flipped
     assert summary(path).state == "damaged"
-    assert verify(path).entries == 2
+    assert len(salvage(path)[0].entries) == 2
 
 
 @pytest.mark.parametrize("kept", [0, 5, 20, 40])
@@ -134,13 +134,6 @@ def test_entries_that_are_missing_or_exchanged_are_found(whole: bytes, ends: lis
         assert damage is not None
         with pytest.raises(RecordError):
             Journal.reopen(path)
-
-
-def test_a_journal_of_before_the_first_release_is_said_to_be_one_perhaps(tmp_path: Path) -> None:
-    path = tmp_path / "old.journal"
-    path.write_bytes(b"SQLite format 3\0" + bytes(4096))
-    with pytest.raises(RecordError, match="from before the first release"):
-        read_journal(path)
 
 
 def test_a_tail_longer_than_one_entry_is_damage_and_read_at_once(whole: bytes, tmp_path: Path) -> None:

@@ -11,11 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.records.banks.bank import NUMERIC_FACTS, FrameBank, IntensityBank
+from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
+from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced
 from markerseek.records.banks.ipasc import fields
-from markerseek.records.banks.ipasc.columns import element_row, numbers_of, one_each, read_columns, read_facts
+from markerseek.records.banks.table import amplitudes
 from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
+
+# In digits: int() of a longer text takes time with the square of its length.
+_LONGEST_SEED = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +71,7 @@ class IpascBank(FrameBank):
                 ) from problem
         if self.facts.sampling_hz is None:
             raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
-        samples = np.ascontiguousarray(samples[::-1]) if self.falling else samples
+        samples = silenced(np.ascontiguousarray(samples[::-1]) if self.falling else samples, self.left_out)
         return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
 
 
@@ -88,31 +91,116 @@ def read_probed(path: Path) -> IntensityBank | IpascBank:
 def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
     if not file.has(fields.ANGLES):
         raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
-    columns = read_columns(path, file)
-    frames = _frame_shape(path, file, len(columns.rows))
+    angles_deg, order = rising(path, file.numbers(fields.ANGLES))
+    count = len(angles_deg)
+
+    def column(name: str, otherwise: float = math.nan) -> tuple[float, ...]:
+        return tuple(_one_each(file, name, count, otherwise=otherwise)[order].tolist())
+
+    intensities, started_s = column(fields.INTENSITIES), column(fields.RIG_CLOCK)
+    known = np.array([each for each in intensities if math.isfinite(each)])
+    amplitudes(known, db=False, where=lambda _index: str(path))
+    frames = _frame_shape(path, file, count)
     if frames is None:
-        if not all(map(math.isfinite, columns.intensities)):
+        if known.size < count:
             raise RecordError(f"{path}: it holds neither frames nor an intensity for each angle")
-        facts = read_facts(file, pitch_m=None)
-        started_s = columns.started_s if any(map(math.isfinite, columns.started_s)) else ()
         return IntensityBank(
-            angles_deg=columns.angles_deg, intensities=columns.intensities, started_s=started_s, facts=facts
+            angles_deg=angles_deg,
+            intensities=intensities,
+            started_s=started_s if any(map(math.isfinite, started_s)) else (),
+            facts=_read_facts(file, pitch_m=None),
         )
     array = element_row(path, file, elements=frames[0])
     return IpascBank(
-        angles_deg=columns.angles_deg,
-        intensities=columns.intensities if any(map(math.isfinite, columns.intensities)) else (),
-        facts=read_facts(file, pitch_m=array.pitch_m),
+        angles_deg=angles_deg,
+        intensities=intensities if known.size else (),
+        facts=_read_facts(file, pitch_m=array.pitch_m),
         dark_frames=_dark_frames(file, frames),
-        started_s=columns.started_s,
-        pulses=columns.pulses,
-        energies=columns.energies,
+        started_s=started_s,
+        pulses=tuple(int(each) if each >= 0 else 1 for each in column(fields.PULSES, 1.0)),
+        energies=column(fields.ENERGY),
         path=path,
         file=file,
-        rows=columns.rows,
+        rows=tuple(order.tolist()),
         falling=array.falling,
         checked=bool(file.dataset(fields.FRAMES).fletcher32),
     )
+
+
+def _one_each(
+    file: CheckedHdf5, name: str, count: int, *, otherwise: float = math.nan
+) -> Float64[np.ndarray, " angles"]:
+    """One number for each measurement, missing ones replaced by `otherwise`."""
+    values = _numbers_of(file, name)
+    if values.size not in (0, count):
+        raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
+    values = values if values.size else np.full(count, otherwise)
+    return np.where(np.isfinite(values), values, otherwise)
+
+
+def _read_facts(file: CheckedHdf5, *, pitch_m: float | None) -> BankFacts:
+    """Metadata of a bank.
+
+    Raises `ValueError` if a field does not hold what it should.
+    """
+    simulated = file.number(fields.SIMULATED)
+    return BankFacts(
+        description=file.text(fields.DESCRIPTION) or "",
+        probe=file.text(fields.PROBE),
+        probe_settings=file.text(fields.PROBE_SETTINGS),
+        sampling_hz=_between(file, fields.SAMPLING, 1e5, 1e9),
+        first_sample_s=_between(file, fields.FIRST_SAMPLE, 0.0, 1e-3),
+        sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
+        pitch_m=pitch_m,
+        wavelength_m=_wavelength_m(file),
+        pulse_energy_j=_usual_energy_j(file),
+        face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
+        reference_angle_deg=file.number(fields.REFERENCE),
+        clock_zero_unix_s=file.number(fields.CLOCK_ZERO),
+        simulated=None if simulated is None else simulated != 0,
+        configuration=file.text(fields.CONFIGURATION),
+        seed=_seed(file.text(fields.SEED)),
+        made_with=file.text(fields.MADE_WITH),
+    )
+
+
+def _wavelength_m(file: CheckedHdf5) -> float | None:
+    """The first wavelength in metres; some programs write nanometres."""
+    written = _first(file, fields.WAVELENGTH)
+    return None if written is None else written * 1e-9 if written >= 1.0 else written
+
+
+def _seed(text: str | None) -> int | None:
+    return int(text) if text is not None and text.isdecimal() and len(text) <= _LONGEST_SEED else None
+
+
+def _between(file: CheckedHdf5, name: str, low: float, high: float) -> float | None:
+    """A number in SI units within its physical range; None if it is missing."""
+    value = file.number(name)
+    if value is not None and not low <= value <= high:
+        # A value far out is a flipped bit or a wrong unit, such as km/s.
+        raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
+    return value
+
+
+def _usual_energy_j(file: CheckedHdf5) -> float | None:
+    """Energy of a usual pulse in joules: the first, without what it had more or less than a usual one."""
+    joules = _first(file, fields.PULSE_ENERGY)
+    if joules is None or not joules > 0:
+        return None
+    # Where the energy over the usual one was not measured, that of a usual pulse is written.
+    return joules / (_first(file, fields.ENERGY) or 1.0)
+
+
+def _numbers_of(file: CheckedHdf5, name: str) -> Float64[np.ndarray, " values"]:
+    """Numbers of a dataset; none if it is missing, or the text ``None`` that pacfish writes."""
+    return file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
+
+
+def _first(file: CheckedHdf5, name: str) -> float | None:
+    """The first number of a dataset; None if it has none, or no finite one."""
+    values = _numbers_of(file, name)
+    return float(values[0]) if values.size and math.isfinite(values[0]) else None
 
 
 def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
@@ -143,17 +231,17 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
         count = intensities.size
     if file.has(fields.ANGLES):
         arrays["angle_deg"] = file.numbers(fields.ANGLES)
-    if numbers_of(file, fields.TIMES).size:
+    if _numbers_of(file, fields.TIMES).size:
         # Seconds since 1970.
-        arrays |= {"started_s": one_each(file, fields.TIMES, count), "clock_zero_unix_s": np.array(0.0)}
-    facts = read_facts(file, pitch_m=pitch_m)
+        arrays |= {"started_s": _one_each(file, fields.TIMES, count), "clock_zero_unix_s": np.array(0.0)}
+    facts = _read_facts(file, pitch_m=pitch_m)
     known = {name: getattr(facts, name) for name in NUMERIC_FACTS} | _energies(path, file, count) | arrays
     return {name: np.asarray(value) for name, value in known.items() if value is not None}
 
 
 def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:
     """Usual energy of a pulse, and ``energy`` of each measurement where they differ, NaN where it was not measured."""
-    joules = numbers_of(file, fields.PULSE_ENERGY)
+    joules = _numbers_of(file, fields.PULSE_ENERGY)
     joules = np.where(np.isfinite(joules) & (joules > 0), joules, np.nan)
     known = joules[np.isfinite(joules)]
     if not known.size or np.ptp(known) == 0:
@@ -230,3 +318,65 @@ def _numbers(file: CheckedHdf5, name: str, row: int) -> Int16[np.ndarray, "chann
     file.require_room(elements * samples * data.dtype.itemsize, name=name)
     place = {2: np.s_[:, :], 3: np.s_[:, :, row], 4: np.s_[:, :, 0, row]}[data.ndim]
     return np.ascontiguousarray(data[place], dtype=np.int16)
+
+
+TOLERANCE = 0.01
+"""Largest distance of an element from its place in the row, in pitches."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElementRow:
+    """A straight row of equally spaced elements."""
+
+    pitch_m: float | None
+    """Distance from one element to the next; None if the file does not say where they are."""
+    falling: bool
+    """Whether the x1 coordinate falls from the first element in the file to the last."""
+
+
+def element_row(path: Path, file: CheckedHdf5, *, elements: int) -> ElementRow:
+    """Pitch and direction of the array, from the positions of all its elements."""
+    names = [f"{fields.DETECTORS}/{each}/detector_position" for each in file.names(fields.DETECTORS)]
+    present = [file.has(name) for name in names]
+    if not any(present):
+        return ElementRow(pitch_m=None, falling=False)
+    if not all(present) or len(names) != elements:
+        raise RecordError(
+            f"{path}: {fields.DETECTORS} holds positions of {sum(present)} elements for {elements} channels; "
+            "each channel must have one"
+        )
+    positions = [file.numbers(name) for name in names]
+    for name, position in zip(names, positions, strict=True):
+        if position.size != 3 or not np.isfinite(position).all():
+            raise RecordError(f"{path}: {name} is {position.tolist()}, three finite coordinates in metres are expected")
+    return row_of(path, np.array(positions))
+
+
+def row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> ElementRow:
+    """The row that elements at these positions make along the first axis; `RecordError` where they make none."""
+    elements = len(positions_m)
+    if elements == 1:
+        return ElementRow(pitch_m=None, falling=False)
+    along_m = positions_m[:, 0]
+    numbers = np.arange(elements)
+    # The sign of the regression slope: robust against positions that are out of order by rounding.
+    falling = bool(np.dot(numbers - numbers.mean(), along_m) < 0)
+    pitch_m = float(np.ptp(along_m)) / (elements - 1)
+    if pitch_m == 0:
+        raise RecordError(
+            f"{path}: all elements have the same coordinate along x1, {along_m[0]:g} m; "
+            "only a straight row of elements along x1 can be imaged"
+        )
+    # The median, so that one wrong element is reported itself and does not shift the row.
+    row_m = np.tile(np.median(positions_m, axis=0), (elements, 1))
+    row_m[:, 0] = along_m.max() - pitch_m * numbers if falling else along_m.min() + pitch_m * numbers
+    off_m = np.linalg.norm(positions_m - row_m, axis=1)
+    worst = int(off_m.argmax())
+    if not off_m[worst] <= TOLERANCE * pitch_m:
+        x1_mm, x2_mm, x3_mm = 1e3 * positions_m[worst]
+        raise RecordError(
+            f"{path}: element {worst + 1} of {elements} is at ({x1_mm:.4g}, {x2_mm:.4g}, {x3_mm:.4g}) mm, "
+            f"{off_m[worst] * 1e3:.3g} mm from its place in a straight row of pitch {pitch_m * 1e3:.4g} mm along "
+            f"x1; at most {TOLERANCE:g} of the pitch is allowed: only such rows can be imaged"
+        )
+    return ElementRow(pitch_m=pitch_m, falling=falling)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import RecordError
-from markerseek.records.banks import BankFacts, FrameBank, read_bank
+from markerseek.records.banks import FrameBank, read_bank
 from markerseek.records.banks.ipasc import whole_bank
 from markerseek.records.banks.ipasc.reading import read_probed
 from markerseek.records.banks.ipasc.writer import probe_poses
@@ -130,14 +130,3 @@ def test_a_disk_that_fails_at_any_step_is_reported_as_one(tmp_path, monkeypatch,
         imported(tmp_path / "a.hdf5")
     monkeypatch.undo()
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(("folder", "said"), [("file", "file is no folder"), ("new", "there is no folder .*new")])
-def test_a_path_that_is_not_a_folder_is_reported(tmp_path, folder, said):
-    (tmp_path / "file").write_text("")
-    with (
-        pytest.raises(RecordError, match=rf"a\.hdf5: it cannot be written: .*{said}.*name another"),
-        whole_bank(tmp_path / folder / "a.hdf5", angles=3, facts=BankFacts()),
-    ):
-        raise AssertionError
-    assert [each.name for each in tmp_path.iterdir()] == ["file"]

@@ -12,7 +12,7 @@ import pacfish
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.records.banks import BankFacts, FrameBank, Layout, read_bank
+from markerseek.records.banks import BankFacts, FrameBank, read_bank
 from markerseek.records.banks.ipasc import whole_bank
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample
 
@@ -96,36 +96,3 @@ def test_a_pulse_energy_of_each_measurement_is_that_of_its_frame(tmp_path):
     with pytest.warns(UserWarning, match="pulse_energy holds 3 energies for 4 measurements, and only their mean"):
         bank = read_bank(foreign(tmp_path / "d.hdf5", frames, pulse_energy=np.array([1e-3, 2e-3, 3e-3])))
     assert (bank.frame(1).header.energy, bank.facts.pulse_energy_j) == (None, pytest.approx(2e-3))
-
-
-def test_pulse_energies_stay_with_their_measurement_where_the_angles_are_given_beside(tmp_path):
-    frames = np.stack([counts(seed) for seed in range(3)])
-    path = foreign(tmp_path / "a.hdf5", frames, pulse_energy=np.array([1e-3, 2e-3, 3e-3]))
-    changed(path, lambda file: file.__delitem__("meta_data/trus_angle_deg"))
-    bank = read_bank(path, layout=Layout(first_and_step_deg=(10.0, -1.0)))
-    assert bank.angles_deg == (8.0, 9.0, 10.0)
-    assert [bank.frame(index).header.energy for index in range(3)] == [1.5, 1.0, 0.5]
-
-
-def test_a_channel_of_nan_in_a_scan_with_angles_is_left_out_and_named(tmp_path):
-    frames = np.stack([counts(seed, (40, 50)) for seed in range(4)]).astype(float)
-    frames[1:3, 4] = np.nan
-    path = foreign(tmp_path / "a.hdf5", frames)
-    with pytest.warns(UserWarning, match="channel 5 holds NaN or infinity, and is left out"):
-        bank = read_bank(path)
-    expected = counts(0, (40, 50))
-    expected[4] = 0
-    np.testing.assert_array_equal(bank.frame(0).samples, expected)
-
-
-def test_a_channel_of_nan_and_others_are_left_out_as_asked(tmp_path):
-    frames = np.stack([counts(seed) for seed in range(4)]).astype(float)
-    frames[:, 2:4] = np.nan
-    path = foreign(tmp_path / "a.hdf5", frames)
-    with pytest.raises(RecordError, match="4 of 4 angles hold a number that is not finite"):
-        read_bank(path)
-    with pytest.warns(UserWarning, match="channel 3 is left out, as asked; channel 4 is left out, as asked"):
-        bank = read_bank(path, layout=Layout(without_channels=(3, 4)))
-    expected = counts(3)
-    expected[2:4] = 0
-    np.testing.assert_array_equal(bank.frame(3).samples, expected)

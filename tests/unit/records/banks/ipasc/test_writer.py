@@ -19,7 +19,7 @@ from markerseek.records.banks.ipasc.reading import IpascBank
 from markerseek.records.banks.ipasc.writer import DEVICE_IDENTIFIERS
 from markerseek.records.replay import ReplayReceiver, ReplayStage
 from markerseek.signals.presets import PRESET_NAMES
-from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, changed, counts, sample, write
+from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, counts, sample, write
 
 
 def test_what_was_written_comes_back_in_the_order_of_the_angles(tmp_path):
@@ -106,19 +106,6 @@ def test_the_usual_energy_comes_back_where_the_first_was_not_measured(tmp_path):
     """It was the mean of all, here 8 % more."""
     bank = read_bank(write(tmp_path / "a.hdf5", energies=(None, 1.1, 1.2, 1.05)))
     assert bank.facts.pulse_energy_j == pytest.approx(2e-3)
-
-
-def test_the_pulse_energies_of_another_program_are_taken_over_their_mean(tmp_path):
-    def another(file):
-        for name in ("markerseek_bank_version", "energy_over_usual"):
-            del file[f"meta_data/{name}"]
-        file["meta_data/pulse_energy"][:] = (2e-3, 3e-3, 4e-3, 3e-3)
-
-    bank = read_bank(changed(write(tmp_path / "a.hdf5"), another))
-    assert [bank.frame(index).header.energy for index in range(4)] == pytest.approx([1, 4 / 3, 1, 2 / 3])
-    assert bank.facts.pulse_energy_j == pytest.approx(3e-3)
-    steady = read_bank(changed(write(tmp_path / "b.hdf5"), lambda _file: None))
-    assert steady.frame(0).header.energy is None
 
 
 def test_each_preset_has_its_own_identifier_and_an_unknown_probe_a_new_one(tmp_path):

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import RecordError
 from markerseek.records.banks import FrameBank
-from markerseek.records.banks.ipasc.columns import TOLERANCE, element_row
-from markerseek.records.banks.ipasc.reading import read_probed
+from markerseek.records.banks.ipasc.reading import TOLERANCE, element_row, read_probed
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, changed, counts, write
 
 PITCH_M = FACTS.pitch_m
@@ -78,16 +77,6 @@ CURVED_M = np.column_stack((0.04 * np.sin(ROW_M[:, 0] / 0.04), np.zeros(8), 0.04
 def test_other_arrays_are_refused_with_the_element_that_is_off(tmp_path, positions_m, message):
     with pytest.raises(RecordError, match=message):
         read_probed(changed(write(tmp_path / "a.hdf5"), placed(positions_m)))
-
-
-@pytest.mark.parametrize("names", [("0000000007",), tuple(f"{number:010d}" for number in range(1, 8))])
-def test_each_channel_must_have_a_position(tmp_path, names):
-    def change(file):
-        for name in names:
-            del file["meta_data_device/detectors"][name]
-
-    with pytest.raises(RecordError, match=f"positions of {8 - len(names)} elements for 8 channels"):
-        read_probed(changed(write(tmp_path / "a.hdf5"), change))
 
 
 def test_elements_of_which_some_have_no_position_are_refused_and_without_any_the_pitch_is_unknown():
