@@ -28,7 +28,9 @@ SEED = 1
 def main() -> None:
     """Simulate, and write the table."""
     offsets_deg = tuple(float(angle) for angle in ANGLES_DEG - MARKER_DEG)
-    case = replace(PLANE, angles_deg=offsets_deg, radius_m=25e-3, across_points=400, step_m=50e-6, sample_s=12.5e-9, pml=20)
+    case = replace(
+        PLANE, angles_deg=offsets_deg, radius_m=25e-3, across_points=400, step_m=50e-6, sample_s=12.5e-9, pml=20
+    )
     heard, grid = simulate(case)
     band = butter(3, BAND_HZ, btype="bandpass", fs=1 / case.sample_s, output="sos")
     traces = sosfilt(band, heard["with_lens"].astype(float), axis=1)
