@@ -62,7 +62,7 @@ def main() -> None:
             judged(f"{snr_db:g} dB, {step_deg:g} deg", tables)
         if snr_db < 40.0:
             continue
-        rng = np.random.default_rng(SEED)
+        rng = np.random.Generator(np.random.PCG64(SEED))
         for metered in (False, True):
             tables = []
             for true, a, v in scans:

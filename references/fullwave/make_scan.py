@@ -35,18 +35,21 @@ def main() -> None:
     band = butter(3, BAND_HZ, btype="bandpass", fs=1 / case.sample_s, output="sos")
     traces = sosfilt(band, heard["with_lens"].astype(float), axis=1)
     # The noise passes the same band; its standard deviation afterwards is the one that is stated.
-    noise = sosfilt(band, np.random.default_rng(SEED).standard_normal(traces.shape), axis=1)
+    noise = sosfilt(band, np.random.Generator(np.random.PCG64(SEED)).standard_normal(traces.shape), axis=1)
     noise *= NOISE * np.abs(hilbert(traces, axis=1)).max() / noise.std()
     peaks = np.abs(hilbert(traces + noise, axis=1)).max(axis=1)
+    element = f"{1e3 * case.height_m:g} mm high with a lens of {1e3 * case.focus_m:g} mm"
+    where = f"{1e3 * case.face_radius_m:g} mm from the axis, one absorber at {1e3 * case.radius_m:g} mm"
+    band_mhz = " to ".join(f"{edge / 1e6:g}" for edge in BAND_HZ)
+    rows = zip(ANGLES_DEG, 1000 * peaks / peaks.max(), strict=True)
     lines = [
         f"# Simulated by k-Wave (k-wave-python {VERSION}, lossless, in the plane of elevation and depth): one element",
-        f"# {1e3 * case.height_m:g} mm high with a lens of {1e3 * case.focus_m:g} mm, {1e3 * case.face_radius_m:g} mm "
-        f"from the axis, one absorber at {1e3 * case.radius_m:g} mm and {MARKER_DEG} degrees.",
-        f"# Band {BAND_HZ[0] / 1e6:g} to {BAND_HZ[1] / 1e6:g} MHz, noise {NOISE:.0%} of the highest peak (seed {SEED}).",
+        f"# {element}, {where} and {MARKER_DEG} degrees.",
+        f"# Band {band_mhz} MHz, noise {NOISE:.0%} of the highest peak (seed {SEED}).",
         "# Made by references/fullwave/make_scan.py.",
         "angle_deg,intensity",
+        *(f"{angle:.1f},{peak:.2f}" for angle, peak in rows),
     ]
-    lines += [f"{angle:.1f},{1000 * peak / peaks.max():.2f}" for angle, peak in zip(ANGLES_DEG, peaks, strict=True)]
     Path(sys.argv[1]).write_text("\n".join(lines) + "\n", encoding="utf-8")
     sys.stdout.write(f"{sys.argv[1]}: {grid}\n")
 
