@@ -53,11 +53,15 @@ nitpick_ignore_regex = [("py:class", r".*_AnyArray|np\.ndarray|'[a-z ]+'")]
 
 
 def _filled_in(_app: Sphinx, page: str, source: list[str]) -> None:
-    """Put what the code says in the place of braces."""
+    """Put what the code says in the place of comments, which a forge does not show."""
     text = source[0]
     for name, made in MADE.get(page, {}).items():
-        text = text.replace(f"{{{name}}}", made())
-    source[0] = re.sub(r"^\{(markerseek[a-z.]*)\}$", lambda braces: _names(braces[1]), text, flags=re.MULTILINE)
+        text = text.replace(f"<!-- table: {name} -->", made())
+    source[0] = re.sub(r"^<!-- details: (markerseek[a-z.]*) -->$", _details, text, flags=re.MULTILINE)
+
+
+def _details(found: re.Match[str]) -> str:
+    return f"```{{eval-rst}}\n{_names(found[1])}\n```"
 
 
 def _commands() -> str:
@@ -72,13 +76,13 @@ MADE = {
     "reference/rig-file": {"bench rig": settings_tables.bench_rig, "simulated rig": settings_tables.simulated_rig},
     "reference/study-file": {"study": settings_tables.study},
 }
-"""What is put into pages in the place of which braces."""
+"""What is put into pages in the place of which comments."""
 
 
 def _names(package: str) -> str:
     """What a package offers; each name has one page, the first that offers it."""
     front = import_module(package)
-    lines = [f".. automodule:: {package}", ""]
+    lines = [f".. py:module:: {package}", ""]
     for name in front.__all__:
         if package != "markerseek" and name in markerseek.__all__:
             continue

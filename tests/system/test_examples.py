@@ -35,14 +35,13 @@ def test_the_example_finds_the_marker_by_both_loops(capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.long
-def test_the_committed_scan_is_the_one_that_its_script_makes(tmp_path: Path) -> None:
+def test_the_committed_scans_are_those_that_their_script_makes(tmp_path: Path) -> None:
     script = tmp_path / "make_simulated_scan.py"
     script.write_text((ROOT / "examples" / "make_simulated_scan.py").read_text(encoding="utf-8"), encoding="utf-8")
     subprocess.run([sys.executable, script], check=True)
-    kept, made = (
-        np.loadtxt(path / "simulated_scan.csv", delimiter=",", skiprows=1) for path in (ROOT / "examples", tmp_path)
-    )
-    np.testing.assert_allclose(made, kept, rtol=1e-3, atol=0.02)
+    for name in ("simulated_scan.csv", "two_sources.csv"):
+        kept, made = (np.loadtxt(path / name, delimiter=",", skiprows=1) for path in (ROOT / "examples", tmp_path))
+        np.testing.assert_allclose(made, kept, rtol=1e-3, atol=0.02)
 
 
 def blocks(path: Path, language: str) -> list[str]:

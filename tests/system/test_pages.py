@@ -126,6 +126,22 @@ def test_the_tables_of_keys_have_the_keys_of_the_examples(monkeypatch: pytest.Mo
     assert "| `trials` | whole number | `100` |  | between 1 and 1,000,000,000 |" in settings_tables.study()
 
 
+def test_the_page_of_python_has_the_names_that_the_packages_offer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
+    import public_names
+
+    text = public_names.PAGE.read_text(encoding="utf-8")
+    assert text.count("`") > 500
+    assert text.endswith(public_names.markdown()), "python docs/public_names.py"
+
+
+def test_a_page_hides_nothing_of_the_site_in_braces() -> None:
+    """A forge shows directives of Sphinx as they are; what the site adds stands in comments."""
+    for page in PAGES:
+        directives = re.findall(r"^```\{(\w+)\}", page.read_text(encoding="utf-8"), re.MULTILINE)
+        assert set(directives) <= ({"toctree"} if page.name == "index.md" else set()), page.name
+
+
 def keys(table: dict[str, Any]) -> Iterator[str]:
     """Keys of a table and of those in it that hold a value."""
     for key, value in table.items():
@@ -152,6 +168,6 @@ def test_what_a_page_shows_of_a_file_is_there() -> None:
     shown = [
         (page, *found.groups("")) for page in PAGES for found in INCLUDED.finditer(page.read_text(encoding="utf-8"))
     ]
-    assert len(shown) > 15
+    assert len(shown) > 12
     for page, path, name, text in shown:
         assert text == shown_part(ROOT / path, name), f"{page.name}: copy {path} {name} into the page again"
