@@ -144,7 +144,7 @@ def _draw_curve(
     floor = estimate.floor
     if floor is not None and floor.level is not None:
         heights.append(floor.level)
-        axes.axhline(floor.level, color=QUIET, linestyle=":", label=f"floor ({floor.source})")
+        axes.axhline(floor.level, color=QUIET, linestyle=":", label=f"detection threshold ({floor.source})")
     axes.set_ylim(bottom=0, top=1.12 * max(heights))
     for place, numbers in _with_room(axes, _numbered(angles, intensities)):
         # Beside the star, not under it.

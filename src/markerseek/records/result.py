@@ -310,7 +310,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     def rows(self) -> list[tuple[str, str]]:
         """Names and values of the result, as terminal, report and notebook show them."""
         # An angle that another source may explain: the user may know that there is no other source.
-        cure = "; --single states that there is none" if self.doubt == "source" else ""
+        cure = "; --single states that there is none" if self.doubt == "source" and self.surveyed is not None else ""
         rows = [*_answer_rows(self), *others_rows(self.others, self.surveyed, self.other_probability, cure=cure)]
         if self.near is not None and self.near_evidence is not None:
             rows.append(("prior", self.near_evidence.said(self.near)))

@@ -244,7 +244,10 @@ class Posterior(SearchPolicy):
         """What was seen of the prior over the angle; None without one, and before the first sample."""
         if self._expected is None or not self._lit:
             return None
-        wrong = self._expected.wrong_probability(self._analysis.state.sources[0].posterior)
+        sources = self._analysis.state.sources
+        # The marker may be at any of two that are as loud.
+        known = [sources[0], *(rivals_of(sources) if isinstance(self.estimate(), Ambiguous) else ())]
+        wrong = min(self._expected.wrong_probability(source.posterior) for source in known)
         return PriorEvidence(probability=1 - wrong, whole_range=not self.is_narrowed)
 
     def doubts_near(self, *, at_end: bool) -> bool:

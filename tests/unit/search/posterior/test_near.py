@@ -12,6 +12,7 @@ from scipy import stats
 from markerseek import find_marker, rigs, simulated
 from markerseek.core import (
     PAPER_RANGE,
+    Ambiguous,
     AnglePrior,
     ConfigError,
     Found,
@@ -134,6 +135,16 @@ def test_a_weak_source_where_the_prior_expects_the_marker_is_not_taken_for_it() 
     assert [round(each.angle_deg) for each in answer.others] == [-20]
     assert evidence is not None
     assert evidence.whole_range
+
+
+def test_a_prior_at_the_other_of_two_sources_as_loud_is_not_contradicted() -> None:
+    policy = Posterior(near=NEAR)
+    search(policy, sources(louder=(5.0, 100.0, 5.0), other=(-20.0, 92.0, -15.0)))
+    answer, evidence = policy.estimate(), policy.near_evidence
+    assert isinstance(answer, Ambiguous)
+    assert answer.mean_deg == pytest.approx(5.0, abs=0.5)
+    assert evidence is not None
+    assert evidence.probability > 0.9
 
 
 def test_a_source_much_weaker_than_the_former_marker_is_not_believed() -> None:
