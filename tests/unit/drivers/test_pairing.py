@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from markerseek.drivers._pairing import WAIT_S, CameraImage, Key, Pairing
@@ -25,6 +25,7 @@ def chosen_at_the_end(lefts_s: list[float], rights_s: list[float], near_s: float
 
 
 @given(st.integers(0, 2**31), st.floats(0.0, 0.3), st.floats(0.0, 0.02))
+@example(420, 0.28125, 0.0)
 def test_pairs_are_those_that_are_chosen_once_all_images_are_there(seed: int, lost: float, jitter_s: float) -> None:
     rng = np.random.default_rng(seed)
     times_s = [
@@ -42,7 +43,9 @@ def test_pairs_are_those_that_are_chosen_once_all_images_are_there(seed: int, lo
     for now_s, side, number, time_s in come:
         pairing.add(side, image(number, time_s, now_s))
         found += pairing.pairs(now_s)
-    found += pairing.pairs(come[-1][0] + 0.9 * WAIT_S if come else 0.0)
+    # A pair may become certain by another one: the next look finds it.
+    while more := pairing.pairs(come[-1][0] + 0.9 * WAIT_S if come else 0.0):
+        found += more
     numbers = [(int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in found]
     assert set(numbers) == chosen_at_the_end(*times_s, 0.05)
     assert len(set(numbers)) == len(numbers)
