@@ -10,7 +10,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Self
 
 from markerseek.core.checks import is_finite, require_range
 from markerseek.core.errors import ConfigError
@@ -68,7 +67,7 @@ class AnglePrior:
         require_range("near: sigma_deg", self.sigma_deg, low=LEAST_SIGMA_DEG, high=MOST_SIGMA_DEG, unit="deg")
 
     @classmethod
-    def of_table(cls, angles_deg: Sequence[float], weights: Sequence[float]) -> Self:
+    def of_table(cls, angles_deg: Sequence[float], weights: Sequence[float]) -> AnglePrior:
         """A prior with any density, for example with several peaks.
 
         Parameters
@@ -106,7 +105,7 @@ class AnglePrior:
         return cls(mean_deg=mean_deg, sigma_deg=sigma_deg, table=table)
 
     @classmethod
-    def parse(cls, text: str) -> Self:
+    def parse(cls, text: str) -> AnglePrior:
         """The prior of a text: ``12.5±2``, ``12.5+-2`` or ``12.5 2``; a table as ``8:1 9:3 10:1``.
 
         Raises
