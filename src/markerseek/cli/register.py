@@ -92,7 +92,9 @@ def command(
     target_mm: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
-            help="Where the error is wanted, in the TRUS frame.", show_default="20 mm under the middle of the points"
+            metavar="X Y Z",
+            help="Where the error is wanted, in the TRUS frame.",
+            show_default="20 mm under the middle of the points",
         ),
     ] = None,
     without: Annotated[

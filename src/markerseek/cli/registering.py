@@ -18,9 +18,9 @@ from markerseek.cli.open_rig import arm_rig, open_rig, person
 from markerseek.cli.options import Arm, Trust
 from markerseek.cli.report import file_line
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
-from markerseek.cli.terminal import announce_compilation, progress_bar, show_view, stderr
+from markerseek.cli.terminal import announce_compilation, print_warning, progress_bar, show_view, stderr
 from markerseek.cli.watched import Heartbeat, WatchOptions
-from markerseek.core import ConfigError, SearchError, SearchPlan, SimulationOptions, require_range
+from markerseek.core import ConfigError, MarkerseekError, SearchError, SearchPlan, SimulationOptions, require_range
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -262,6 +262,9 @@ def _watch(
                 _show(steps)
         except StoppedBySignal as stop:
             end_stopped(stop, as_json=as_json, kept=folder, resume=again)
+        except MarkerseekError:
+            print_warning(f"once the fault is repaired, continue with: {again}")
+            raise
 
 
 def _show(steps: Iterator[registration.Step]) -> None:

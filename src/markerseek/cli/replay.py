@@ -10,7 +10,7 @@ import typer
 from markerseek import rigs, runs
 from markerseek.cli.options import AsJson, Out, ProbeName, Single, TableOptions, single_source, with_values
 from markerseek.cli.report import Output
-from markerseek.cli.terminal import announce_compilation
+from markerseek.cli.terminal import announce_compilation, stderr
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ConfigError, SearchPlan
 
@@ -64,6 +64,12 @@ def command(
     assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=form)
     if probe is not None and assembled.imaging is None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
+    if assembled.imaging is not None and not as_json:
+        used = assembled.imaging.preset
+        stderr.print(
+            f"imaged as frames of {used.name}: {used.array.elements} elements of {1e3 * used.array.pitch_m:.4g} mm, "
+            f"{1e-6 * used.sampling_hz:g} MHz, {used.sound_speed_m_s:g} m/s; another probe: --probe"
+        )
     recorded = None if assembled.angles_deg is None else len(assembled.angles_deg)
     if recorded is not None and plan.acquisitions is not None and plan.acquisitions > recorded:
         raise ConfigError(

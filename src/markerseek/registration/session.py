@@ -147,6 +147,7 @@ class RegistrationSession:
         state = self._state()
         if self.taken:
             yield self._recorded(state)
+        in_time = True
         while not state.done:
             waiting = Waiting(name=self._next_name(), place=state.place, said=self._asking(state))
             yield self._recorded(waiting)
@@ -154,12 +155,13 @@ class RegistrationSession:
             while taken is None and self._room.ask(waiting):
                 taken = yield from self._marker(waiting.name)
             if taken is None:
+                in_time = False
                 break
             state = self._state()
             yield self._recorded(state)
         if state.decided and self._plan.again:
             yield from self._again()
-        yield self._recorded(self._ended(state))
+        yield self._recorded(self._ended(state, in_time=in_time))
 
     @property
     def rig_s(self) -> float:
@@ -404,9 +406,10 @@ class RegistrationSession:
         said = f"marker {first.name} is {1e3 * moved_m:.2f} ± {1e3 * sigma_m:.2f} mm from where it was: {verdict}"
         return MovedMarker(name=first.name, moved_m=moved_m, sigma_m=sigma_m, moved=moved, said=said)
 
-    def _ended(self, state: Registered) -> Ended:
+    def _ended(self, state: Registered, *, in_time: bool) -> Ended:
+        late = "" if in_time else "no new spot was accepted in the time allowed; "
         took = f"{counted(len(self.taken), 'marker')} in {self.rig_s:.0f} s of the rig"
-        return Ended(registered=self.registered, said=f"{state.said}; {took}", rig_s=self.rig_s)
+        return Ended(registered=self.registered, said=f"{late}{state.said}; {took}", rig_s=self.rig_s)
 
 
 _MOVED_CHI_SQUARED = 16.27

@@ -324,7 +324,7 @@ def _largest(received: Float32[np.ndarray, "channels samples"], source: Absorber
     largest = float(np.abs(received).max())
     if not largest > 0:
         raise ConfigError(
-            f"marker: at radius_m {source.radius_m} m and lateral_m {source.lateral_m} m its signal does not arrive "
-            f"within {model.samples} samples; move it nearer or record for longer"
+            f"marker: at radius_m {source.radius_m:.4g} m and lateral_m {source.lateral_m:.4g} m its signal does not "
+            f"arrive within {model.samples} samples; move it nearer or record for longer"
         )
     return largest

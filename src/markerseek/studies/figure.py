@@ -63,6 +63,7 @@ def error_figure(
                 marker=_MARKS[number % 12],
                 **ERROR_BARS,
             )
+        axes.locator_params(axis="x", integer=True, min_n_ticks=1)
         if cell in bounds:
             axes.errorbar(*bounds[cell], label="bound, best angles", color="#000000", marker="_", **ERROR_BARS)
     shared_legend(figure, columns=2)

@@ -141,5 +141,6 @@ def test_a_room_that_nobody_lights_ends_after_its_wait_and_fires_no_more(tmp_pat
     assert "no light is seen" in refused[0].reason
     assert isinstance(steps[-1], Ended)
     assert not steps[-1].registered
+    assert steps[-1].said.startswith("no new spot was accepted in the time allowed; ")
     assert person.rig.scanner.clock.now_s() == pytest.approx(6.0, abs=4.0)
     assert not emulated.laser_box.permitted
