@@ -94,6 +94,7 @@ def test_a_whole_session_is_seen_and_a_reload_shows_it_too(browser, tmp_path):
         with watched.tab.expect_download() as waiting:
             watched.press("registration JSON")
         given = json.loads(Path(waiting.value.path()).read_bytes())
+        assert given.pop("simulation") == {"simulated": True, "seed": 3}
         assert given == json.loads(msgspec.json.encode(last.report))
         for scheme in ("dark", "light"):
             watched.tab.emulate_media(color_scheme=scheme)

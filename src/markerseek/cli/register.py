@@ -14,7 +14,7 @@ from rich.table import Table
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.registering import Session, SessionOptions, require_registered, run_session
-from markerseek.cli.report import Output, Report, drawn, facts, matrix_lines, table
+from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
 from markerseek.core import ConfigError, RecordError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ SHOWN_SHARE = 0.7
 """An error that all points share is printed where they show it: its standard deviation over that of before."""
 
 
-_REGISTRATION = Path("registration.json")
+_REGISTRATION = Path(registration.REGISTRATION)
 
 
 def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
@@ -160,7 +160,7 @@ def command(
 
 
 def _of_session(over: Session) -> Report:
-    """What a session has found; its folder gets the registration."""
+    """What a session has found; the registration is in its folder."""
     report, last = require_registered(over), over.last
     truth = None if over.truth is None else {"simulation": msgspec.to_builtins(over.truth)}
     heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(over.taken)} markers"
@@ -171,15 +171,11 @@ def _of_session(over: Session) -> Report:
         "session": str(over.folder),
         **(truth or {}),
     }
-    files = {}
-    if over.registered:
-        content = msgspec.json.format(msgspec.json.encode(msgspec.to_builtins(report) | (truth or {})))
-        files = {over.folder / _REGISTRATION: content}
     return Report(
         values=values,
         shown=_shown(report, over.title, _session_rows(over), decided=over.registered),
         pictures={"register.png": drawn(_figure, report, heading)},
-        files=files,
+        notes=(file_line("registration", over.folder / registration.REGISTRATION),) if over.registered else (),
         exit_code=0 if over.registered else 3,
     )
 

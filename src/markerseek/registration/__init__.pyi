@@ -4,6 +4,7 @@ from .points import point_pairs, spot_pairs
 from .poses import Place, Poses, Prediction, Reach
 from .record import (
     CAMERA_IMAGES,
+    REGISTRATION,
     SessionRecord,
     camera_text,
     default_folder,
@@ -46,6 +47,7 @@ from .target_views import TargetView, target_pixels, target_views
 __all__ = [
     "CAMERA_IMAGES",
     "FOCAL_LENGTH",
+    "REGISTRATION",
     "REGISTRATION_TOLERANCE_MM",
     "TARGET_DEPTH_M",
     "Begun",

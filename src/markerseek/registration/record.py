@@ -3,7 +3,7 @@
 A line of `session.jsonl` is on the disk before the session goes on, and begins with the CRC-32 of the rest. The first
 line says what is registered; the others are the steps of the session, the markers that were taken among them. A line
 that was not finished, because the process was killed, is cut off when the session is continued; anything else that
-does not agree is named.
+does not agree is named. `registration.json` is there while there is a registration that holds.
 """
 
 from __future__ import annotations
@@ -19,14 +19,18 @@ from typing import Self
 import msgspec
 
 from markerseek.core import RecordError, StereoPair
-from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input, sync_folder
+from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input, replace_file, sync_folder
 from markerseek.records.journal import is_written, lock, make_folder
-from markerseek.registration.steps import Begun, RecordedStep, TakenMarker
+from markerseek.registration.report import RegistrationReport
+from markerseek.registration.steps import Begun, MovedMarker, RecordedStep, Registered, TakenMarker
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.vision import opencv
 
 NAME, CAMERA_IMAGES = "session.jsonl", ("left.jpg", "right.jpg")
 """Names of the files in the folder of a session: its steps, and the newest images of both cameras."""
+
+REGISTRATION = "registration.json"
+"""Name of the file of a registration."""
 
 _MOST_BYTES = 64 * MIB
 
@@ -86,8 +90,26 @@ class SessionRecord:
         Raises `RecordError` if it cannot be written.
         """
         self._write(step)
-        if isinstance(step, TakenMarker) and step.again is None:
-            self.taken.append(step)
+        match step:
+            case TakenMarker(again=None):
+                self.taken.append(step)
+            case Registered():
+                self._keep(step.report if step.decided else None)
+            case MovedMarker(moved=True):
+                self._keep(None)
+            case _:
+                pass
+
+    def _keep(self, report: RegistrationReport | None) -> None:
+        """Write the registration for other programs; None takes it away."""
+        path = self.folder / REGISTRATION
+        with _as_write_error(self.folder):
+            if report is None:
+                path.unlink(missing_ok=True)
+                return
+            simulation = {"simulation": {"simulated": True, "seed": self.begun.seed}} if self.begun.simulated else {}
+            with replace_file(path) as part:
+                part.write_bytes(msgspec.json.format(msgspec.json.encode(msgspec.to_builtins(report) | simulation)))
 
     def show(self, pair: StereoPair) -> None:
         """Put the newest images into the folder, as `CAMERA_IMAGES`, for those who look on."""

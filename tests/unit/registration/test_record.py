@@ -15,15 +15,17 @@ import pytest
 
 from markerseek.core import RecordError
 from markerseek.registration import (
+    REGISTRATION,
     Registered,
     SessionRecord,
     SpotRefused,
     TakenMarker,
     Waiting,
     is_running,
+    read_registration,
     read_session,
 )
-from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING
+from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, matrix_m, registered
 
 STEPS = [WAITING, SpotRefused(name="2", reason="no light"), MOVED, ENDED]
 
@@ -34,6 +36,23 @@ def written(folder: Path) -> Path:
         record.add(step)
     record.close()
     return folder / "session.jsonl"
+
+
+def test_the_registration_is_a_file_as_long_as_it_holds(tmp_path: Path) -> None:
+    record = begin(tmp_path / "s", markers=2)
+    path = tmp_path / "s" / REGISTRATION
+    assert not path.exists()
+    for markers in (3, 4):
+        record.add(registered(markers))
+        known = read_registration(path)
+        assert known.simulated
+        assert known.davinci_to_trus.matrix == pytest.approx(matrix_m(markers))
+    record.add(registered(5, decided=False))
+    assert not path.exists()
+    record.add(registered(5))
+    record.add(MOVED)
+    assert not path.exists()
+    record.close()
 
 
 def test_each_truncation_is_read_as_a_prefix_of_the_steps_and_continued_there(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import msgspec
 from nicegui import ui
 
 from markerseek.bridges.asked import AskedRegistration
@@ -13,6 +12,7 @@ from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import RunPanels, VerdictPanel, panel
 from markerseek.bridges.page.registration_state import RegistrationState, Side
 from markerseek.bridges.page.run_history import RunHistory
+from markerseek.registration import REGISTRATION
 from markerseek.runs import Verdict
 
 SIDES: tuple[Side, Side] = ("left", "right")
@@ -126,6 +126,6 @@ def session_verdict(live: ChildRegistration | None, *, simulated: bool) -> Verdi
 
 def _download(live: ChildRegistration | None) -> None:
     """Give the registration as `markerseek igtl` and `ros2` read it."""
-    report = None if live is None or live.state.last is None else live.state.last.report
-    if report is not None:
-        ui.download.content(msgspec.json.format(msgspec.json.encode(report)), "registration.json")
+    path = None if live is None or live.journal is None else live.journal / REGISTRATION
+    if path is not None and path.exists():
+        ui.download.content(path.read_bytes(), REGISTRATION)
