@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -72,12 +73,13 @@ class EmulatedEndoscope:
     def type(self, line: str) -> str:
         """Light the place that a person types; returns what to answer."""
         try:
-            x, y = (float(word.strip("(,)")) for word in line.split()[:2])
-            self.light((x, y))
-        except ConfigError as problem:
-            return str(problem)
+            x, y = (float(word) for word in re.split(r"[\s,()]+", line.strip(" ()\n")))
         except ValueError:
             return 'a place is two numbers, in pixels of the left image: "640 512"'
+        try:
+            self.light((x, y))
+        except ConfigError as problem:
+            return f"{str(problem).removeprefix('pixel 1 is ')}; the spot stays where it is"
         return f"the spot is at ({x:.0f}, {y:.0f}) px of the left image"
 
     def light(self, left_px: tuple[float, float]) -> None:
