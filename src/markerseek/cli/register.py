@@ -33,22 +33,20 @@ SHOWN_SHARE = 0.7
 """An error that all points share is printed where they show it: its standard deviation over that of before."""
 
 
-_REGISTRATION = Path(registration.REGISTRATION)
-
-
 def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
     """The file of a registration, and its content; another registration that is there is replaced by force only."""
-    if _REGISTRATION.exists() and not force:
+    path = Path(registration.REGISTRATION)
+    if path.exists() and not force:
         try:
-            known = registration.read_registration(_REGISTRATION).davinci_to_trus.matrix.tolist()
+            known = registration.read_registration(path).davinci_to_trus.matrix.tolist()
         except RecordError:
             known = None
         if known != report.davinci_to_trus:
             raise ConfigError(
-                f"{_REGISTRATION}: another registration is in this folder; --force replaces it, or run the command in "
+                f"{path}: another registration is in this folder; --force replaces it, or run the command in "
                 "another folder"
             )
-    return {_REGISTRATION: msgspec.json.format(msgspec.json.encode(report))}
+    return {path: msgspec.json.format(msgspec.json.encode(report))}
 
 
 @with_values
