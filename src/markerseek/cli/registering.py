@@ -78,13 +78,20 @@ class SessionOptions:
         """Whether a session is asked for."""
         return self.simulate or self.rig is not None or self.continue_ is not None
 
+    @property
+    def given(self) -> dict[str, object]:
+        """Values that differ from the defaults, by their option as it is typed."""
+        usual = SessionOptions()
+        return {
+            f"--{each.name.strip('_').replace('_', '-')}": value
+            for each in fields(self)
+            if (value := getattr(self, each.name)) != getattr(usual, each.name)
+        }
+
     def require_none(self) -> None:
         """Refuse options of a session where there is none."""
-        usual = SessionOptions()
-        for each in fields(self):
-            if getattr(self, each.name) != getattr(usual, each.name):
-                name = f"--{each.name.strip('_').replace('_', '-')}"
-                raise ConfigError(f"{name} is for a session; add --rig RIG.toml or --simulate, or leave it out")
+        for option in self.given:
+            raise ConfigError(f"{option} is for a session; add --rig RIG.toml or --simulate, or leave it out")
 
     def __post_init__(self) -> None:
         require_range("--wait-s", self.wait_s, low=1, high=3600, unit="s")
@@ -319,14 +326,10 @@ def _continue_command(
     folder: Path,
 ) -> str:
     """The command that goes on with a session, with the options that it was begun with."""
-    given = {each.name: getattr(options, each.name) for each in fields(options) if each.name not in _OF_COMMAND}
     words = ["markerseek", "register"]
-    for name, value in given.items():
-        option = f"--{name.replace('_', '-')}"
-        if value is True:
-            words.append(option)
-        elif value != getattr(SessionOptions(), name):
-            words += [option, str(value)]
+    for option, value in options.given.items():
+        if option not in _OF_COMMAND:
+            words += [option] if value is True else [option, str(value)]
     for camera in cameras or ():
         words += ["--cameras", str(camera)]
     if calibration_sigma_px is not None:
@@ -336,7 +339,7 @@ def _continue_command(
     return shlex.join([*words, "--continue", str(folder)])
 
 
-_OF_COMMAND = ("record", "continue_", "heartbeat")
+_OF_COMMAND = ("--record", "--continue", "--heartbeat")
 """Options that are of the command and not of the session: its folder, and what watches it."""
 
 
