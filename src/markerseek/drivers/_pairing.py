@@ -83,7 +83,8 @@ class Pairing:
             right = _nearest(rights, left.time_s)
             if right is None or abs(right.time_s - left.time_s) > self._near_s:
                 continue
-            if _nearest(lefts, right.time_s) is left and self._is_settled(left, right, now_s):
+            # A nearer left one that still waits for its name counts: this right one may be its partner.
+            if _nearest(self._waiting[0], right.time_s) is left and self._is_settled(left, right, now_s):
                 rights.remove(right)
                 yield self._pair(left, right)
 

@@ -63,3 +63,11 @@ def test_names_count_before_times_and_only_within_a_second() -> None:
     assert [(int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in by_time] == [(3, 5)]
     assert pairing.pairs(3.0) == []
     assert pairing.dropped == [0, 2]
+
+
+def test_a_nearer_image_that_came_after_its_partner_is_awaited() -> None:
+    pairing = Pairing(near_s=0.05, named_s=1.0)
+    for side, number, time_s, now_s in [(0, 26, 0.0, 0.0), (1, 27, 0.041, 0.05), (0, 27, 0.04, 0.09)]:
+        pairing.add(side, image(number, time_s, now_s, (1000 * side + number,)))
+    found = [pair for now_s in (0.1, 1.06, 1.1, 1.2) for pair in pairing.pairs(now_s)]
+    assert [(int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in found] == [(27, 27)]
