@@ -1,4 +1,3 @@
-from .benchmark import WORLDS, BenchmarkResults, Entry, Score, benchmark_size, run_benchmark
 from .figure import error_figure
 from .policies import StudyPolicy, study_policy
 from .runner import FinishedStudy, columns, read_rows, run_study, values_of
@@ -12,29 +11,24 @@ from .worlds import intensity_curve
 
 __all__ = [
     "FAILURE_DEG",
-    "WORLDS",
     "Axis",
-    "BenchmarkResults",
     "Cell",
     "CellWorld",
     "ClutterAround",
     "CurveSettings",
     "Difference",
-    "Entry",
     "FinishedStudy",
     "Mean",
     "PolicySummary",
     "Repeats",
     "Row",
     "SceneSettings",
-    "Score",
     "SecondSource",
     "Share",
     "Study",
     "StudyPolicy",
     "Summary",
     "TwoSources",
-    "benchmark_size",
     "cells",
     "columns",
     "default_workers",
@@ -42,7 +36,6 @@ __all__ = [
     "intensity_curve",
     "read_rows",
     "read_study",
-    "run_benchmark",
     "run_row",
     "run_study",
     "run_trial",

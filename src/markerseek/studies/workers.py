@@ -85,7 +85,7 @@ def _processes(workers: int) -> Iterator[tuple[_Submit, int]]:
         ) from problem
     finally:
         if not over:
-            # What is under way is lost, and begins again later: an entry of the benchmark may think for minutes.
+            # What is under way is lost, and begins again later.
             for process in set(multiprocessing.active_children()) - others:
                 process.kill()
         pool.shutdown(wait=True, cancel_futures=True)
