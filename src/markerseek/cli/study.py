@@ -26,7 +26,7 @@ EXAMPLES = (
     "Examples:\n\n"
     "  markerseek study examples/studies/quick.toml\n\n"
     "  markerseek study examples/studies/quick.toml --row 17 --json\n\n"
-    "  markerseek study STUDY.toml --out results --scheduler tcp://10.0.0.5:8786"
+    "  markerseek study STUDY.toml --workers 4 --out results"
 )
 
 
@@ -37,9 +37,6 @@ def command(
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes of this machine; by default as many as it has cores.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, to run on its workers instead.")
     ] = None,
     row: Annotated[
         int | None, typer.Option(help="Run this one row of the table again, and print it; nothing is written.")
@@ -55,24 +52,21 @@ def command(
 ) -> None:
     """Run a study, or continue one that was interrupted, and print its summary."""
     # Before hours of searching, not after them.
-    if workers is not None and scheduler is not None:
-        raise ConfigError("--workers are of this machine, and --scheduler has its own; leave one of them out")
     settings = studies.read_study(study)
     if row is not None:
-        _require_alone(out=out, workers=workers, scheduler=scheduler, plot=plot, beside=beside)
+        _require_alone(out=out, workers=workers, plot=plot, beside=beside)
         named = dict(zip(studies.columns(settings), studies.values_of(studies.run_row(settings, row)), strict=True))
         shown = facts((name, "–" if value is None else str(value)) for name, value in named.items())
         Output(as_json=as_json).show(Report(values=named, shown=[shown]))
     folder = out or Path("out") / study.stem
     _require_drawable(folder, beside or [], plot=plot)
-    _announce(settings, workers=workers, scheduler=scheduler)
+    _announce(settings, workers=workers)
     try:
         with stages_bar() as advance:
             finish = studies.run_study(
                 settings,
                 folder,
                 workers=workers,
-                scheduler=scheduler,
                 progress=lambda done: advance("searches", done, settings.rows),
             )
     except KeyboardInterrupt:
@@ -90,14 +84,13 @@ def command(
     Output(as_json=as_json, folder=folder if plot else None).show(report)
 
 
-def _announce(study: studies.Study, *, workers: int | None, scheduler: str | None) -> None:
+def _announce(study: studies.Study, *, workers: int | None) -> None:
     """Say what will be done, before anything is computed."""
     count = studies.default_workers() if workers is None else workers
-    where = f"in {counted(count, 'process', 'processes')}" if scheduler is None else f"on {scheduler}"
     stderr.print(
         f"{escape(study.name)}: {counted(study.rows, 'simulated search', 'simulated searches')}, level {study.level} "
         f"({counted(len(study.policies), 'policy', 'policies')}, {counted(len(studies.cells(study)), 'cell')}, "
-        f"{counted(study.trials, 'trial')}) {escape(where)}"
+        f"{counted(study.trials, 'trial')}) in {counted(count, 'process', 'processes')}"
     )
 
 
