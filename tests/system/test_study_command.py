@@ -79,9 +79,6 @@ def test_a_text_table_a_json_object_and_any_row_again(study: Path, tmp_path: Pat
         (("800", "5"), ("--out", "{other}"), "holds another study"),
         (("", ""), ("--row", "3", "--workers", "1"), "--workers 1: --row runs one row and writes nothing"),
         (("", ""), ("--row", "3", "--plot"), "--plot: --row runs one row and writes nothing"),
-        (("", ""), ("--row", "3", "--beside", "other.toml"), "--beside: --row runs one row and writes nothing"),
-        (("", ""), ("--plot", "--beside", "other.toml"), "other.toml: it cannot be read"),
-        (("", ""), ("--beside", "other.toml"), "add --plot, or leave it out"),
     ],
 )
 def test_wrong_usage_ends_with_2_and_the_cure(

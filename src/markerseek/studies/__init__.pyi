@@ -4,13 +4,12 @@ from .runner import FinishedStudy, columns, read_rows, run_study, values_of
 from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .statistics import Mean, Share
 from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
-from .summary import FAILURE_DEG, Difference, PolicySummary, Summary, TwoSources, summarise
+from .summary import Difference, PolicySummary, Summary, TwoSources, summarise
 from .trial import Row, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
 
 __all__ = [
-    "FAILURE_DEG",
     "Axis",
     "Cell",
     "CellWorld",

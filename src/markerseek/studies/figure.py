@@ -33,14 +33,17 @@ def error_figure(
     """Figure of the mean errors of all searches, whatever their answer, with 95 % intervals.
 
     A policy with marks has a point at each mark up to its number of acquisitions; policies that differ only in that
-    number and have no marks below it share a line.
+    number and have no marks below it share a line. Points without a line at one number are spread around it.
 
     ``runs``: cells with the same index share a panel. ``bounds``: numbers of acquisitions and mean errors at a bound,
     by cell. Raises `ConfigError` if nothing can be drawn: there are no marks and no markers.
     """
     settings = {policy.cell: policy.settings for policy in runs[0][1].policies}
     figure, panels = panel_grid(
-        [", ".join(f"{key} = {value}" for key, value in varied.items()) for varied in settings.values()],
+        [
+            ", ".join(f"{key.rpartition('.')[2]} = {value}" for key, value in varied.items())
+            for varied in settings.values()
+        ],
         heading=f"mean error, whatever the answer ({_markers(runs)} simulated markers)",
         x_label="acquisitions, at most",
         y_label="mean error, degrees",
@@ -52,9 +55,10 @@ def error_figure(
         lines = [line for study, summary in runs for line in _lines(study, summary, cell).items()]
         if not lines and cell not in bounds:
             raise ConfigError("figure: the study has no marks and no errors to draw; give it marks")
-        for number, (label, means) in enumerate(lines):
+        offsets = _offsets([list(means) for _, means in lines])
+        for number, ((label, means), offset) in enumerate(zip(lines, offsets, strict=True)):
             axes.errorbar(
-                list(means),
+                [count + offset for count in means],
                 [mean.mean or 0.0 for mean in means.values()],
                 yerr=[_half(mean) for mean in means.values()],
                 label=label,
@@ -87,6 +91,18 @@ def _lines(study: Study, summary: Summary, cell: int) -> dict[str, dict[int, Mea
         for name, means in lines.items()
     }
     return {name: means for name, means in known.items() if means}
+
+
+def _offsets(lines: Sequence[Sequence[int]]) -> list[float]:
+    """By how much each line is moved sideways: a point alone beside others at the same number of acquisitions."""
+    alone = [line[0] if len(line) == 1 else None for line in lines]
+    counts = [count for line in lines for count in line]
+    step = 0.02 * (max(counts) - min(counts)) or 0.1
+    # Around the number itself: three points are at -1, 0 and 1 steps from it.
+    return [
+        0.0 if count is None else step * (alone[:place].count(count) - (alone.count(count) - 1) / 2)
+        for place, count in enumerate(alone)
+    ]
 
 
 def _markers(runs: Sequence[tuple[Study, Summary]]) -> str:

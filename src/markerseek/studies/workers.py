@@ -88,15 +88,22 @@ def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
 def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
     """Submit a job, which may start a process; Ctrl-C takes effect afterwards.
 
-    A Ctrl-C goes to all processes of a terminal: a worker that does not block it prints a traceback while it imports.
+    A Ctrl-C goes to all processes of a terminal. A worker that does not block it prints a traceback while it imports,
+    and so does one whose parent is interrupted while it sends what to import.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         return pool.submit(function, job)
+    came: list[int] = []
+    # Blocked for the worker. Another thread of this process may take the signal nevertheless.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     try:
         return pool.submit(function, job)
     finally:
+        signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _begin() -> None:
