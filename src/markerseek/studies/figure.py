@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from markerseek.core import ConfigError
 from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
@@ -14,6 +14,7 @@ from markerseek.studies.study import Study
 from markerseek.studies.summary import Summary
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _COLOURS = (
@@ -57,16 +58,9 @@ def error_figure(
             raise ConfigError("figure: the study has no marks and no errors to draw; give it marks")
         offsets = _offsets([list(means) for _, means in lines])
         for number, ((label, means), offset) in enumerate(zip(lines, offsets, strict=True)):
-            axes.errorbar(
-                [count + offset for count in means],
-                [mean.mean or 0.0 for mean in means.values()],
-                yerr=[_half(mean) for mean in means.values()],
-                label=label,
-                # Colour and mark change together, for readers who do not distinguish the colours.
-                color=_COLOURS[number % 12],
-                marker=_MARKS[number % 12],
-                **ERROR_BARS,
-            )
+            # Colour and mark change together, for readers who do not distinguish the colours.
+            style = {"color": _COLOURS[number % 12], "marker": _MARKS[number % 12]}
+            draw_means(axes, means, offset=offset, label=label, **style)
         axes.locator_params(axis="x", integer=True, min_n_ticks=1)
         if cell in bounds:
             axes.errorbar(*bounds[cell], label="bound, best angles", color="#000000", marker="_", **ERROR_BARS)
@@ -117,6 +111,19 @@ def _name(label: str, policy: StudyPolicy) -> str:
     return f"{name}, with early end" if policy.plan.method == "posterior" and policy.plan.early_end else name
 
 
-def _half(mean: Mean) -> float:
-    """Half the interval; on a logarithmic scale it must end above 0."""
-    return 0.0 if mean.half is None or mean.mean is None else min(mean.half, 0.95 * mean.mean)
+def draw_means(axes: Axes, means: Mapping[int, Mean], *, offset: float = 0.0, **style: Any) -> None:
+    """Draw a line of means over numbers of acquisitions, with their 95 % intervals, on a logarithmic scale.
+
+    ``offset``: by how much it is moved sideways. ``style``: label, colour and mark.
+    """
+    # The axis ends above 0, and shows little else than the bar below 0.05 of the mean.
+    halves = [
+        0.0 if mean.half is None or mean.mean is None else min(mean.half, 0.95 * mean.mean) for mean in means.values()
+    ]
+    axes.errorbar(
+        [count + offset for count in means],
+        [mean.mean or 0.0 for mean in means.values()],
+        yerr=halves,
+        **style,
+        **ERROR_BARS,
+    )
