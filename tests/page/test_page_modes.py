@@ -1,4 +1,4 @@
-"""Race and replay in a headless Chromium."""
+"""The replay in a headless Chromium."""
 
 from __future__ import annotations
 
@@ -12,28 +12,6 @@ from tests.page.page_browser import angle_of, needs_browser, sync_api
 pytestmark = [pytest.mark.real_time, needs_browser]
 
 STATUS, ANGLE = ".ms-status", ".ms-angles"
-
-
-def test_race_on_the_same_scene(opened, command_result):
-    watched = opened("/race", "&seed=2")
-    watched.unfold()
-    watched.tab.get_by_label("speed").click()
-    watched.tab.get_by_role("option", name="no waiting").click()
-    # The link holds what was chosen.
-    watched.tab.wait_for_url("**/race?seed=2&pace=0*")
-    watched.search("Start the race")
-    watched.wait_for(STATUS, "^over$")
-    watched.tab.wait_for_selector("text=posterior is first")
-    results = [command_result("--seed", "2", "--method", method) for method in ("posterior", "ternary")]
-    assert watched.tab.locator(ANGLE).count() == len(results)
-    for place, each in enumerate(results):
-        watched.wait_for(f"{ANGLE} >> nth={place}", angle_of(each))
-        said = f"{each['method']}, seed 2: {each['acquisitions']} acquisitions"
-        watched.wait_for(f".ms-panel-lane > h2 >> nth={place}", ("^FIRST: " if place == 0 else "^") + said)
-    assert watched.tab.locator(".ms-leads").count() == 1
-    # On one axis of time: a line of each, and its name.
-    sync_api.expect(watched.tab.locator(".ms-panel-clock svg text", has_text="posterior, seed 2")).to_have_count(1)
-    sync_api.expect(watched.tab.locator(".ms-panel-clock svg text", has_text="ternary, seed 2")).to_have_count(1)
 
 
 def wait_for_density(tab, *, drawn):

@@ -104,7 +104,6 @@ class PageSearches:
         self.changes = ChangeSignal()
         self.registration: ChildRegistration | None = None
         self.search: ChildSearch[AskedSearch] | None = None
-        self.race: tuple[ChildSearch[AskedSearch], ...] = ()
         self.bank: ChildSearch[AskedSearch] | None = None
         self._launch = launch
         self._named = tuple(named)
@@ -114,7 +113,7 @@ class PageSearches:
 
     @property
     def searching(self) -> bool:
-        """Whether the search runs; a race or the search of a bank does not count."""
+        """Whether the search runs; that of a bank does not count."""
         return self.search is not None and self.search.status != "ended"
 
     @property
@@ -123,7 +122,7 @@ class PageSearches:
         return any(run.status != "ended" for run in self._runs())
 
     def _runs(self) -> tuple[ChildSearch[Any], ...]:
-        return (*self.race, *(each for each in (self.registration, self.search, self.bank) if each is not None))
+        return tuple(each for each in (self.registration, self.search, self.bank) if each is not None)
 
     def register(self, asked: AskedRegistration) -> None:
         """Start a registration session; the terminal asks whether to arm a rig of devices.
@@ -186,16 +185,6 @@ class PageSearches:
         if answered or not last.journal.exists():
             return False
         return run is None or run.last.phase not in {"finished", "fault"}
-
-    def start_race(self, one: AskedSearch, other: AskedSearch) -> None:
-        """Start two searches on the same simulated rig, side by side; they keep no journal."""
-        with self._idle():
-            if not self.rig.simulated:
-                raise SearchError("a race needs two rigs: it is for simulated ones only")
-            self.race = tuple(
-                self._live(["search", *self.rig.arguments(), *each.arguments(), "--no-journal"], each)
-                for each in (one, other)
-            )
 
     def replay(self, name: str, asked: AskedSearch) -> ChildSearch[AskedSearch]:
         """Search a recorded bank with a method; no device and no journal is involved.

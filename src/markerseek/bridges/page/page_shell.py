@@ -34,7 +34,7 @@ _BANNERS: dict[RigKind, str] = {
 
 _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")
 
-PAGES = {"/": "register", "/search": "search", "/race": "race", "/replay": "replay"}
+PAGES = {"/": "register", "/search": "search", "/replay": "replay"}
 """Paths of the pages, and their names."""
 
 

@@ -81,17 +81,17 @@ class VerdictPanel:
 
 
 class RunPanels:
-    """All panels of one run at a time, in a grid; the lane of a race has fan and curve only.
+    """All panels of one run at a time, in a grid; those of a registration are fan and curve only.
 
     ``search``: range to show before there is a run.
     """
 
-    def __init__(self, search: Interval, *, lane: bool = False) -> None:
+    def __init__(self, search: Interval, *, charts: bool = False) -> None:
         facts = RigFacts(kind="simulated", description="", fingerprint="", search=search, probe="")
         self._nothing = RunView(plan=SearchPlan(method="posterior"), facts=facts)
-        self._lane = lane
+        self._charts = charts
         self._rows: dict[str, ui.label] = {}
-        with ui.element("div").classes("ms-lane" if lane else "ms-panels") as self._grid:
+        with ui.element("div").classes("ms-run" if charts else "ms-panels") as self._grid:
             with panel("probe, from its end", "fan"):
                 self._fan = Fan().classes("ms-fan")
                 with ui.element("ul").classes("ms-legend"):
@@ -101,7 +101,7 @@ class RunPanels:
                             ui.label(meaning)
             with panel("intensity and probability; dashed: detection threshold", "curve"):
                 self._curve = ui.html(sanitize=False).classes("ms-chart").mark("curve")
-            if not lane:
+            if not charts:
                 with panel("photoacoustic image", "image") as self._image_title:
                     self._image = Image().classes("ms-image")
                     self._image_note = ui.label("").classes("ms-note")
@@ -116,7 +116,7 @@ class RunPanels:
         self._keys: dict[str, tuple[object, ...]] = {}
         self._grid.classes("ms-empty")
         self._draw(None, self._nothing, reveal=False)
-        if not self._lane:
+        if not self._charts:
             self._rows.clear()
             self._table.clear()
             self._log.set_text("")
@@ -125,7 +125,7 @@ class RunPanels:
         """Show a run after one of its events; the true angle only if it is to be revealed."""
         self._grid.classes(remove="ms-empty")
         self._draw(run, view, reveal=reveal)
-        if not self._lane and self._has_changed("numbers", run, view):
+        if not self._charts and self._has_changed("numbers", run, view):
             self._show_rows(numbers_of(view, name=run.name, pulse_j=run.pulse_j))
             self._log.set_text("\n".join(run.lines(view, most=LOG_LINES)))
 
@@ -135,7 +135,7 @@ class RunPanels:
         # While the probe moves, only the needle changes.
         if self._has_changed("curve", run, len(view.points), view.belief, reveal):
             self._curve.set_content(curve_of(view, reveal=reveal).svg())
-        if self._lane:
+        if self._charts:
             return
         picture = run.picture(view) if run else None
         elsewhere = picture is not None and not is_image_of(picture, view)

@@ -43,7 +43,7 @@ class RegistrationPanels:
                             with ui.element("li"):
                                 ui.element("span").classes(f"ms-key {key}")
                                 ui.label(meaning)
-            self._run = RunPanels(searches.rig.search, lane=True)
+            self._run = RunPanels(searches.rig.search, charts=True)
             with panel("expected error, marker by marker", "tre"):
                 self._chart = ui.html(sanitize=False).classes("ms-chart").mark("tre")
             with panel("markers", "markers"):

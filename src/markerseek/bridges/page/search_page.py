@@ -32,7 +32,7 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
         outcome = None if live is None else live.outcome
         results.show(None if outcome is None else outcome.answer, None if live is None else live.journal)
         elsewhere = searches.busy and not searches.searching
-        status = "a race, or the search of a recording, runs" if elsewhere else None
+        status = "a registration, or the search of a recording, runs" if elsewhere else None
         frame.show_status(status or status_text(live), alarms=live is not None and live.failed)
         if live is None or live.run is None:
             verdict.show(verdict_before(live, next_step=next_step_text(searches)))
