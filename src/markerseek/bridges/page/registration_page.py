@@ -100,7 +100,7 @@ def build_registration_page(searches: PageSearches, link: tuple[AskedRegistratio
         said = session_verdict(live, simulated=simulated)
         verdict.show(said)
         elsewhere = searches.busy and (live is None or live.status == "ended")
-        status = "a search runs on another page" if elsewhere else "ready" if live is None else said.word.lower()
+        status = "a search runs on the other page" if elsewhere else "ready" if live is None else said.word.lower()
         frame.show_status(status, alarms=live is not None and live.failed)
         if live is not None:
             panels.show(live.state, live.images_ns, live.run)

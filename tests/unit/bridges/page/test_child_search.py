@@ -212,7 +212,6 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
     shared.start(USUAL.changed(seed=4), asked_by=BROWSER)
     for another in (
         lambda: shared.start(USUAL, asked_by=BROWSER),
-        lambda: shared.replay("x", USUAL),
         shared.go_on,
     ):
         with pytest.raises(SearchError, match="a search or a registration runs"):
@@ -276,25 +275,6 @@ def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
     shared.start(USUAL, asked_by=BROWSER)
     shared.close()
     assert child.stopped.is_set()
-
-
-def test_recordings_of_one_name_are_told_apart(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    named = [tmp_path / "a" / "run.journal", tmp_path / "b" / "run.journal"]
-    kept = tmp_path / "markerseek" / "journals" / "run.journal"
-    kept.parent.mkdir(parents=True)
-    kept.touch()
-    shared = PageSearches(PageRig(), named, launch=lambda *_, **__: ScriptedChild())
-    assert list(shared.recordings().values()) == [*named, kept]
-    assert next(iter(shared.recordings())) == "run.journal"
-
-
-def test_only_named_recordings_are_replayed(tmp_path, monkeypatch):
-    shared, asked = searches([], tmp_path, monkeypatch)
-    for name in ("/etc/passwd", "../../etc/passwd", "scan.hdf5"):
-        with pytest.raises(SearchError, match="no such recording"):
-            shared.replay(name, USUAL)
-    assert asked == []
 
 
 def test_a_rig_of_devices_registers_only_with_its_endoscope_and_a_known_face(tmp_path, monkeypatch):
