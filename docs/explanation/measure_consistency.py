@@ -33,7 +33,7 @@ def errors_deg(condition: Condition) -> dict[str, float]:
     """Mean error of each method."""
     found = [each for trial in range(MARKERS) for each in searches_for(Marker(condition, SEED, trial, RUNS))]
     return {
-        name: float(np.mean([each.answers[max(each.answers)].error_deg for each in found if each.method == name]))
+        name: float(np.mean([each.error_deg(max(each.answers_deg)) for each in found if each.method == name]))
         for name in ("WA", "TS", "GSS")
     }
 

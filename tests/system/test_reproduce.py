@@ -48,13 +48,12 @@ def test_a_users_own_bank_takes_the_place_of_the_simulated_ones(shell: Shell, tm
     assert f"Searches on your own bank {bank}" in page
     assert "Simulated" not in page
     (made,) = json.loads(shell(*words, "--json")[1])["sections"]
-    assert {row["number"].split()[0] for row in made["numbers"]} == {"TS", "GSS", "WA", "posterior"}
+    assert {row["number"].split()[0] for row in made["numbers"]} == {"TS", "GSS", "WA"}
     assert all(row["ours"] >= 0 and row["paper"] is None for row in made["numbers"])
     assert code == 0
     errors = {(row["method"], int(row["acquisitions"])): row for row in rows_of(tmp_path / "fig6_searches.csv")}
     assert float(errors["TS", 28]["error_deg"]) < 70 * (2 / 3) ** 14
     assert float(errors["GSS", 28]["error_deg"]) < 0.3
-    assert (float(errors["posterior", 16]["error_deg"]) < 0.3, errors["posterior", 16]["claimed"]) == (True, "yes")
     asked = np.round(np.linspace(-35, 35, 16) * 1919.6418578623391) / 1919.6418578623391
     at = np.interp(asked, angles, intensities)
     kept = at >= 0.2 * at.max()
@@ -79,15 +78,9 @@ def test_fig_5_has_all_numbers_of_acquisitions(shell: Shell, tmp_path: Path) -> 
     code, out, _ = shell("reproduce", "fig5", "--markers", 16, "--workers", 1, "--out", tmp_path, "--json")
     assert code == 0
     (section,) = json.loads(out)["sections"]
-    assert [number["paper"] is not None for number in section["numbers"]] == 2 * (3 * [True] + 3 * [False])
+    assert [number["paper"] is not None for number in section["numbers"]] == 2 * 3 * [True]
     rows = rows_of(tmp_path / "fig5.csv")
-    assert len(rows) == 2 * (14 + 14 + 21 + 14)
-    ours = {
-        int(row["acquisitions"]): row for row in rows if row["method"] == "posterior" and row["peak_snr_db"] == "40.0"
-    }
-    assert float(ours[2]["share_without_a_claim"]) == 1 > float(ours[16]["share_without_a_claim"])
-    assert float(ours[16]["mean_error_deg"]) < 0.05 < float(ours[2]["mean_error_deg"])
-    assert {row["share_without_a_claim"] for row in rows if row["method"] != "posterior"} == {"0.0"}
+    assert len(rows) == 2 * (14 + 14 + 21)
 
 
 @pytest.mark.long
@@ -97,7 +90,7 @@ def test_fig_9_stands_beside_the_paper_with_strip_and_curve(shell: Shell, tmp_pa
     (section,) = json.loads(out)["sections"]
     ours = {number["condition"]: number["ours"] for number in section["numbers"]}
     assert all(number["paper"] == 4.33 for number in section["numbers"])
-    halves = [ours[f"tip of 5 mm, {level} dB over the tissue"] for level in (20, 30, 40)]
+    halves = [ours[f"tip {level} dB over the tissue"] for level in (20, 30, 40)]
     # A stronger echo is seen farther; all stay below the angle at which the beam is at -50 dB.
     assert 0 < halves[0] < halves[1] < halves[2] < 8
     with (tmp_path / "fig9.csv").open() as file:

@@ -122,7 +122,6 @@ def _shown(section: Section) -> Iterator[str | Grid]:
                     **({"condition": each.condition, "paper": str(each.paper)} if of_paper else {}),
                     "ours": shown(each.ours) + ("" if each.half is None else f" ± {shown(each.half)}"),
                     **({"difference": shown(each.difference)} if of_paper else {}),
-                    "no claim": "" if each.unclaimed is None else f"{each.unclaimed:.0%}",
                 }
                 for each in section.comparisons
             ),

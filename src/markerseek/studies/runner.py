@@ -18,7 +18,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, TypeVar
+from typing import IO
 
 import msgspec
 
@@ -42,8 +42,6 @@ _MAX_TABLE_BYTES, _MAX_JSON_BYTES = 1 << 40, 256 * MIB
 _CHUNK_ROWS = {"curves": 250, "frames": 1}
 """Rows of a chunk, about: a second of work or one search, so that little is lost when a study is interrupted, and no
 worker waits long for the last one."""
-
-Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,21 +77,12 @@ def run_study(
             (folder / PART).replace(folder / ROWS)
             sync_folder(folder)
         progress(study.rows)
-        if not (folder / SUMMARY).exists():
-            write_json(folder / SUMMARY, summarise(study, read_rows(folder / ROWS, study)))
-        summary = read_json(folder / SUMMARY, Summary, cure="; delete it, and it is computed again")
+        summary = summarise(study, read_rows(folder / ROWS, study))
+        _write_json(folder / SUMMARY, summary)
         return FinishedStudy(rows=folder / ROWS, summary=summary)
 
 
-def read_json(path: Path, kind: type[Kind], *, cure: str = "") -> Kind:
-    """Content of a JSON file."""
-    try:
-        return msgspec.json.decode(read_input(path, most_bytes=_MAX_JSON_BYTES), type=kind)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
-        raise RecordError(f"{path}: it cannot be read: {problem}{cure}") from problem
-
-
-def write_json(path: Path, value: object) -> None:
+def _write_json(path: Path, value: object) -> None:
     """Write a value as a JSON file; an existing file is replaced."""
     with _writing(path), replace_file(path) as unfinished:
         unfinished.write_bytes(msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n")
@@ -103,7 +92,10 @@ def _claim(folder: Path, study: Study) -> None:
     """Record the study of the folder, or refuse the folder of another; remove files that were not finished."""
     path = folder / STUDY
     if path.exists():
-        found = read_json(path, dict)
+        try:
+            found = msgspec.json.decode(read_input(path, most_bytes=_MAX_JSON_BYTES), type=dict)
+        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as problem:
+            raise RecordError(f"{path}: it cannot be read: {problem}") from problem
         if found.get("hash") != study.digest:
             made_by = found.get("version")
             cause = f"was begun by version {made_by}" if made_by != __version__ else "holds another study"
@@ -112,7 +104,7 @@ def _claim(folder: Path, study: Study) -> None:
                 "choose another folder, or remove this one"
             )
     else:
-        write_json(path, {"hash": study.digest, "version": __version__, "study": msgspec.to_builtins(study)})
+        _write_json(path, {"hash": study.digest, "version": __version__, "study": msgspec.to_builtins(study)})
     for unfinished in folder.glob(".*.part"):
         unfinished.unlink()
 

@@ -70,8 +70,6 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     elapsed_s: Mean
     known_s: Mean
     """Time to the answer of the searches that found."""
-    refused: int
-    """Frames that were refused."""
     two_sources: TwoSources | None = None
     """None if there was one source."""
 
@@ -82,7 +80,6 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
     cell: int
     policy: int
     other: int
-    labels: tuple[str, str]
     error_deg: Mean
 
 
@@ -117,7 +114,6 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
                 cell=index,
                 policy=one,
                 other=other,
-                labels=(str(study.policies[one]), str(study.policies[other])),
                 # Of the same trials: their common noise cancels, and the interval is narrower than that of two means.
                 error_deg=Mean.of(_apart(by_policy[one], by_policy[other])),
             )
@@ -172,7 +168,6 @@ def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], 
         travel_deg=Mean.of(_known(row.travel_deg for row in rows)),
         elapsed_s=Mean.of(_known(row.elapsed_s for row in rows)),
         known_s=Mean.of(_known(row.known_s for row in rows)),
-        refused=sum(row.refused for row in rows),
         two_sources=_two_sources([row for row in marked if row.second_deg is not None]),
     )
 

@@ -1,7 +1,7 @@
 """Fig. 5: the three searches on 1000 random markers (section 2.4), on simulated intensity curves.
 
 Markers, noise and rigs are those of `markerseek.studies.trial`: every method searches for the same markers. A row of a
-study is one search; here the longest search of TS, GSS or the posterior also gives the answers of all shorter ones.
+study is one search; here the longest search of TS or GSS also gives the answers of all shorter ones.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from markerseek.studies.paper.methods import (
     BRACKETS,
     PEAK_COUNTS,
     RUNS,
-    AnyMethod,
+    PaperMethod,
     PaperSearch,
     RunOptions,
     paper_search,
@@ -102,9 +102,6 @@ FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
 """The combination of width and noise with the Fig. 5 nearest to the paper's: not chosen by hand, but the result of
 `docs/explanation/measure_consistency.py`."""
 
-POSTERIOR_SHARE = 0.2
-"""Share of the markers that the posterior searches for: it computes a hundred times as long as TS."""
-
 
 class Marker(NamedTuple):
     """A marker to be searched for, by its number in a condition, and the searches."""
@@ -112,7 +109,7 @@ class Marker(NamedTuple):
     condition: Condition
     seed: int
     trial: int
-    runs: tuple[tuple[AnyMethod, tuple[int, ...]], ...] = RUNS
+    runs: tuple[tuple[PaperMethod, tuple[int, ...]], ...] = RUNS
     """Methods, with the numbers of acquisitions after which each is asked for its answer."""
 
 
@@ -122,7 +119,7 @@ def study_of(condition: Condition, *, seed: int) -> Study:
 
 
 def searches_for(marker: Marker) -> list[PaperSearch]:
-    """Search for one marker with every method; the posterior takes dark frames first."""
+    """Search for one marker with every method."""
     study = study_of(marker.condition, seed=marker.seed)
     cell = cells(study)[0]
     draw = draw_trial(study, cell, marker.trial)
@@ -131,11 +128,10 @@ def searches_for(marker: Marker) -> list[PaperSearch]:
         rig = study_rig(study, cell, draw)
         searches.append(
             paper_search(
-                policy_of(name, acquisitions=max(counts), limits=rig.limits.search, start_deg=rig.stage.angle_deg),
+                policy_of(name, acquisitions=max(counts), limits=rig.limits.search),
                 rig,
                 truth_deg=draw.marker_deg,
                 counts=counts,
-                dark_frames=rig.dark_frames if name == "posterior" else 0,
                 place=marker.condition.radius_mm,
                 peak_snr_db=marker.condition.peak_snr_db,
                 method=name,
@@ -146,13 +142,10 @@ def searches_for(marker: Marker) -> list[PaperSearch]:
 
 def fig5(options: RunOptions) -> Section:
     """Fig. 5: mean error over the number of acquisitions, for the rig's defaults and for the nearest condition."""
-    fewer = max(4, round(POSTERIOR_SHARE * options.markers))
     markers = [
-        Marker(condition, options.seed, trial, RUNS if trial < fewer else RUNS[:-1])
-        for condition in (FITTED, USUAL)
-        for trial in range(options.markers)
+        Marker(condition, options.seed, trial) for condition in (FITTED, USUAL) for trial in range(options.markers)
     ]
-    found = options.each(searches_for, markers, stage="Fig. 5 from curves", part=5)
+    found = options.each(searches_for, markers, stage="Fig. 5 from curves", part=20)
     errors = errors_by_group(search for searches in found for search in searches)
     return make_section(
         "fig5",
@@ -163,7 +156,6 @@ def fig5(options: RunOptions) -> Section:
             "markers": options.markers,
             "usual": USUAL.words,
             "fitted": FITTED.words,
-            "fewer": fewer,
             "paper": str(paper_number("fig5/TS")),
             "exact": 70 * (2 / 3) ** 14 / 4,
         },
@@ -184,13 +176,10 @@ def _comparisons(condition: Condition, errors: Mapping[Group, Errors]) -> Iterat
     )
     for name in BRACKETS:
         yield compared(f"fig5/{name}", errors[*of, name, max(BRACKET_ACQUISITIONS)], condition=condition.words)
-    for count in (8, 16, 28):
-        own = f"posterior (ours) after {count} acquisitions, mean error"
-        yield compared(own, errors[*of, "posterior", count], condition=condition.words, of_paper=False)
 
 
 def _draw(errors: Mapping[Group, Errors]) -> Figure:
-    printed_deg: dict[tuple[AnyMethod, int], float] = {(name, 28): printed_value(f"fig5/{name}") for name in BRACKETS}
+    printed_deg: dict[tuple[PaperMethod, int], float] = {(name, 28): printed_value(f"fig5/{name}") for name in BRACKETS}
     return errors_figure(
         errors,
         [Panel(each.radius_mm, each.peak_snr_db, each.words, printed_deg) for each in (FITTED, USUAL)],

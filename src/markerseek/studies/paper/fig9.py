@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from markerseek.core import SearchError
 from markerseek.pictures import tip_figure
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.studies.paper.methods import RunOptions
-from markerseek.studies.paper.printed import SENSITIVE_DEG, paper_number
+from markerseek.studies.paper.printed import paper_number
 from markerseek.studies.paper.section import Comparison, Section, make_section, make_table
+from markerseek.studies.statistics import Mean
 from markerseek.vision import SensitiveRange, published_sensitive_range
 
 if TYPE_CHECKING:
@@ -33,42 +34,35 @@ STEPS = 11
 LEVELS_DB = (20.0, 30.0, 40.0)
 """Echo of the tip over the mean of the tissue; unknown of the paper's set-up."""
 
-SIZES_M = (3e-3, 5e-3, 8e-3)
-"""Diameter of the tip: a needle driver's jaw, the tip of a larger tool, and the shaft of all."""
-
-Tip: TypeAlias = tuple[float, float]
-"""Diameter of a tip in metres, and its echo over the mean of the tissue in dB."""
-
-_SHOWN: Tip = (BModeSettings().tip_m, BModeSettings().tip_db)
+SHOWN_DB = BModeSettings().tip_db
+"""Echo in the picture: the value assumed beforehand."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Series:
-    """Images of one tip at one position, and what was found in them."""
+    """Images of a tip at one position, and what was found in them."""
 
-    tip: Tip
+    tip_db: float
     place: int
     images: list[np.ndarray]
     found: SensitiveRange
 
 
 def fig9(options: RunOptions) -> Section:
-    """Fig. 9: sensitive range of the tip at three positions."""
-    # A reduced report has the size assumed beforehand only.
-    sizes_m = SIZES_M if options.share > 0.2 else _SHOWN[:1]
-    jobs = [((tip_m, tip_db), place) for tip_m in sizes_m for tip_db in LEVELS_DB for place in range(len(PLACES_M))]
+    """Fig. 9: sensitive range of the tip at three positions, for three strengths of its echo."""
+    jobs = [(tip_db, place) for tip_db in LEVELS_DB for place in range(len(PLACES_M))]
     series = options.each(partial(_series, seed=options.seed), jobs, stage="fig9, B-mode images")
-    shown = [each for each in series if each.tip == _SHOWN]
-    halves: dict[Tip, list[float]] = {}
-    for each in series:
-        # 0 where the tip was not seen at all.
-        halves.setdefault(each.tip, []).append(each.found.half_deg or 0.0)
-    means = {tip: float(np.mean(halves_deg)) for tip, halves_deg in halves.items()}
-    paper, (tip_m, tip_db) = paper_number("sensitive"), _SHOWN
-    nearest = min(means, key=lambda tip: abs(means[tip] - SENSITIVE_DEG))
+    shown = [each for each in series if each.tip_db == SHOWN_DB]
+    # 0 where the tip was not seen at all.
+    halves = {
+        tip_db: Mean.of([each.found.half_deg or 0.0 for each in series if each.tip_db == tip_db])
+        for tip_db in LEVELS_DB
+    }
+    means = [half.mean or 0.0 for half in halves.values()]
+    paper = paper_number("sensitive")
     ranges = (
         (
-            1e3 * each.tip[0], each.tip[1], 1e3 * PLACES_M[each.place], each.found.half_deg, each.found.full_deg,
+            each.tip_db, 1e3 * PLACES_M[each.place], each.found.half_deg, each.found.full_deg,
             "yes" if each.found.open_above else "no",
         )
         for each in series
@@ -87,17 +81,17 @@ def fig9(options: RunOptions) -> Section:
         comparisons=tuple(
             Comparison(
                 paper=paper,
-                ours=means[tip],
-                sd=float(np.std(halves_deg, ddof=1)),
-                condition=f"tip of {1e3 * tip[0]:g} mm, {tip[1]:g} dB over the tissue",
+                ours=half.mean or 0.0,
+                sd=half.sd,
+                condition=f"tip {tip_db:g} dB over the tissue",
             )
-            for tip, halves_deg in halves.items()
+            for tip_db, half in halves.items()
         ),
         tables=(
             make_table(
                 "fig9_ranges",
                 "Half of the sensitive range at each position",
-                "tip_mm tip_over_tissue_db x_mm half_range_deg full_range_deg at_least",
+                "tip_over_tissue_db x_mm half_range_deg full_range_deg at_least",
                 ranges,
             ),
             make_table(
@@ -111,26 +105,23 @@ def fig9(options: RunOptions) -> Section:
         draw=partial(_draw, shown[len(PLACES_M) // 2]),
         results={
             "last": STEPS - 1,
-            "tip_mm": 1e3 * tip_m,
-            "tip_db": tip_db,
-            "ours": means[_SHOWN],
+            "tip_mm": 1e3 * BModeSettings().tip_m,
+            "tip_db": SHOWN_DB,
+            "ours": halves[SHOWN_DB].mean,
             "paper": str(paper),
-            "least": min(means.values()),
-            "most": max(means.values()),
-            "nearest_mm": 1e3 * nearest[0],
-            "nearest_db": nearest[1],
-            "nearest": means[nearest],
+            "least": min(means),
+            "most": max(means),
         },
     )
 
 
-def _series(job: tuple[Tip, int], *, seed: int) -> _Series:
-    tip, place = job
+def _series(job: tuple[float, int], *, seed: int) -> _Series:
+    tip_db, place = job
     x_m = PLACES_M[place]
     reference_deg = math.degrees(math.atan2(x_m, HEIGHT_M))
-    # One seed for each position: the tissue is the same for all tips.
+    # One seed for each position: the tissue is the same for all echoes.
     rng = np.random.Generator(np.random.PCG64([seed, 9, place]))
-    settings = BModeSettings(tip_m=tip[0], tip_db=tip[1])
+    settings = BModeSettings(tip_db=tip_db)
     world = BModeWorld(
         settings=settings,
         probe=Probe(),
@@ -149,7 +140,7 @@ def _series(job: tuple[Tip, int], *, seed: int) -> _Series:
     found = published_sensitive_range(
         [float(step) for step in range(STEPS)], images, pixel_m=(settings.pixel_m, settings.pixel_m)
     )
-    return _Series(tip=tip, place=place, images=images, found=found)
+    return _Series(tip_db=tip_db, place=place, images=images, found=found)
 
 
 def _draw(series: _Series) -> Figure:

@@ -1,4 +1,4 @@
-"""The paper's methods as published and the posterior beside them, their searches, and what a reproduction may use."""
+"""The paper's three methods as published, their searches, and what a reproduction may use."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, TypeAlias
 
-from markerseek.core import PAPER_RANGE, ConfigError, Estimate, Found, Interval, Policy, Sample, SearchPlan
+from markerseek.core import PAPER_RANGE, ConfigError, Estimate, Interval, Policy, Sample, SearchPlan
 from markerseek.rigs import Rig
 from markerseek.search import build
 from markerseek.sim import StageMotion
@@ -17,35 +17,24 @@ from markerseek.studies.workers import Done, Job, in_order
 PaperMethod: TypeAlias = Literal["TS", "GSS", "WA"]
 """Ternary search, golden-section search, weighted average."""
 
-AnyMethod: TypeAlias = PaperMethod | Literal["posterior"]
-"""A method of the paper, or the posterior, which is ours."""
-
-BUILT: dict[AnyMethod, str] = {
-    "TS": "ternary",
-    "GSS": "golden-section",
-    "WA": "weighted-average",
-    "posterior": "posterior",
-}
+BUILT: dict[PaperMethod, str] = {"TS": "ternary", "GSS": "golden-section", "WA": "weighted-average"}
 """Names in `markerseek.search`."""
 
-ALL_METHODS: tuple[AnyMethod, ...] = tuple(BUILT)
-PAPER_METHODS: tuple[PaperMethod, ...] = ("TS", "GSS", "WA")
 BRACKETS: tuple[PaperMethod, ...] = ("TS", "GSS")
 
 BRACKET_ACQUISITIONS = tuple(range(2, 29, 2))
-"""N of TS and GSS in Fig. 5 to 7, and of the posterior beside them."""
+"""N of TS and GSS in Fig. 5 to 7."""
 
 AVERAGE_ACQUISITIONS = tuple(range(8, 29))
 """N of WA in Fig. 5 and 6: full scans."""
 
-RUNS: tuple[tuple[AnyMethod, tuple[int, ...]], ...] = (
+RUNS: tuple[tuple[PaperMethod, tuple[int, ...]], ...] = (
     *((name, BRACKET_ACQUISITIONS) for name in BRACKETS),
     *(("WA", (count,)) for count in AVERAGE_ACQUISITIONS),
-    ("posterior", BRACKET_ACQUISITIONS),
 )
 """Searches of Fig. 5 and 6, with the numbers of acquisitions after which each is asked for its answer.
 
-The angles of TS, GSS and the posterior do not depend on N; the steps of WA do, so that each N is its own search.
+The angles of TS and GSS do not depend on N; the steps of WA do, so that each N is its own search.
 """
 
 TABLE_ACQUISITIONS = 16
@@ -104,15 +93,6 @@ def _all(function: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """Angle and absolute error of an answer, and whether it claims its angle; the paper's methods always do."""
-
-    angle_deg: float
-    error_deg: float
-    claimed: bool = True
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PaperSearch:
     """One search, with the answers of the shorter searches that it contains."""
 
@@ -120,7 +100,7 @@ class PaperSearch:
     """What was searched: a material, a user's bank, or the condition of Fig. 5."""
     peak_snr_db: float | None
     """Noise of a simulation; None for a user's own bank."""
-    method: AnyMethod
+    method: PaperMethod
     position: int = 1
     """At which of the nine positions, counted from 1."""
     repeat: int = 0
@@ -129,64 +109,41 @@ class PaperSearch:
     """Angle that counts as true."""
     track_deg: tuple[float, ...]
     """Angles reached, one for each acquisition."""
-    answers: dict[int, Answer]
+    answers_deg: dict[int, float]
     """By number of acquisitions."""
+
+    def error_deg(self, acquisitions: int) -> float:
+        """Absolute error of the answer after this number of acquisitions."""
+        return abs(self.answers_deg[acquisitions] - self.truth_deg)
 
 
 def paper_search(
-    policy: Policy,
-    rig: Rig,
-    *,
-    truth_deg: float,
-    counts: Sequence[int] = (),
-    dark_frames: int = 0,
-    stay: bool = True,
-    **what: Any,
+    policy: Policy, rig: Rig, *, truth_deg: float, counts: Sequence[int] = (), stay: bool = True, **what: Any
 ) -> PaperSearch:
     """Search on a rig.
 
     ``counts``: numbers of acquisitions after which the answer is kept; empty: at the end. ``what``: the first fields.
     """
-    found = searched(policy, rig.scanner, stay=stay, dark_frames=dark_frames, counts=counts)
-    estimates = found.answers or {len(found.samples): found.finished.estimate}
+    found = searched(policy, rig.scanner, stay=stay, counts=counts)
+    answers = found.answers or {len(found.samples): found.finished.estimate}
     return PaperSearch(
         truth_deg=truth_deg,
         track_deg=tuple(sample.angle_deg for sample in found.samples),
-        answers={
-            count: Answer(
-                angle_deg=each.mean_deg, error_deg=abs(each.mean_deg - truth_deg), claimed=isinstance(each, Found)
-            )
-            for count, each in estimates.items()
-        },
+        answers_deg={count: each.mean_deg for count, each in answers.items()},
         **what,
     )
 
 
 def policy_of(
-    name: AnyMethod,
-    *,
-    acquisitions: int,
-    limits: Interval = PAPER_RANGE,
-    start_deg: float | None = None,
-    early_end: bool = False,
+    name: PaperMethod, *, acquisitions: int, limits: Interval = PAPER_RANGE, early_end: bool = False
 ) -> Policy:
-    """Policy of a method: published ones always answer, the posterior knows that there is one source, as they assume.
+    """Policy of a method as published, which always answers.
 
-    ``acquisitions``: number N of acquisitions, all of them made unless it may end early. ``start_deg``: angle of the
-    probe, for the posterior. ``early_end``: whether WA ends once the peak is recorded and passed, as it does online, or
-    the posterior once the angle is known well enough.
+    ``acquisitions``: number N of acquisitions, all of them made unless it may end early. ``early_end``: whether WA ends
+    once the peak is recorded and passed, as it does online.
     """
-    return build(
-        SearchPlan(
-            method=BUILT[name],
-            acquisitions=acquisitions,
-            as_published=name != "posterior",
-            start_deg=start_deg,
-            early_end=early_end,
-            others=0.0 if name == "posterior" else None,
-        ),
-        limits=limits,
-    )
+    plan = SearchPlan(method=BUILT[name], acquisitions=acquisitions, as_published=True, early_end=early_end)
+    return build(plan, limits=limits)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,24 +17,23 @@ from markerseek.core import PAPER_RANGE
 from markerseek.pictures import panel_grid, shared_legend
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.methods import (
-    ALL_METHODS,
     BRACKET_ACQUISITIONS,
     BRACKETS,
+    BUILT,
     ONLINE_STEPS,
     PEAK_COUNTS,
     TABLE_ACQUISITIONS,
-    AnyMethod,
+    PaperMethod,
     PaperSearch,
     RunOptions,
     paper_search,
     policy_of,
 )
 from markerseek.studies.paper.offline import LEVELS_DB, grid
-from markerseek.studies.paper.printed import PaperNumber, paper_number, printed_value
+from markerseek.studies.paper.printed import paper_number, printed_value
 from markerseek.studies.paper.section import (
-    COLOURS,
     ERRORS,
-    MARKS,
+    STYLES,
     Cell,
     Comparison,
     Errors,
@@ -60,18 +59,11 @@ REPEATS = 4
 TISSUE = "plastisol-phantom"
 """The simulated material in place of the phantom of the online analysis."""
 
-MOST: dict[AnyMethod, int] = {
-    **dict.fromkeys(BRACKETS, max(BRACKET_ACQUISITIONS)),
-    "WA": ONLINE_STEPS,
-    "posterior": TABLE_ACQUISITIONS,
-}
-"""Most acquisitions of a search; WA and the posterior end by themselves."""
-
 
 class OnlineRun(NamedTuple):
     """What one search on the rig is given."""
 
-    method: AnyMethod
+    method: PaperMethod
     peak_snr_db: float
     repeat: int
     position: int
@@ -80,7 +72,7 @@ class OnlineRun(NamedTuple):
 
 
 def online_searches(options: RunOptions) -> list[PaperSearch]:
-    """Searches of TS and GSS (28 acquisitions), WA (5° steps, early end) and the posterior at nine positions, by noise.
+    """Searches of TS and GSS (28 acquisitions), WA (5° steps, early end) at nine positions, by noise.
 
     With fewer markers than the paper's there are fewer repeats.
     """
@@ -91,9 +83,7 @@ def online_searches(options: RunOptions) -> list[PaperSearch]:
             # The seed depends on the place only: all methods are compared on the same random numbers.
             seed = int(seeds.generate_state(1)[0]) + position
             runs += [
-                OnlineRun(name, level_db, repeat, position, marker, seed)
-                for level_db in LEVELS_DB
-                for name in ALL_METHODS
+                OnlineRun(name, level_db, repeat, position, marker, seed) for level_db in LEVELS_DB for name in BUILT
             ]
     return options.each(search_online, runs, stage="online searches, from channel data")
 
@@ -109,11 +99,11 @@ def search_online(given: OnlineRun) -> PaperSearch:
     )
     rig = rigs.simulated(seed=given.seed, settings=settings)
     return paper_search(
-        policy_of(given.method, acquisitions=MOST[given.method], start_deg=PAPER_RANGE.low_deg, early_end=True),
+        # With the largest N only of TS and GSS: it contains the shorter searches.
+        policy_of(given.method, acquisitions=ONLINE_STEPS if given.method == "WA" else 28, early_end=True),
         rig,
         truth_deg=rig.facts.truth_deg or 0.0,
         counts=BRACKET_ACQUISITIONS if given.method in BRACKETS else (),
-        dark_frames=rig.dark_frames if given.method == "posterior" else 0,
         stay=False,
         place=TISSUE,
         peak_snr_db=given.peak_snr_db,
@@ -124,33 +114,22 @@ def search_online(given: OnlineRun) -> PaperSearch:
 
 
 def table2(searches: Sequence[PaperSearch]) -> Section:
-    """Table 2: errors of WA and the posterior at their ends, and of TS and GSS after 16 acquisitions."""
+    """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
     comparisons: list[Comparison] = []
     rows: list[tuple[Cell, ...]] = []
     for level_db in LEVELS_DB:
         condition = f"{level_db:g} dB"
-        for name in ALL_METHODS:
+        for name in BUILT:
             found = [each for each in searches if (each.method, each.peak_snr_db) == (name, level_db)]
-            counts = [TABLE_ACQUISITIONS if name in BRACKETS else max(each.answers) for each in found]
-            errors = errors_of(each.answers[count] for each, count in zip(found, counts, strict=True))
+            counts = [TABLE_ACQUISITIONS if name in BRACKETS else max(each.answers_deg) for each in found]
+            errors = errors_of([each.error_deg(count) for each, count in zip(found, counts, strict=True)])
             made = Mean.of(counts)
             rows.append((name, level_db, made.mean, *errors.cells))
-            of_paper = name != "posterior"
-            number = f"table2/{name}" if of_paper else "posterior (ours) online, mean error"
-            comparisons.append(compared(number, errors, condition=condition, of_paper=of_paper))
-            if name not in BRACKETS:
-                ended = "posterior (ours) online, acquisitions until it ended"
-                comparisons.append(
-                    Comparison(
-                        paper=paper_number("table2/WA/N")
-                        if of_paper
-                        else PaperNumber(quantity=ended, unit="acquisitions"),
-                        ours=made.mean or 0.0,
-                        sd=made.sd,
-                        half=made.half,
-                        condition=condition,
-                    )
-                )
+            comparisons.append(compared(f"table2/{name}", errors, condition=condition))
+            if name == "WA":
+                number = paper_number("table2/WA/N")
+                ended = Comparison(paper=number, ours=made.mean or 0.0, sd=made.sd, half=made.half, condition=condition)
+                comparisons.append(ended)
     columns = f"method peak_snr_db acquisitions {ERRORS}"
     return make_section(
         "table2",
@@ -178,7 +157,7 @@ def fig7(searches: Sequence[PaperSearch]) -> Section:
 
 
 def _draw_errors(errors: Mapping[Group, Errors]) -> Figure:
-    printed_deg: dict[tuple[AnyMethod, int], float] = {
+    printed_deg: dict[tuple[PaperMethod, int], float] = {
         (name, count): printed_value(key)
         for name in BRACKETS
         for count, key in ((2, f"fig7/{name}/2"), (TABLE_ACQUISITIONS, f"table2/{name}"), (28, f"fig7/{name}/28"))
@@ -230,10 +209,9 @@ def _draw_tracks(searches: Sequence[PaperSearch]) -> Figure:
                     range(1, len(each.track_deg) + 1),
                     each.track_deg,
                     label=each.method,
-                    color=COLOURS[each.method],
-                    marker=MARKS[each.method],
                     markersize=3.5,
                     linewidth=1.2,
+                    **STYLES[each.method],
                 )
     shared_legend(figure)
     return figure

@@ -118,11 +118,11 @@ def comparison_table(section: Section) -> Table:
     return make_table(
         f"{section.name}_beside_the_paper",
         "The paper's numbers beside ours",
-        "number place unit condition paper paper_spread ours ours_spread half_interval95 difference off without_claim",
+        "number place unit condition paper paper_spread ours ours_spread half_interval95 difference off",
         (
             (
                 each.paper.quantity, each.paper.place, each.paper.unit, each.condition, each.paper.value, each.paper.sd,
-                each.ours, each.sd, each.half, each.difference, each.failed, each.unclaimed,
+                each.ours, each.sd, each.half, each.difference, each.failed,
             )
             for each in section.comparisons
         ),

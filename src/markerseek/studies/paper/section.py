@@ -8,7 +8,7 @@ The text is in `prose.toml`; results stand in it as fields of `str.format`.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -19,7 +19,7 @@ import numpy as np
 
 from markerseek.pictures import panel_grid, shared_legend
 from markerseek.studies.figure import draw_means
-from markerseek.studies.paper.methods import ALL_METHODS, Answer, AnyMethod, PaperSearch
+from markerseek.studies.paper.methods import PaperMethod, PaperSearch
 from markerseek.studies.paper.printed import SENSITIVE_DEG, PaperNumber, paper_number
 from markerseek.studies.statistics import Mean
 
@@ -54,48 +54,34 @@ class Errors(NamedTuple):
 
     error_deg: Mean
     failed: float
-    """Share of searches with an error beyond `SENSITIVE_DEG`, whether they claim their angle or not."""
-    unclaimed: float
-    """Share of searches that claim no angle: not found, at bound, ambiguous or unsure."""
-    claimed_failed: float
-    """Share of searches that claim an angle with an error beyond `SENSITIVE_DEG`."""
+    """Share of searches with an error beyond `SENSITIVE_DEG`."""
 
     @property
     def cells(self) -> tuple[Cell, ...]:
         """Cells of a table under `ERRORS`."""
-        mean, *shares = self
-        return (mean.count, mean.mean, mean.sd, mean.half, *shares)
+        mean = self.error_deg
+        return mean.count, mean.mean, mean.sd, mean.half, self.failed
 
 
-ERRORS = (
-    "searches mean_error_deg spread_deg half_interval95_deg share_off_by_more_than_4.33_deg share_without_a_claim "
-    "claimed_and_off_by_more_than_4.33_deg"
-)
+ERRORS = "searches mean_error_deg spread_deg half_interval95_deg share_off_by_more_than_4.33_deg"
 """Columns of `Errors`."""
 
-Group: TypeAlias = tuple[str, float | None, AnyMethod, int]
+Group: TypeAlias = tuple[str, float | None, PaperMethod, int]
 """What was searched, peak SNR, method, number of acquisitions."""
 
 
-def errors_of(answers: Iterable[Answer]) -> Errors:
-    """Summary of one answer or more."""
-    of_all = list(answers)
-    errors = np.array([each.error_deg for each in of_all])
-    claimed = np.array([each.claimed for each in of_all])
-    return Errors(
-        error_deg=Mean.of(errors.tolist()),
-        failed=float(np.mean(errors > SENSITIVE_DEG)),
-        unclaimed=float(np.mean(~claimed)),
-        claimed_failed=float(np.mean(claimed & (errors > SENSITIVE_DEG))),
-    )
+def errors_of(errors_deg: Sequence[float]) -> Errors:
+    """Summary of one absolute error or more."""
+    return Errors(Mean.of(errors_deg), float(np.mean(np.array(errors_deg) > SENSITIVE_DEG)))
 
 
 def errors_by_group(searches: Iterable[PaperSearch]) -> dict[Group, Errors]:
     """Errors of every number of acquisitions, by group."""
-    groups: dict[Group, list[Answer]] = {}
+    groups: dict[Group, list[float]] = {}
     for each in searches:
-        for count, answer in each.answers.items():
-            groups.setdefault((each.place, each.peak_snr_db, each.method, count), []).append(answer)
+        for count in each.answers_deg:
+            group = each.place, each.peak_snr_db, each.method, count
+            groups.setdefault(group, []).append(each.error_deg(count))
     return {group: errors_of(found) for group, found in groups.items()}
 
 
@@ -107,18 +93,16 @@ def errors_table(name: str, caption: str, place: str, errors: Mapping[Group, Err
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A number of the paper and ours; or, of the posterior, ours alone."""
+    """A number of the paper and ours; or, of a user's own bank, ours alone."""
 
     paper: PaperNumber
-    """The paper's number; of the posterior what is counted, in words."""
+    """The paper's number; of a user's own bank what is counted, in words."""
     ours: float
     sd: float | None = None
     half: float | None = None
     """Half the width of the 95 % interval of ours."""
     failed: float | None = None
     """Share of our searches with an error beyond `SENSITIVE_DEG`; None if it is no mean of errors."""
-    unclaimed: float | None = None
-    """Share of our searches that claim no angle; None if it is no mean of errors."""
     condition: str = ""
     """Condition of ours, such as the noise; empty where there is only one."""
 
@@ -136,7 +120,6 @@ def compared(number: str, ours: Errors, *, condition: str = "", of_paper: bool =
         sd=ours.error_deg.sd,
         half=ours.error_deg.half,
         failed=ours.failed,
-        unclaimed=ours.unclaimed,
         condition=condition,
     )
 
@@ -151,7 +134,7 @@ class Section:
     method: tuple[str, ...] = ()
     """What was done, in paragraphs."""
     comparisons: tuple[Comparison, ...] = ()
-    """The paper's numbers beside ours, and those of the posterior."""
+    """The paper's numbers beside ours."""
     tables: tuple[Table, ...] = ()
     draw: Callable[[], Figure] | None = None
     """Makes the picture; None if there is no picture."""
@@ -191,10 +174,12 @@ def _prose() -> dict[str, dict[str, str]]:
     return tomllib.loads(resources.files(__package__).joinpath("prose.toml").read_text(encoding="utf-8"))
 
 
-COLOURS: dict[AnyMethod, str] = {"TS": "#c8501e", "GSS": "#1f5fa8", "WA": "#2a7f3f", "posterior": "#5b2a86"}
-"""Red, blue and green, as in Fig. 5 of the paper, and violet; the colour-blind can tell them apart by the marks too."""
-
-MARKS: dict[AnyMethod, str] = {"TS": "o", "GSS": "s", "WA": "^", "posterior": "D"}
+STYLES: dict[PaperMethod, dict[str, Any]] = {
+    "TS": {"color": "#c8501e", "marker": "o"},
+    "GSS": {"color": "#1f5fa8", "marker": "s"},
+    "WA": {"color": "#2a7f3f", "marker": "^"},
+}
+"""Red, blue and green, as in Fig. 5 of the paper; the colour-blind can tell them apart by the marks too."""
 
 
 class Panel(NamedTuple):
@@ -203,7 +188,7 @@ class Panel(NamedTuple):
     place: str
     peak_snr_db: float | None
     title: str
-    printed_deg: Mapping[tuple[AnyMethod, int], float]
+    printed_deg: Mapping[tuple[PaperMethod, int], float]
     """Mean errors that the paper prints, by method and number of acquisitions."""
 
 
@@ -233,20 +218,24 @@ def errors_figure(
         y_scale="log",
     )
     for axes, panel in zip(grid, panels, strict=True):
-        for name in ALL_METHODS:
+        for name, style in STYLES.items():
             group = (panel.place, panel.peak_snr_db, name)
             ours = {count: each.error_deg for (*of, count), each in errors.items() if tuple(of) == group}
-            style: dict[str, Any] = {"color": COLOURS[name], "marker": MARKS[name]}
             if ours:
-                label = "posterior (ours, not in the paper)" if name == "posterior" else f"{name}, ours"
-                draw_means(axes, ours, label=label, **style)
+                draw_means(axes, ours, label=f"{name}, ours", **style)
             theirs = {count: value for (method, count), value in panel.printed_deg.items() if method == name}
             if theirs:
-                style |= {"linestyle": "none", "markersize": 8, "markerfacecolor": "none", "markeredgewidth": 1.6}
-                axes.plot(*zip(*theirs.items(), strict=True), label=f"{name}, {printed}", zorder=5, **style)
+                large = {
+                    **style,
+                    "linestyle": "none",
+                    "markersize": 8,
+                    "markerfacecolor": "none",
+                    "markeredgewidth": 1.6,
+                }
+                axes.plot(*zip(*theirs.items(), strict=True), label=f"{name}, {printed}", zorder=5, **large)
         if average_deg is not None:
             axes.axhline(
-                average_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)"
+                average_deg, color=STYLES["WA"]["color"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)"
             )
     shared_legend(figure, columns=4)
     return figure

@@ -14,11 +14,10 @@ import pytest
 
 from markerseek.core import ConfigError
 from markerseek.studies.paper import RunOptions, Section, write_report, write_section
-from markerseek.studies.paper.methods import Answer
 from markerseek.studies.paper.offline import OfflineBank, fig6, grid, offline_searches
 from markerseek.studies.paper.printed import MATERIALS, PAPER_NUMBERS, paper_number
 from markerseek.studies.paper.report import REPORT
-from markerseek.studies.paper.section import Errors, compared, errors_of
+from markerseek.studies.paper.section import compared, errors_of
 
 
 class Tables(HTMLParser):
@@ -60,21 +59,14 @@ def test_the_papers_numbers_are_those_of_the_paper() -> None:
         paper_number("fig12")
 
 
-def of(*errors_deg: float, claimed: bool = True) -> Errors:
-    return errors_of([Answer(angle_deg=0.0, error_deg=each, claimed=claimed) for each in errors_deg])
-
-
 def test_errors_are_summed_up_as_by_hand() -> None:
-    errors = of(1.0, 2.0, 6.0)
-    (count, mean_deg, sd_deg, half_deg, failed, unclaimed, claimed_failed) = errors.cells
-    assert (count, unclaimed) == (3, 0.0)
-    assert mean_deg == 3.0
+    count, mean_deg, sd_deg, half_deg, failed = errors_of([1.0, 2.0, 6.0]).cells
+    assert (count, mean_deg) == (3, 3.0)
     assert sd_deg == pytest.approx(math.sqrt((4 + 1 + 9) / 2))
-    assert failed == claimed_failed == pytest.approx(1 / 3)
+    assert failed == pytest.approx(1 / 3)
     # Student's t for two degrees of freedom
     assert half_deg == pytest.approx(4.302653 * math.sqrt(7) / math.sqrt(3), rel=1e-5)
-    assert of(0.5).error_deg.half is None
-    assert of(6.0, claimed=False)[1:] == (1.0, 1.0, 0.0)
+    assert errors_of([0.5]).error_deg.half is None
 
 
 def test_the_grid_is_that_of_the_paper_but_rough() -> None:
@@ -91,7 +83,7 @@ def test_the_page_holds_the_numbers_of_the_csv_and_loads_nothing(tmp_path: Path)
     example = Path(__file__).parents[4] / "examples" / "simulated_scan.csv"
     own = OfflineBank(path=example, material="mine", reference_deg=-8.25)
     searches = offline_searches([own], options)
-    of_paper = Section(name="s", title="s", method=(), comparisons=(compared("fig7/TS/2", of(0.1, 0.2)),))
+    of_paper = Section(name="s", title="s", method=(), comparisons=(compared("fig7/TS/2", errors_of([0.1, 0.2])),))
     sections = [fig6(searches, own), of_paper]
     paths = [path for section in sections for path in write_section(section, tmp_path)]
     text = write_report(sections, tmp_path, options=options).read_text(encoding="utf-8")
@@ -124,7 +116,7 @@ def _same(seen: str, exact: str) -> bool:
 def test_a_report_that_cannot_be_written_is_refused_in_words(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    ours = compared("fig5/TS", of(0.1, 0.2))
+    ours = compared("fig5/TS", errors_of([0.1, 0.2]))
     section = Section(name="s", title="s", method=(), comparisons=(ours,))
     with pytest.raises(ConfigError, match="name another --out"):
         write_section(section, blocked / "below")
