@@ -37,11 +37,11 @@ def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_thi
     plan = plan_on(rig, SearchPlan(method="golden-section", acquisitions=5, start_deg=0.0))
     session = new_session(rig, plan)
     expected = list(session.events())
-    with ChildRun(
+    child = ChildRun(
         ["search", "--method", "golden-section", "--acquisitions", "5", "--seed", str(SEED), "--no-journal"]
-    ) as child:
-        items = list(child.items())
-        outcome = child.outcome()
+    )
+    items = list(child.items())
+    outcome = child.outcome()
     assert isinstance(items[0], Configuration)
     assert items[0].plan == plan
     received = [item.event for item in events_of(items)]
@@ -141,9 +141,9 @@ def test_of_a_published_form_nothing_is_claimed_and_a_kill_is_named() -> None:
 
 
 def test_an_error_is_one_sentence(tmp_path: Path) -> None:
-    with ChildRun(["search", "--no-journal", "--rig", str(tmp_path / "none.toml")]) as child:
-        assert list(child.items()) == []
-        outcome = child.outcome()
+    child = ChildRun(["search", "--no-journal", "--rig", str(tmp_path / "none.toml")])
+    assert list(child.items()) == []
+    outcome = child.outcome()
     assert outcome.exit_code == 2
     assert "none.toml" in outcome.message
 

@@ -13,11 +13,10 @@ import pytest
 from markerseek.core import Measured
 from markerseek.records.journal import Interrupted, read_journal
 from tests.emulated import fixed_bench
-from tests.page.page_browser import needs_browser, open_tab, served
+from tests.page.page_browser import needs_browser, open_tab, served, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
-STATUS = ".ms-status"
 VIEWER = Path(__file__).with_name("page_viewer.py")
 
 
@@ -56,7 +55,7 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
             others[0].send_signal(signal.SIGSTOP)
             watched.wait_for(".ms-log", "acquisition 2:", timeout_ms=120_000)
             watched.tab.locator(".ms-stop").click()
-            watched.wait_for(STATUS, "^stopped")
+            watched.wait_for(".ms-badge", "^STOPPED$")
             # Three viewers, one of them stopped, and no lease has lapsed: that would have ended the search before.
             events = [entry.event for entry in read_journal(page.journals()[-1]).entries]
             assert isinstance(events[-1], Interrupted)
@@ -65,7 +64,7 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
                 each.kill()
                 each.wait()
             # The rig would have to be armed again, which is for the terminal.
-            assert watched.tab.get_by_role("button", name="Pause", exact=True).is_disabled()
+            sync_api.expect(watched.tab.get_by_role("button", name="Go on", exact=True)).to_be_hidden()
             watched.tab.context.close()
             assert watched.problems == []
         low_deg, high_deg, pulses = devices.end()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 from urllib.parse import urlencode
 
 from markerseek.core import (
@@ -27,24 +26,23 @@ OPTIONS = {each.name: each for each in (*_OF_PLAN, *_OF_SIMULATION)}
 """All that can be chosen of a search, by name: never a file, a rig, or whether a rig is armed."""
 
 
-class Asked(ABC):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
     """What is asked for, as values by their names."""
 
-    __slots__ = ()
-
     @classmethod
-    @abstractmethod
     def options(cls) -> Mapping[str, Option]:
         """All that can be chosen, by name."""
+        return {each.name: each for each in options_of(cls)}
 
     @property
-    @abstractmethod
     def values(self) -> dict[str, Any]:
         """All values by their names."""
+        return asdict(self)
 
-    @abstractmethod
     def changed(self, **values: Any) -> Self:
         """The same with other values; `ConfigError` if they cannot be used."""
+        return replace(self, **values)
 
     def query(self, *, usual: Asked) -> str:
         """The values that differ from the usual ones, as the query of a link."""
@@ -134,22 +132,12 @@ class AskedRegistration(Asked):
         SessionPlan(goal_m=1e-3 * self.tre_mm, markers=self.markers)
         SimulationOptions(seed=self.seed, pace=self.pace)
 
-    def changed(self, **values: Any) -> Self:
-        """The session with other values, by their names."""
-        return replace(self, **values)
-
-    @property
-    def values(self) -> dict[str, Any]:
-        """All values by their names."""
-        return asdict(self)
-
     def arguments(self, *, simulated: bool) -> list[str]:
         """Options of ``markerseek register``; for a rig of devices only those that are not of the simulation."""
         if simulated:
             return ["--simulate", *arguments_of(self)]
         return arguments_of(replace(self, seed=None, pace=0.0))
 
-    @classmethod
-    def options(cls) -> Mapping[str, Option]:
-        """The settings by their names."""
-        return {each.name: each for each in options_of(cls)}
+
+AnyAsked: TypeAlias = AskedSearch | AskedRegistration
+"""What a page can ask for."""

@@ -1,4 +1,4 @@
-"""A command of markerseek as a child process, whose journal is followed while it is written.
+"""A command of markerseek as a child process, whose journal is followed while it is written, in a thread if need be.
 
 The child has the bridge's terminal: a rig of devices asks there whether it may be armed, and ends with exit code 4 if
 nobody answers. Whoever reads its events sends it a heartbeat meanwhile: it stops, with the laser off, when the bridge
@@ -15,15 +15,15 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import msgspec
 
+from markerseek.core import MarkerseekError
 from markerseek.records import answer_line
 from markerseek.records.journal import JournalItem, follow
 
@@ -53,6 +53,15 @@ class Outcome:
     answer: dict[str, Any] | None
     """The JSON object that it printed: its result, or an object with ``error`` and ``kind``; None if it printed
     none."""
+
+    @classmethod
+    def of(cls, exit_code: int, text: bytes) -> Self:
+        """How a command ended that printed a text."""
+        try:
+            answer = msgspec.json.decode(text)
+        except (msgspec.MsgspecError, ValueError, RecursionError):
+            answer = None
+        return cls(exit_code=exit_code, answer=answer if isinstance(answer, dict) else None)
 
     @property
     def answered(self) -> bool:
@@ -97,7 +106,7 @@ _Item = TypeVar("_Item")
 
 
 class ChildRun:
-    """A running command. Read `items` to its end, then ask for `outcome`; a context manager stops it at the end.
+    """A running command. Read `items` to its end, then ask for `outcome`.
 
     A search stops when nobody has read `items` for 4 s. Entries that wait to be read are in the file.
 
@@ -133,11 +142,6 @@ class ChildRun:
                 stdout=self._answer,
                 pass_fds=(beats,),
             )
-        except BaseException:
-            self._heartbeat.close()
-            self._answer.close()
-            self._clear()
-            raise
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
             os.close(beats)
@@ -166,10 +170,6 @@ class ChildRun:
             self._beat_s = time.monotonic()
             with suppress(BlockingIOError, BrokenPipeError):
                 self._heartbeat.write(b".")
-
-    def _clear(self) -> None:
-        if self._folder is not None:
-            self._folder.cleanup()
 
     def stop(self) -> None:
         """Stop the run; returns at once, and may be called again, and by any thread.
@@ -208,24 +208,43 @@ class ChildRun:
                 text = self._answer.read(_MAX_ANSWER_BYTES)
                 self._answer.close()
                 self._heartbeat.close()
-                self._clear()
-                answer = _object(text)
-                self._outcome = Outcome(exit_code=code if code >= 0 else 128 - code, answer=answer)
+                if self._folder is not None:
+                    self._folder.cleanup()
+                self._outcome = Outcome.of(code if code >= 0 else 128 - code, text)
             return self._outcome
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
-    ) -> None:
-        self.stop()
-        self.outcome()
+class FollowedChild:
+    """A child, and a thread of its own that follows it to its end.
 
+    ``take``: takes what the child writes, until it ends; if it fails, the child is stopped. ``on_end``: called with how
+    the child ended, or with what went wrong in ``take``.
+    """
 
-def _object(text: bytes) -> dict[str, Any] | None:
-    try:
-        value = msgspec.json.decode(text)
-    except (msgspec.MsgspecError, ValueError, RecursionError):
-        return None
-    return value if isinstance(value, dict) else None
+    def __init__(self, child: ChildRun, *, take: Callable[[ChildRun], None], on_end: Callable[[Outcome], None]) -> None:
+        self.child, self._take, self._on_end = child, take, on_end
+        self._thread = threading.Thread(target=self._follow, name="follow a child", daemon=True)
+        self._thread.start()
+
+    def join(self, timeout_s: float | None = None) -> bool:
+        """Wait until its end has been reported; returns whether it has."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _follow(self) -> None:
+        failure: BaseException | None = None
+        try:
+            self._take(self.child)
+        except (MarkerseekError, OSError) as problem:
+            failure = problem
+        except BaseException:
+            failure = MarkerseekError("the search cannot be shown; it was stopped")
+            raise
+        finally:
+            if failure is not None:
+                # A search must not run on that nobody sees.
+                self.child.stop()
+            outcome = self.child.outcome()
+            if failure is not None:
+                outcome = Outcome(exit_code=1, answer={"error": str(failure), "kind": type(failure).__name__})
+            self._on_end(outcome)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -12,7 +11,6 @@ from markerseek._closing import Closing
 from markerseek.core import RecordError
 from markerseek.registration import (
     Begun,
-    RecordedStep,
     RegistrationState,
     follow_session,
     is_running,
@@ -48,15 +46,18 @@ class FollowedSession(RegistrationSource):
     """
 
     def __init__(self, folder: Path) -> None:
-        steps, _ = read_session(folder)
-        state = _state_after(steps, folder)
+        (begun, *later), _ = read_session(folder)
+        assert isinstance(begun, Begun)  # noqa: S101  as it was read
+        state = RegistrationState.of_session(begun, folder)
+        for step in later:
+            state = state.after(step)
         if state.session == "ended" and state.registration is None:
             raise RecordError(
                 f"{folder}: the session has ended without a registration that holds ({state.said}); register again"
             )
         self._folder, self._closed = folder, threading.Event()
         super().__init__(self._as_it_runs(state))
-        self._thread = threading.Thread(target=self._follow, args=[len(steps)], name="registration", daemon=True)
+        self._thread = threading.Thread(target=self._follow, args=[1 + len(later)], name="registration", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -88,15 +89,6 @@ class FollowedSession(RegistrationSource):
         if state.session == "ended":
             return state
         return replace(state, session="running" if is_running(self._folder) else "stopped")
-
-
-def _state_after(steps: Sequence[RecordedStep], folder: Path) -> RegistrationState:
-    begun, *later = steps
-    assert isinstance(begun, Begun)  # noqa: S101  as it was read
-    state = RegistrationState.of_session(begun, folder)
-    for step in later:
-        state = state.after(step)
-    return state
 
 
 def open_registration(path: Path) -> RegistrationSource:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from markerseek.bridges.asked import AskedSearch
-from markerseek.bridges.child import ChildRun, Outcome
+from markerseek.bridges.child import ChildRun, FollowedChild, Outcome
 from markerseek.core import RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import JournalItem, default_journal, make_folder
@@ -74,13 +74,12 @@ class Searches:
         self._options = options
         self._on_start, self._on_item, self._on_end = on_start, on_item, on_end
         self._lock = threading.Lock()
-        self._child: ChildRun | None = None
-        self._thread: threading.Thread | None = None
+        self._followed: FollowedChild | None = None
 
     @property
     def running(self) -> bool:
         """Whether a search runs, or its end has not been reported."""
-        return self._thread is not None and self._thread.is_alive()
+        return self._followed is not None and not self._followed.join(0)
 
     def start(self, asked: AskedSearch, *, asked_by: str | None = None) -> None:
         """Start a search.
@@ -90,9 +89,9 @@ class Searches:
         """
         # Two requests can come at once, from two threads of a bridge.
         with self._lock:
-            if self._thread is not None and self._child is not None and not self._child.running:
+            if self._followed is not None and not self._followed.child.running:
                 # Whoever was just told of its end may ask for the next one before its thread is over.
-                self._thread.join(_REPORTED_S)
+                self._followed.join(_REPORTED_S)
             if self.running:
                 raise SearchError("a search is running; stop it, or wait for its end")
             arguments = ["search", *asked.arguments(), *self._options.arguments()]
@@ -100,37 +99,24 @@ class Searches:
             arguments.append("--no-journal" if journal is None else f"--journal={journal}")
             if asked_by is not None:
                 arguments.append(f"--asked-by={asked_by}")
-            self._child = ChildRun(arguments, journal=journal)
-            self._thread = threading.Thread(target=self._follow, args=(self._child,), daemon=True)
-            self._on_start(self._child.process_id)
-            self._thread.start()
+            child = ChildRun(arguments, journal=journal)
+            self._on_start(child.process_id)
+            self._followed = FollowedChild(child, take=self._take, on_end=self._on_end)
 
     def stop(self) -> tuple[bool, str]:
         """Stop the search that runs; returns at once whether there is one, and a sentence for whoever asked."""
         with self._lock:
-            if self._child is None or not self._child.running:
+            if self._followed is None or not self._followed.child.running:
                 return False, "no search is running"
-            self._child.stop()
+            self._followed.child.stop()
             return True, "the search is being stopped"
 
     def close(self) -> None:
         """Stop the search that runs, and wait until its end has been reported."""
         self.stop()
-        if self._thread is not None:
-            self._thread.join()
+        if self._followed is not None:
+            self._followed.join()
 
-    def _follow(self, child: ChildRun) -> None:
-        failure: Outcome | None = None
-        try:
-            for item in child.items():
-                self._on_item(item)
-        except RecordError as problem:
-            child.stop()
-            failure = Outcome(exit_code=1, answer={"error": str(problem), "kind": type(problem).__name__})
-        except BaseException:
-            # A defect here must not leave a search behind that nobody watches.
-            child.stop()
-            raise
-        finally:
-            outcome = child.outcome()
-            self._on_end(failure or outcome)
+    def _take(self, child: ChildRun) -> None:
+        for item in child.items():
+            self._on_item(item)

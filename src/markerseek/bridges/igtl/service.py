@@ -53,8 +53,7 @@ class SearchService:
         self._on_note = on_note
         self._searches = Searches(options, on_start=self._started, on_item=self._seen, on_end=self._ended)
         self._registration = registration
-        known = self._registration_state = None if registration is None else registration.state
-        self._streams = Streams(registration=known)
+        self._streams = Streams(registration=None if registration is None else registration.state)
         self.server = IgtlServer(on_request=self._requested, allowed=allowed, version=version, on_note=on_note)
         self._publish(self._streams.idle())
 
@@ -85,8 +84,7 @@ class SearchService:
 
     async def _follow_registration(self) -> None:
         while self._registration is not None:
-            if (state := self._registration.state) is not self._registration_state:
-                self._registration_state = state
+            if (state := self._registration.state) is not self._streams.registration:
                 self._publish(self._streams.registered(state))
                 self._on_note(state.sentence)
             await asyncio.sleep(FOLLOWED_S)
@@ -104,20 +102,16 @@ class SearchService:
     def _requested(self, request: Request) -> CommandAnswer:
         match request.name:
             case "StartSearch":
-                return self._start(request)
+                self._searches.start(
+                    search_request(request.values), asked_by=f"an OpenIGTLink client, {request.client}"
+                )
+                return CommandAnswer(done=True, sentence="a search has begun; SearchState and PaSearch report it")
             case "StopSearch":
-                return self._stop(request)
+                if request.values:
+                    raise ConfigError(f"StopSearch has no {next(iter(request.values))}; send its name alone")
+                done, sentence = self._searches.stop()
+                return CommandAnswer(done=done, sentence=sentence)
         raise ConfigError(f"there is no command {request.name[:80]!r}; there are StartSearch and StopSearch")
-
-    def _start(self, request: Request) -> CommandAnswer:
-        self._searches.start(search_request(request.values), asked_by=f"an OpenIGTLink client, {request.client}")
-        return CommandAnswer(done=True, sentence="a search has begun; SearchState and PaSearch report it")
-
-    def _stop(self, request: Request) -> CommandAnswer:
-        if request.values:
-            raise ConfigError(f"StopSearch has no {next(iter(request.values))}; send its name alone")
-        done, sentence = self._searches.stop()
-        return CommandAnswer(done=done, sentence=sentence)
 
 
 MAX_CLIENTS = 16

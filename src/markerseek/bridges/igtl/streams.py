@@ -52,7 +52,7 @@ class Streams:
     """
 
     def __init__(self, *, registration: RegistrationState | None = None) -> None:
-        self._registration = registration
+        self.registration = registration
         self._withdrawn = False
         self._begin("idle")
 
@@ -72,7 +72,7 @@ class Streams:
     @property
     def _known_registration(self) -> KnownRegistration | None:
         """The registration that holds; None if there is none."""
-        return None if self._registration is None else self._registration.registration
+        return None if self.registration is None else self.registration.registration
 
     @property
     def status(self) -> Stream:
@@ -100,15 +100,15 @@ class Streams:
     def idle(self) -> list[Stream]:
         """Before the first search; no angle is known, and TRANSFORM says so."""
         streams = [self.status, self._said(), _transform(0.0, known=False), *_marker(None)]
-        if self._registration is not None:
-            streams.append(_registration_status(self._registration, withdrawn=False))
+        if self.registration is not None:
+            streams.append(_registration_status(self.registration, withdrawn=False))
         if self._known_registration is not None:
             streams.append(_camera(self._known_registration))
         return streams
 
     def registered(self, state: RegistrationState) -> list[Stream]:
         """What changes with a new state of the registration: its transform only where it is another, or withdrawn."""
-        before, self._registration = self._known_registration, state
+        before, self.registration = self._known_registration, state
         now = state.registration
         # Once withdrawn, it is called so until there is another.
         self._withdrawn = now is None and (self._withdrawn or before is not None)
@@ -174,8 +174,8 @@ class Streams:
     def _said(self) -> Stream:
         """STRING: the state as JSON."""
         state: dict[str, Any] = {"state": self._state}
-        if self._registration is not None:
-            state["registration"] = self._registration.known
+        if self.registration is not None:
+            state["registration"] = self.registration.known
         if self._view is not None:
             state |= _known(self._view)
             problem = self._images.problem if self._images is not None else ""

@@ -16,7 +16,6 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PAGES
 from markerseek.bridges.page.registration_page import build_registration_page
@@ -117,7 +116,7 @@ def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
     def camera(side: Literal["left", "right"]) -> Response:
         """The newest image of a camera in the session."""
         live = searches.registration
-        path = None if live is None or live.journal is None else live.journal / f"{side}.jpg"
+        path = None if live is None else live.journal / f"{side}.jpg"
         if path is None or not path.is_file():
             return Response(status_code=404)
         return Response(path.read_bytes(), media_type="image/jpeg", headers={"Cache-Control": "no-store"})
@@ -126,12 +125,12 @@ def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
     def register(request: Request) -> Response | None:
         if not searches.rig.registers:
             return RedirectResponse("/search")
-        build_registration_page(searches, USUAL_REGISTRATION.with_query(request.query_params))
+        build_registration_page(searches, request.query_params)
         return None
 
     @ui.page("/search")
     def search(request: Request) -> None:
-        build_search_page(searches, USUAL.with_query(request.query_params))
+        build_search_page(searches, request.query_params)
 
     ui.run_with(
         application,

@@ -1,13 +1,14 @@
-"""The controls of a search: its settings, start, pause, go on, and the link that holds the settings."""
+"""The controls of a search and of a registration: start, go on, and the settings, which the link of the page holds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Generic, TypeAlias, TypeVar
+from collections.abc import Mapping
+from typing import Any
 
 from nicegui import ui
 
-from markerseek.bridges.asked import Asked, AskedRegistration, AskedSearch
+from markerseek.bridges.asked import AnyAsked, AskedRegistration, AskedSearch
+from markerseek.bridges.page.children import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.core import ConfigError, SimulationOptions
 from markerseek.records import with_minus
@@ -20,16 +21,11 @@ USUAL = AskedSearch(simulation=SimulationOptions(seed=1, pace=0.05))
 USUAL_REGISTRATION = AskedRegistration(sweep=True, seed=1, pace=0.5)
 """The same for a session: sweeps of half a minute are shown in a quarter."""
 
-LinkSettings: TypeAlias = tuple[AskedSearch, tuple[str, ...]]
-"""Settings of a link, and what is wrong with each of its values that are left out."""
+_SIMULATED = ("tissue", "snr_db", "readout_s", "seed", "pace")
+"""Settings of a simulated rig."""
 
-_AskedT = TypeVar("_AskedT", bound=Asked)
-
-METHOD_FIELDS = ("method", "acquisitions", "tolerance_mm", "as_published")
-"""Settings of any search."""
-
-RIG_FIELDS = ("tissue", "snr_db", "readout_s", "pace")
-"""Settings of a simulated rig, besides its seed."""
+_SEARCH = ("method", "acquisitions", "tolerance_mm", "as_published", "sweep", *_SIMULATED)
+_REGISTRATION = ("tre_mm", "markers", "sweep", "seed", "pace")
 
 _CHOICES: dict[str, Mapping[Any, str]] = {
     "method": {each.name: each.name for each in METHODS},
@@ -48,52 +44,43 @@ _LABELS = {
 """Labels of settings; of others it is their name."""
 
 
-class SettingsRow(Generic[_AskedT]):
-    """Fields for the settings of one run, folded but for the seed; what is wrong with one of them stands below.
+class Settings:
+    """Fields for the settings of a run, folded but for the seed; what is wrong with one of them stands below.
 
-    ``usual``: settings that are not named beside the fold. ``problems``: what is wrong with the link whose settings
-    these are. ``on_change``: called with the settings after each change that can be used.
+    ``usual``: settings that are not named beside the fold. ``query``: of the link, which holds the settings.
     """
 
-    def __init__(
-        self,
-        settings: _AskedT,
-        names: Iterable[str],
-        *,
-        usual: _AskedT,
-        problems: Iterable[str] = (),
-        on_change: Callable[[_AskedT], None] = lambda _: None,
-    ) -> None:
-        self._values, self._usual = settings.values, usual
-        self._options = usual.options()
-        self._on_change = on_change
+    def __init__(self, usual: AnyAsked, query: Mapping[str, str], *, simulated: bool) -> None:
+        linked, problems = usual.with_query(query)
+        self._usual, self._options, self._values = usual, usual.options(), linked.values
+        self._path = "/search" if isinstance(usual, AskedSearch) else "/"
         self._fields: dict[str, Any] = {}
-        self._following = False
+        self.linked = bool(query)
+        """Whether the link had settings of its own."""
         self.usable = True
-        """Whether a search can have these settings."""
-        for name in (each for each in names if each == "seed"):
-            self._add(name)
+        """Whether a run can have these settings."""
+        if simulated:
+            self._add("seed")
         with ui.element("details").classes("ms-settings"):
             with ui.element("summary"):
                 self._summary = ui.label("")
             with ui.element("div").classes("ms-controls"):
-                for name in (each for each in names if each != "seed"):
-                    self._add(name)
+                for name in _SEARCH if isinstance(usual, AskedSearch) else _REGISTRATION:
+                    if name != "seed" and (simulated or name not in _SIMULATED):
+                        self._add(name)
         self._problem = ui.label("").classes("ms-problem").props('role="alert"')
         self._say("; ".join(f"link: {each}; it is left out" for each in problems))
 
     @property
-    def settings(self) -> _AskedT:
+    def asked(self) -> AnyAsked:
         """What the fields show."""
         return self._usual.changed(**self._values)
 
-    def follow(self, settings: _AskedT) -> None:
+    def follow(self, asked: AnyAsked) -> None:
         """Show the settings of a run that was started, here or elsewhere."""
-        self._following = True
-        self._values = settings.values
+        self._values = asked.values
         for name, field in self._fields.items():
             field.set_value(self._values[name])
-        self._following = False
         self._say("")
 
     def _add(self, name: str) -> None:
@@ -112,84 +99,63 @@ class SettingsRow(Generic[_AskedT]):
         self._fields[name] = field.classes(f"ms-field-{name}")
 
     def _set(self, name: str, value: Any) -> None:
-        if self._following:
-            return
         if self._options[name].kind is int and value is not None and float(value).is_integer():
             value = int(value)
-        # Kept as it is shown, right or wrong: a search with other settings than those on the page must not start.
-        self._values[name] = self._options[name].default if value is None else value
-        for field in self._fields.values():
-            field.props(remove="error")
+        value = self._options[name].default if value is None else value
+        if value == self._values[name]:
+            return
+        # Kept as it is shown, right or wrong: a run with other settings than those on the page must not start.
+        self._values[name] = value
         try:
-            settings = self.settings
+            query = self.asked.query(usual=self._usual)
         except ConfigError as problem:
-            self._fields[name].props("error")
-            self._say(str(problem), usable=False)
+            self._say(str(problem), wrong=name)
             return
         self._say("")
-        self._on_change(settings)
+        ui.navigate.history.replace(f"{self._path}?{query}".rstrip("?"))
 
-    def _say(self, problem: str, *, usable: bool = True) -> None:
-        """Say what is wrong, and name beside the fold what differs from the usual."""
-        self.usable = usable
+    def _say(self, problem: str, *, wrong: str = "") -> None:
+        """Say what is wrong, and with which setting, and name beside the fold what differs from the usual."""
+        self.usable = not wrong
+        for name, field in self._fields.items():
+            field.props(add="error") if name == wrong else field.props(remove="error")
         self._problem.set_text(with_minus(problem))
         self._problem.set_visibility(bool(problem))
-        chosen = {name: self._values[name] for name in self._fields if name != "seed"}
         changed = [
             f"{_label(name)} {_CHOICES.get(name, {}).get(value, '' if value is True else value)}".strip()
-            for name, value in chosen.items()
-            if value != self._usual.values[name]
+            for name, value in self._values.items()
+            if name in self._fields and name != "seed" and value != self._usual.values[name]
         ]
         self._summary.set_text("settings" + (f": {', '.join(changed)}" if changed else ""))
 
 
-class SearchControls:
-    """Settings and commands of the search page."""
+class RunControls:
+    """Start, Go on and the settings of the search, or of the registration, of a page."""
 
-    def __init__(self, frame: PageShell, link: LinkSettings) -> None:
-        self._searches = frame.searches
-        self._shown: object = None
-        settings, problems = link
-        self._is_linked = settings != USUAL
+    def __init__(self, shell: PageShell, usual: AnyAsked, query: Mapping[str, str]) -> None:
+        self._searches = shell.searches
+        self._shown: ChildSearch | None = None
         with ui.element("div").classes("ms-controls"):
-            self._start = start_button("Start").mark("start")
-            self._pause = ui.button("Pause", icon="pause").props("dense outline padding='6px 10px'").mark("pause")
-            # As wide as its longer text, so that the row stays one.
-            self._pause.style("min-width: 98px")
-            names = (*METHOD_FIELDS, "sweep") + (("seed", *RIG_FIELDS) if self._searches.rig.simulated else ())
-            self._row = SettingsRow(
-                settings, names, usual=USUAL, problems=problems, on_change=hold_in_link("/search", USUAL)
-            )
-        frame.on_click(self._start, lambda: self._searches.start(self._row.settings, asked_by=frame.viewer))
-        frame.on_click(self._pause, self._pause_or_go_on)
+            self._start = ui.button("Start", icon="play_arrow", color=None).classes("ms-go")
+            self._go_on = ui.button("Go on", icon="play_arrow").props("outline")
+            for each in (self._start, self._go_on):
+                each.props("dense padding='6px 10px'")
+            self._settings = Settings(usual, query, simulated=self._searches.rig.simulated)
+            other = "registration" if isinstance(usual, AskedSearch) else "search"
+            self._elsewhere = ui.label(f"a {other} runs on the other page").classes("ms-note")
+        shell.on_click(self._start, lambda: self._searches.start(self._settings.asked, asked_by=shell.viewer))
+        shell.on_click(self._go_on, lambda: self._searches.go_on(self._shown))
 
-    def update(self) -> None:
+    def update(self, live: ChildSearch | None) -> None:
         """Show what can be pressed now, and the settings of the run that is shown."""
-        busy, live = self._searches.busy, self._searches.search
-        if live is not None and live is not self._shown and (self._searches.searching or not self._is_linked):
-            self._row.follow(live.asked)
+        busy = self._searches.busy
+        is_here = live is not None and live.outcome is None
+        if live is not None and live is not self._shown and (is_here or not self._settings.linked):
+            self._settings.follow(live.asked)
         self._shown = live
-        paused = not busy and self._searches.paused
-        self._start.set_enabled(not busy and self._row.usable)
-        self._pause.set_enabled(self._searches.searching or paused)
-        self._pause.set_text("Go on" if paused else "Pause")
-        self._pause.set_icon("play_arrow" if paused else "pause")
-
-    def _pause_or_go_on(self) -> None:
-        if self._searches.searching:
-            self._searches.stop()
-        else:
-            self._searches.go_on()
-
-
-def start_button(text: str) -> ui.button:
-    """The button of a page that is pressed first."""
-    return ui.button(text, icon="play_arrow", color=None).props("dense padding='6px 10px'").classes("ms-go")
-
-
-def hold_in_link(path: str, usual: Asked) -> Callable[[Asked], None]:
-    """What puts settings into the address of a page, so that its link holds them."""
-    return lambda asked: ui.navigate.history.replace(f"{path}?{asked.query(usual=usual)}".rstrip("?"))
+        self._start.set_enabled(not busy and self._settings.usable)
+        self._go_on.set_visibility(not busy and live is not None and live.can_go_on)
+        self._elsewhere.set_visibility(busy and not is_here)
 
 
 def _label(name: str) -> str:

@@ -7,18 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from markerseek.core import (
-    BModeImage,
-    ChannelFrame,
-    ConfigError,
-    PaImage,
-    RFFrame,
-    Sample,
-    ScanGeometry,
-    UInt8,
-)
+from markerseek.core import BModeImage, PaImage, Sample, ScanGeometry, UInt8
 from markerseek.ros import messages
-from markerseek.signals import AnyImageReader
 
 RANGE_DB, OVER_B_MODE_DB = 40, 20
 """From the brightest level to black, and to transparent over B-mode, in dB: more would hide the B-mode image."""
@@ -68,17 +58,11 @@ class Picture:
     """Lateral position and depth of the largest envelope; None if the reading has none."""
 
 
-def picture_of(sample: Sample, imaging: AnyImageReader) -> Picture:
-    """The images of an acquisition.
-
-    ``sample``: one with channel data or RF lines.
-    """
-    frame, reading = sample.frame, sample.reading
-    if not isinstance(frame, ChannelFrame | RFFrame):
-        raise ConfigError("picture: the sample has no frame of counts; ask for one with channel data or RF lines")
-    image = imaging.picture(frame)
+def picture_of(sample: Sample, image: PaImage, b_mode: BModeImage | None) -> Picture:
+    """The images of an acquisition as they are sent."""
+    reading = sample.reading
     brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
-    range_db = RANGE_DB if frame.b_mode is None else OVER_B_MODE_DB
+    range_db = RANGE_DB if b_mode is None else OVER_B_MODE_DB
     together, geometry = _rows_together(image), image.geometry
     pooled = replace(
         geometry,
@@ -90,7 +74,7 @@ def picture_of(sample: Sample, imaging: AnyImageReader) -> Picture:
         angle_deg=sample.angle_deg,
         intensity=reading.intensity,
         image=_layer(pooled_levels(image, brightest=brightest, range_db=range_db), pooled),
-        b_mode=None if frame.b_mode is None else _b_mode_layer(frame.b_mode),
+        b_mode=None if b_mode is None else _b_mode_layer(b_mode),
         range_db=range_db,
         peak_mm=(1e3 * (reading.lateral_m or 0.0), 1e3 * (reading.depth_m or 0.0)) if placed else None,
     )

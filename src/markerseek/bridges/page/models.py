@@ -10,12 +10,8 @@ from markerseek.records import with_minus
 from markerseek.runs import RunView, mark_of, mean_deg, others_deg
 
 
-def fan_model(view: RunView, *, duration_s: float, reveal: bool) -> dict[str, Any]:
-    """The fan: limits, density, acquisitions, needle, answer.
-
-    ``duration_s``: real time that the present move is expected to take. ``reveal``: whether the true or reference angle
-    may be shown.
-    """
+def fan_model(view: RunView) -> dict[str, Any]:
+    """The fan: limits, density, acquisitions, needle, answer, and at the end the true or reference angle."""
     belief, most = view.belief, view.strongest
     return {
         "low": view.facts.search.low_deg,
@@ -23,9 +19,6 @@ def fan_model(view: RunView, *, duration_s: float, reveal: bool) -> dict[str, An
         "probe": view.probe_deg,
         "said": probe_text(view),
         "target": view.target_deg,
-        # A new number begins a new movement of the needle.
-        "move": view.number,
-        "duration": round(duration_s, 3),
         "angles": belief.angles_deg if belief else (),
         "density": belief.density_per_deg if belief else (),
         "points": [
@@ -41,7 +34,7 @@ def fan_model(view: RunView, *, duration_s: float, reveal: bool) -> dict[str, An
         "others": others_deg(view),
         "interval": belief.interval95_deg if belief else None,
         "bracket": belief.bracket_deg if belief else None,
-        "truth": view.facts.known_deg if reveal else None,
+        "truth": view.facts.known_deg if view.phase == "finished" else None,
         "choice_deg": belief.choice_deg if belief else (),
         "choice_sigma": belief.choice_sigma_deg if belief else (),
     }
@@ -58,10 +51,10 @@ def probe_text(view: RunView) -> str:
     return with_minus(f"{last}read back: {view.probe_deg:.2f}°")
 
 
-def image_model(picture: Picture | None, *, floor: float | None, imaged: bool = True) -> dict[str, Any]:
-    """The image, or why there is none; its peak is marked only above the detection threshold, if that is known."""
+def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, Any]:
+    """The image, if there is one; its peak is marked only above the detection threshold, if that is known."""
     if picture is None:
-        return {"pixels": "", "why": "no image yet" if imaged else "these data hold no photoacoustic images"}
+        return {"pixels": ""}
     peak = picture.peak_mm if floor is None or picture.intensity > floor else None
     return asdict(picture.image) | {"deg": picture.angle_deg, "peak": peak}
 

@@ -6,12 +6,15 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import msgspec
 from nicegui import run, ui
 
+from markerseek.bridges.child import Outcome
+from markerseek.bridges.page.children import ChildSearch
 from markerseek.core import MarkerseekError, SearchError
 
 REPORT_S = 120.0
@@ -23,31 +26,24 @@ def is_claimed(answer: Mapping[str, Any]) -> bool:
     return bool(answer["answer"] == "found" and not answer["as_published"])
 
 
+@lru_cache(maxsize=1)
 def make_report(journal: Path) -> dict[str, bytes]:
     """Picture and page of a finished search by the ordinary command, as file names and contents.
 
-    Raises `OSError` if the command cannot be run.
+    Raises `OSError` or `TimeoutExpired` if the command cannot be run, or not to its end.
     """
     with tempfile.TemporaryDirectory() as folder:
-        command = ["resume", str(journal), "--plot", "--out", folder, "--json"]
-        try:
-            # -P: a file in the current folder must not replace a module.
-            done = subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps
-                [sys.executable, "-P", "-m", "markerseek", *command],
-                capture_output=True,
-                timeout=REPORT_S,
-                check=False,
-                stdin=subprocess.DEVNULL,
-            )
-        except subprocess.TimeoutExpired as problem:
-            raise SearchError(f"the report was not drawn within {REPORT_S:g} s; press again") from problem
+        # -P: a file in the current folder must not replace a module.
+        done = subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps
+            [sys.executable, "-P", "-m", "markerseek", "resume", str(journal), "--plot", "--out", folder, "--json"],
+            capture_output=True,
+            timeout=REPORT_S,
+            check=False,
+            stdin=subprocess.DEVNULL,
+        )
         made = {f"search{path.suffix}": path.read_bytes() for path in sorted(Path(folder).iterdir())}
         if not made:
-            try:
-                reason = msgspec.json.decode(done.stdout, type=dict[str, Any])["error"]
-            except (msgspec.MsgspecError, KeyError):
-                reason = f"the report was not drawn: its command ended with exit code {done.returncode}"
-            raise SearchError(reason)
+            raise SearchError(Outcome.of(done.returncode, done.stdout).message)
         return made
 
 
@@ -55,54 +51,46 @@ class ResultRow:
     """Buttons of a finished search."""
 
     def __init__(self) -> None:
-        self._answer: dict[str, Any] | None = None
-        self._journal: Path | None = None
-        self._reports: dict[Path, dict[str, bytes]] = {}
-        self._drawing = False
+        self._live: ChildSearch | None = None
         with ui.element("div").classes("ms-foot") as self._bar:
-            with ui.element("span") as self._pictures:
-                for name in ("search.html", "search.png"):
-                    _button(f"report {name[7:].upper()}", "download").on_click(lambda name=name: self._give(name))
+            for name in ("search.html", "search.png"):
+                _button(f"report {name[7:].upper()}", "download").on_click(lambda name=name: self._give(name))
             _button("report JSON", "download").on_click(self._give_json)
             self._copy_button = _button("copy the angle", "content_copy").on_click(self._copy)
-        self._bar.visible = False
 
-    def show(self, answer: Mapping[str, Any] | None, journal: Path | None) -> None:
-        """Show the buttons once there is a result; pictures only of a search with a journal."""
-        self._answer = None if answer is None or "angle_deg" not in answer else dict(answer)
-        self._journal = journal
-        self._bar.set_visibility(self._answer is not None)
-        self._pictures.set_visibility(journal is not None)
+    @property
+    def _answer(self) -> dict[str, Any]:
+        """The result; empty if there is none."""
+        answer = (self._live and self._live.outcome and self._live.outcome.answer) or {}
+        return answer if "angle_deg" in answer else {}
+
+    def show(self, live: ChildSearch | None) -> None:
+        """Show the buttons once there is a result."""
+        self._live = live
+        answer = self._answer
+        self._bar.set_visibility(bool(answer))
         # An angle that nobody claims must not find its way into a protocol.
-        self._copy_button.set_visibility(self._answer is not None and is_claimed(self._answer))
+        self._copy_button.set_visibility(bool(answer) and is_claimed(answer))
 
     def _give_json(self) -> None:
         ui.download.content(msgspec.json.format(msgspec.json.encode(self._answer), indent=2), "search.json")
 
     async def _give(self, name: str) -> None:
-        journal = self._journal
-        if journal is None or self._drawing:
+        if self._live is None:
             return
-        if journal not in self._reports:
-            self._drawing = True
-            ui.notify("the report is being drawn, which takes some seconds", position="bottom-right")
-            try:
-                made = await run.io_bound(make_report, journal)
-            except (MarkerseekError, OSError) as problem:
-                ui.notify(str(problem), type="negative", multi_line=True)
-                return
-            finally:
-                self._drawing = False
-            # None while the program ends.
-            if made is None:
-                return
-            self._reports = {journal: made}
-        ui.download.content(self._reports[journal][name], name)
+        ui.notify("the report is being drawn, which takes some seconds", position="bottom-right")
+        try:
+            made = await run.io_bound(make_report, self._live.journal)
+        except (MarkerseekError, OSError, subprocess.TimeoutExpired) as problem:
+            ui.notify(str(problem), type="negative", multi_line=True)
+            return
+        # None while the program ends.
+        if made is not None:
+            ui.download.content(made[name], name)
 
     def _copy(self) -> None:
-        if self._answer is not None:
-            ui.clipboard.write(f"{self._answer['angle_deg']:.4f}")
-            ui.notify("the angle is in the clipboard")
+        ui.clipboard.write(f"{self._answer['angle_deg']:.4f}")
+        ui.notify("the angle is in the clipboard")
 
 
 def _button(text: str, icon: str) -> ui.button:

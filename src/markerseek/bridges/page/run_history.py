@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import msgspec
 import numpy as np
 
 from markerseek.bridges.page.image_bytes import Picture, picture_of
-from markerseek.core import NO_HEADER, ChannelFrame, Measured, ReadingFrame, RFFrame, Sample
+from markerseek.bridges.run_images import RunImages
+from markerseek.core import NO_HEADER, ChannelFrame, Measured, ReadingFrame, Sample
 from markerseek.records.journal import Configuration, JournalEvent
-from markerseek.runs import RunView, rebuild_image_reader
+from markerseek.runs import RunView
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
-from markerseek.sim import StageMotion
 
 SAME_ANGLE_DEG = 0.02
 """Distance of two readbacks of one angle, in degrees."""
@@ -31,13 +29,9 @@ class RunHistory:
         # Only ever appended to, so that another thread may read it at any time.
         self.views: list[RunView] = [RunView.of(configuration)]
         self.pictures: dict[int, Picture] = {}
-        self._imaging = rebuild_image_reader(configuration) if pictures else None
+        self._images = RunImages(configuration) if pictures else None
         plan, recipe = configuration.plan, msgspec.json.decode(configuration.recipe) or {}
-        settings: dict[str, Any] = recipe.get("settings", {})
-        stage = {name: settings.get("stage", {}).get(name) for name in ("speed_deg_s", "acceleration_deg_s2")}
-        self._motion = StageMotion(**{name: value for name, value in stage.items() if value is not None})
-        self._pace: float = recipe.get("pace", 1.0)
-        self.pulse_j: float | None = settings.get("laser", {}).get("pulse_energy_j")
+        self.pulse_j: float | None = recipe.get("settings", {}).get("laser", {}).get("pulse_energy_j")
         forms = (("as published", plan.as_published), ("sweeping", plan.sweep_speed_deg_s is not None))
         seed = [] if recipe.get("seed") is None else [f"seed {recipe['seed']}"]
         self.name = ", ".join([plan.method, *(form for form, holds in forms if holds), *seed])
@@ -47,21 +41,16 @@ class RunHistory:
         """The newest view."""
         return self.views[-1]
 
-    def add(self, event: JournalEvent, *, clock_s: float, on_change: Callable[[], None] = lambda: None) -> None:
-        """Take one more event.
-
-        ``on_change``: called once the event can be shown, and again once its image can.
-        """
+    def add(self, event: JournalEvent, *, clock_s: float) -> None:
+        """Take one more event; it can be shown before its image can."""
         sample = event.sample if isinstance(event, Measured) else None
         if isinstance(event, Measured) and sample is not None:
             event = replace(event, sample=_without_counts(sample))
         self.views.append(self.last.add(event, clock_s=clock_s))
-        on_change()
-        if self._imaging is None or sample is None or sample.dark:
-            return
-        if isinstance(sample.frame, ChannelFrame | RFFrame):
-            self.pictures[self.last.number] = picture_of(sample, self._imaging)
-            on_change()
+        if self._images is not None and sample is not None and not sample.dark:
+            image, b_mode = self._images.of(sample)
+            if image is not None:
+                self.pictures[self.last.number] = picture_of(sample, image, b_mode)
 
     def cut_off(self, reason: str, *, problem: str = "") -> None:
         """Note that no more events will come, though the run has not said that it is over; see `RunView.cut_off`."""
@@ -72,12 +61,6 @@ class RunHistory:
         seen = [self.pictures[number] for number in sorted(self.pictures) if number <= view.number]
         here = [each for each in seen if is_image_of(each, view)]
         return next(reversed(here or seen), None)
-
-    def move_s(self, view: RunView) -> float:
-        """Real time that the present move is expected to take, in seconds; 0 if nothing moves."""
-        if view.target_deg is None or view.probe_deg is None:
-            return 0.0
-        return self._motion.duration_s(view.target_deg - view.probe_deg) * self._pace
 
     def lines(self, view: RunView, *, most: int) -> list[str]:
         """The last lines of the log up to a view, the newest first."""

@@ -62,8 +62,6 @@ class Address:
             raise ConfigError(
                 f"host is {self.host!r}: name the one address of this computer that others open, such as 192.168.1.5"
             )
-        if self.host != self.host.lower():
-            raise ConfigError(f"host is {self.host}: browsers send names in small letters; write {self.host.lower()}")
         if not 0 <= self.port <= 65535:
             raise ConfigError(f"port is {self.port}, it must lie between 0 and 65535; {USUAL_PORT} is usual")
         if (self.certificate is None) != (self.key is None):
@@ -154,7 +152,8 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, 
     warm_up()
     with address.listening() as listener:
         port = listener.getsockname()[1]
-        names = {address.host, str(address.ip)} | (_LOOPBACK_NAMES if address.ip == IPv4Address(LOOPBACK) else set())
+        # Browsers send names in small letters.
+        names = {address.host.lower(), str(address.ip)} | (_LOOPBACK_NAMES if str(address.ip) == LOOPBACK else set())
         own = {f"{address.scheme}://{name}" for name in names}
         # Browsers leave out the usual port of a scheme.
         own |= {f"{each}:{port}" for each in own} if port != _PORTS[address.scheme] else set()

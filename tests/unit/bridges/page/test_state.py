@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -13,7 +12,6 @@ from markerseek import rigs
 from markerseek.bridges.page.models import fan_model, probe_text
 from markerseek.bridges.page.results import is_claimed
 from markerseek.bridges.page.run_history import RunHistory, is_image_of
-from markerseek.bridges.page.search_page import status_text
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -138,7 +136,7 @@ def test_published_form_claims_nothing():
     assert (verdict.word, verdict.kind, verdict.turn) == ("NO CLAIM", "nothing", "")
     assert (verdict.angle, verdict.sigma) == (f"{result.angle_deg:.3f}°".replace("-", "−"), "")
     assert not any("found" in verdict_of(each).line or "confirm" in each.line for each in snapshots)
-    fan = fan_model(last, duration_s=0.0, reveal=False)
+    fan = fan_model(last)
     assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
     answer = msgspec.to_builtins(result)
     assert (answer["answer"], is_claimed(answer)) == ("found", False)
@@ -184,8 +182,8 @@ def test_angle_counts_as_found_only_at_the_end():
 def test_models_hold_what_a_snapshot_holds():
     session, events = finished_run("posterior")
     snapshot = shown(session, events)[-1]
-    fan = fan_model(snapshot, duration_s=0.5, reveal=False)
-    assert (fan["probe"], fan["target"], fan["truth"]) == (snapshot.probe_deg, None, None)
+    fan = fan_model(snapshot)
+    assert (fan["probe"], fan["target"], fan["truth"]) == (snapshot.probe_deg, None, -9.4)
     numbers = [str(point.number) for point in snapshot.points if point.role == "search"]
     # The confirmation has confirmed the marker.
     assert [point["text"] for point in fan["points"]] == [*numbers, "✓"]
@@ -200,12 +198,12 @@ def test_models_hold_what_a_snapshot_holds():
     assert unlit["detection threshold"].endswith(f" {snapshot.unit}")
 
 
-def test_truth_is_hidden_until_it_is_revealed():
+def test_truth_is_hidden_until_the_end():
     session, events = finished_run("posterior")
-    snapshot = shown(session, events)[-1]
-    assert curve_of(snapshot, reveal=False).known is None
-    assert fan_model(snapshot, duration_s=0.0, reveal=False)["truth"] is None
-    assert fan_model(snapshot, duration_s=0.0, reveal=True)["truth"] == -9.4
+    *before, last = shown(session, events)
+    assert curve_of(last, reveal=False).known is None
+    assert {fan_model(each)["truth"] for each in before} == {None}
+    assert fan_model(last)["truth"] == -9.4
 
 
 def test_the_image_is_of_the_angle_where_the_probe_is():
@@ -222,16 +220,6 @@ def test_the_image_is_of_the_angle_where_the_probe_is():
     del run.pictures[6]
     # That of the visit before, and not the newest.
     assert run.picture(back).angle_deg == pytest.approx(2.0, abs=0.01)
-
-
-def test_watched_run_expects_a_move_at_the_pace_of_the_rig():
-    rig = rigs.simulated(seed=1, settings=SimulatedSettings(), pace=0.5)
-    configuration = new_session(rig, SearchPlan(method="posterior")).configuration
-    run = RunHistory(configuration)
-    moving = replace(run.views[0], probe_deg=0.0, target_deg=-20.0)
-    # 20° at 10°/s and 10°/s²: 3 s, of which the pace leaves half.
-    assert run.move_s(moving) == pytest.approx(1.5)
-    assert run.move_s(run.views[0]) == 0
 
 
 FLOOR = Floor(level=120.0, source="dark frames")
@@ -269,7 +257,7 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
         verdict = verdict_of(replace(snapshot, phase="finished"))
         assert (verdict.word, verdict.interval) == ("AMBIGUOUS", "")
         assert verdict.reason == "the samples fit a marker at each of −24.90 deg and 0.80 deg"
-    fan = fan_model(snapshot, duration_s=0.0, reveal=False)
+    fan = fan_model(snapshot)
     assert fan["others"] == others_deg
     assert (fan["mean"] is None) == isinstance(estimate, NotFound)
     rows = dict(numbers_of(snapshot, name="ternary"))
@@ -296,7 +284,7 @@ def test_a_sweep_is_drawn_pulse_by_pulse():
         assert probe_text(now).startswith("read back: ")
     ended = run.views[swept + 1]
     assert (ended.phase, ended.probe_deg) == ("measured", events[swept].angle_deg)
-    assert len(fan_model(ended, duration_s=0, reveal=False)["points"]) == events[swept].pulses
+    assert len(fan_model(ended)["points"]) == events[swept].pulses
     lines = [line.split("s  ")[1] for line in run.lines(ended, most=5)]
     assert lines == [ended.line, run.views[1].line]
     assert f" after {events[swept].pulses} pulses, the probe is at " in ended.line
@@ -346,18 +334,14 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
         run.add(event, clock_s=clock_s)
         if isinstance(event, Asked) and event.role == "search":
             break
-    live = SimpleNamespace(status="running", run=run)
     for angle_deg, says in ((-7.34, "it is at −7.3°"), (None, "type the angle reached")):
         run.add(Turning(target_deg=-12.0, angle_deg=angle_deg), clock_s=1.0)
-        assert status_text(live) == f"turn the probe to −12.0°: {says}"
+        assert run.last.line == f"turn the probe to −12.0°: {says}"
         shown = verdict_of(run.last)
         assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
         # Said once.
         assert shown.reason == says
-    # A motor's way is animated, a hand's is not foretold.
-    assert run.move_s(run.last) == 0
     run.add(Refused(angle_deg=-12.0, reason="too late"), clock_s=2.0)
-    assert status_text(live) == "refused"
     assert verdict_of(run.last).word == "SEARCHING"
     assert not any("turn the probe" in line for line in run.lines(run.last, most=20))
     # Nobody is asked for anything by a search that was killed while it waited.

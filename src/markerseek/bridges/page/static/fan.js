@@ -1,5 +1,5 @@
 // The probe seen from its end: limits, where the marker probably is, where the probe was, is, and goes.
-// Between two readbacks the needle is drawn dashed, where a stage of that speed would be: expected, not measured.
+// While the stage moves the needle is dashed, at the angle to which it was sent: expected, not measured.
 
 // Radius of the probe over that of the fan, as drawn.
 const FACE = 0.28;
@@ -22,39 +22,21 @@ export default {
     },
   },
   watch: {
-    view(now, before) {
-      if (now.move !== before.move) this.began = performance.now();
-      this.request();
+    view() {
+      this.draw();
     },
   },
   mounted() {
-    this.began = performance.now();
-    this.seen = new ResizeObserver(() => this.request());
+    this.seen = new ResizeObserver(() => this.draw());
     this.seen.observe(this.$el);
-    this.theme = new MutationObserver(() => this.request());
+    this.theme = new MutationObserver(() => this.draw());
     this.theme.observe(document.body, { attributes: true, attributeFilter: ["class"] });
   },
   unmounted() {
     this.seen.disconnect();
     this.theme.disconnect();
-    cancelAnimationFrame(this.frame);
   },
   methods: {
-    request() {
-      cancelAnimationFrame(this.frame);
-      this.frame = requestAnimationFrame(() => this.draw());
-    },
-    // Angle of the needle, and whether it was read back.
-    needle() {
-      const v = this.view;
-      if (v.target === null || v.probe === null) return [v.probe, true];
-      const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-      const share = v.duration > 0 && !still ? (performance.now() - this.began) / 1000 / v.duration : 1;
-      if (share < 1) this.request();
-      const t = Math.min(Math.max(share, 0), 1);
-      // Smooth at both ends, as a stage that speeds up and brakes.
-      return [v.probe + (v.target - v.probe) * t * t * (3 - 2 * t), false];
-    },
     draw() {
       const canvas = this.$el;
       const scale = window.devicePixelRatio || 1;
@@ -202,7 +184,8 @@ export default {
       c.fill();
     },
     probe(c, g, colour, ray) {
-      const [deg, measured] = this.needle();
+      const v = this.view;
+      const deg = v.target ?? v.probe;
       // The half that looks at the tissue: below it stands where the probe is.
       c.beginPath();
       c.arc(g.x, g.y, g.near * 0.96, turn(-90), turn(90));
@@ -220,11 +203,11 @@ export default {
       c.arc(g.x, g.y, g.near * 0.96, turn(deg - 24), turn(deg + 24));
       c.stroke();
       c.lineWidth = 2;
-      if (!measured) c.setLineDash([6, 5]);
+      if (v.target !== null) c.setLineDash([6, 5]);
       ray(deg, g.near, g.far);
       c.setLineDash([]);
       c.fillStyle = colour.ink;
-      c.fillText(this.view.said, g.x, g.y + 22);
+      c.fillText(v.said, g.x, g.y + 22);
     },
   },
 };

@@ -42,7 +42,7 @@ export default {
       const v = this.view;
       if (!v.pixels) {
         c.textAlign = "center";
-        c.fillText(v.why, width / 2, height / 2);
+        c.fillText("no image yet", width / 2, height / 2);
         return;
       }
       const layers = [v];

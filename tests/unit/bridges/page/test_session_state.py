@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from markerseek.bridges.page.registration_state import RegistrationState
+from markerseek.bridges.page.session_state import SessionState
 from markerseek.core import MarkerCandidate, MarkerPosition
 from markerseek.registration import (
     Begun,
@@ -100,7 +100,7 @@ def registered() -> Registered:
 
 
 def test_the_ellipse_of_the_target_is_that_of_95_percent():
-    state = RegistrationState().add(begun()).add(registered())
+    state = SessionState().add(begun()).add(registered())
     pixels = target_pixels(state.last.report, stereo=STEREO)
     for side, (pixel, covariance_px2) in zip(("left", "right"), pixels, strict=True):
         drawn = re.search(
@@ -118,7 +118,7 @@ def test_the_ellipse_of_the_target_is_that_of_95_percent():
 
 def test_a_refused_spot_stays_said_until_one_is_seen():
     asked = Waiting(name="1", place=None, said="light a spot")
-    state = RegistrationState().add(begun()).add(asked).add(SpotRefused(name="1", reason="the spot moved")).add(asked)
+    state = SessionState().add(begun()).add(asked).add(SpotRefused(name="1", reason="the spot moved")).add(asked)
     verdict = state.verdict(next_step="")
     assert (verdict.word, verdict.kind, verdict.problem) == ("LIGHT A SPOT", "unsure", "the spot moved")
     seen = state.add(SpotSeen(name="1", spot=SPOT, camera_m=(0.0, 0.0, 0.1), prediction=None, journal=None))
@@ -126,7 +126,7 @@ def test_a_refused_spot_stays_said_until_one_is_seen():
 
 
 def test_what_a_registration_makes_of_each_marker_is_named_and_texts_are_no_html():
-    state = RegistrationState().add(begun())
+    state = SessionState().add(begun())
     candidate = MarkerCandidate(
         angle_deg=-3.0, probability=1.0, position=MarkerPosition(position_m=(0.0, 0.0, 0.06), sigma_m=(1e-4,) * 3)
     )

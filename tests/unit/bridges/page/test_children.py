@@ -5,29 +5,27 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-from msgspec import structs
 
 from markerseek import rigs
 from markerseek.bridges.child import Outcome
-from markerseek.bridges.page.child_search import ChildSearch
+from markerseek.bridges.page.children import ChildSearch
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
-from markerseek.core import RecordError, SearchError, SearchPlan
-from markerseek.records.journal import Entry
+from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
+from markerseek.records.journal import Entry, Interrupted
 from markerseek.rigs import read_rig_file
 from markerseek.runs import STOPPED as STOPPED_LINE
-from markerseek.runs import RunView, new_session, plan_on, verdict_of
+from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
 
 BROWSER = "a browser at 127.0.0.1"
 STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
 RESUMED = "Start begins a new search;"
 IN_TERMINAL = "in the terminal, goes on with this one"
+GO_ON = "Go on continues it; Start begins a new search"
 FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
 
 
@@ -78,105 +76,115 @@ def stream():
     return items
 
 
-def test_stop_ends_it(stream):
-    child = ScriptedChild(stream[:5], endless=True)
-    live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
+@pytest.fixture
+def followed(tmp_path):
+    """A function that follows a scripted child, to its end unless told otherwise."""
+
+    def follow(child, *, simulated=True, waits=True):
+        journal = tmp_path / "run.journal"
+        journal.touch()
+        goes_on = ["resume", str(journal)] if simulated else []
+        live = ChildSearch(child, asked=USUAL, journal=journal, goes_on=goes_on, simulated=simulated)
+        if waits:
+            live.end(30)
+        return live
+
+    return follow
+
+
+def test_stop_ends_it(stream, followed):
+    live = followed(ScriptedChild(stream[:5], endless=True), waits=False)
     live.stop()
-    assert live.join(30)
+    assert (live.verdict(None).word, live.verdict(None).kind) == ("STOPPING", "busy")
+    live.end(30)
     assert (live.status, live.message) == ("ended", STOPPED_LINE)
     assert live.run is None or live.run.last.line == STOPPED_LINE
 
 
 @pytest.mark.parametrize(
-    ("kind", "said"), [("bench", "; its supervisor disarms the laser and stops the stage"), ("simulated", "")]
+    ("simulated", "said"), [(False, "; its supervisor disarms the laser and stops the stage"), (True, "")]
 )
-def test_search_that_is_killed_says_what_laser_and_stage_do(stream, kind, said):
-    begun, *events = stream[:5]
-    facts = replace(begun.facts, kind=kind)
-    child = ScriptedChild([structs.replace(begun, facts=facts), *events])
+def test_search_that_is_killed_says_what_laser_and_stage_do(stream, followed, simulated, said):
+    child = ScriptedChild(stream[:5])
     child.outcome = lambda: Outcome(exit_code=137, answer=None)
-    live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
-    assert live.join(30)
-    assert (live.failed, live.message) == (True, f"the command ended with exit code 137, by SIGKILL{said}")
-    status_text = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page").status_text
-    verdict = verdict_of(live.run.last)
+    live = followed(child, simulated=simulated)
+    assert live.message == f"the command ended with exit code 137, by SIGKILL{said}"
+    verdict = live.verdict(live.run.last)
     assert (verdict.word, verdict.problem) == ("FAULT", "the command ended with exit code 137, by SIGKILL")
     assert verdict.reason == said.removeprefix("; ")
-    # Once is enough.
-    assert status_text(live) == verdict.line == "fault"
+
+
+def entry(event):
+    return Entry(number=9, written="", clock_s=9.0, event=event)
+
+
+LAST = {
+    "stopped": [entry(Interrupted(reason="SIGINT"))],
+    # Killed: its end is in no journal.
+    "killed": [],
+    "fault": [entry(Failed(error=MoveError("it did not arrive")))],
+}
 
 
 @pytest.mark.parametrize(
-    ("simulated", "state", "phase", "said"),
+    ("simulated", "last", "said"),
     [
-        (True, "none", None, "press Start"),
-        (True, "busy", "moving", ""),
-        (True, "starting", None, ""),
-        (False, "starting", None, "answer in the terminal where the page was started"),
-        (True, "paused", "stopped", "Go on continues it; Start begins a new search"),
-        (True, "ended", "fault", "Start begins a new search"),
-        (False, "ended", None, "Start begins a new search"),
-        (False, "ended", "stopped", f"{RESUMED} markerseek resume, {IN_TERMINAL}"),
-        (False, "ended", "cut off", f"{RESUMED} markerseek resume, {IN_TERMINAL}"),
+        (True, "stopped", GO_ON),
+        (True, "killed", GO_ON),
+        (True, None, GO_ON),
+        (True, "fault", "Start begins a new search"),
+        (False, None, "Start begins a new search"),
+        (False, "stopped", f"{RESUMED} markerseek resume, {IN_TERMINAL}"),
+        (False, "killed", f"{RESUMED} markerseek resume, {IN_TERMINAL}"),
         # The journal holds the fault: without the option the terminal would refuse.
-        (
-            False,
-            "ended",
-            "fault",
-            f"{RESUMED} once the fault is repaired, markerseek resume --reset-fault, {IN_TERMINAL}",
-        ),
+        (False, "fault", f"{RESUMED} once the fault is repaired, markerseek resume --reset-fault, {IN_TERMINAL}"),
     ],
 )
-def test_what_a_person_can_do_next(stream, simulated, state, phase, said):
-    page = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page")
-    view = RunView(plan=SearchPlan(method="ternary"), facts=stream[0].facts, phase=phase or "ready")
-    run = None if phase is None else SimpleNamespace(last=view)
-    search = None if state == "none" else SimpleNamespace(run=run, status=state)
-    busy = state in {"busy", "starting"}
-    rig = SimpleNamespace(simulated=simulated)
-    searches = SimpleNamespace(rig=rig, busy=busy, paused=state == "paused", search=search)
-    assert page.next_step_text(searches) == said
+def test_what_a_person_can_do_next(stream, followed, simulated, last, said):
+    child = ScriptedChild([] if last is None else [*stream[:5], *LAST[last]])
+    child.outcome = lambda: Outcome(exit_code=1, answer={"error": "it did not arrive"})
+    live = followed(child, simulated=simulated)
+    assert (live.next_step, live.can_go_on) == (said, said == GO_ON)
+    assert live.verdict(None if last is None else live.run.last).next_step == said
 
 
 @pytest.mark.parametrize(
-    ("status", "message", "failed", "word", "said"),
+    ("simulated", "said"), [(True, ""), (False, "answer in the terminal where the page was started")]
+)
+def test_a_person_who_must_arm_devices_is_told_so_until_the_search_runs(stream, followed, simulated, said):
+    child = ScriptedChild(endless=True)
+    live = followed(child, simulated=simulated, waits=False)
+    starting = live.verdict(None)
+    assert (starting.word, starting.next_step) == ("STARTING", said)
+    for item in stream[:3]:
+        child.sent.put(item)
+    while live.run is None or len(live.run.views) < 3:
+        time.sleep(0.01)
+    running = live.verdict(live.run.last)
+    assert (running.word, running.next_step) == ("SEARCHING", "")
+    live.stop()
+    live.end(30)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "word", "said"),
     [
-        ("starting", "", False, "STARTING", ""),
-        ("stopping", "", False, "STOPPING", ""),
-        ("ended", "no answer from the stage", True, "FAULT", "no answer from the stage"),
-        ("ended", "not armed: nothing moved; a person must arm it", False, "NOT ARMED", "nothing moved; a person"),
-        ("ended", STOPPED_LINE, False, "STOPPED", "the laser is disarmed"),
+        (Outcome(exit_code=1, answer={"error": "no answer from the stage"}), "FAULT", "no answer from the stage"),
+        (Outcome(exit_code=4, answer=None), "NOT ARMED", "nothing moved and nothing was fired; a person"),
+        (STOPPED, "STOPPED", "the laser is disarmed"),
     ],
 )
-def test_search_without_an_event_is_not_called_ready(status, message, failed, word, said):
-    page = pytest.importorskip("markerseek.bridges.page.search_page", reason="needs the extra page")
-    live = SimpleNamespace(run=None, status=status, message=message, failed=failed)
-    verdict = page.verdict_before(live, next_step="arm it")
-    assert (verdict.word, verdict.angle, verdict.next_step) == (word, "", "arm it")
-    assert (verdict.problem if failed else verdict.reason).startswith(said)
-    # Once is enough.
-    assert page.status_text(live) == word.lower()
+def test_search_that_ended_without_an_event_is_not_called_ready(followed, outcome, word, said):
+    child = ScriptedChild()
+    child.outcome = lambda: outcome
+    verdict = followed(child, simulated=False).verdict(None)
+    assert (verdict.word, verdict.angle, verdict.next_step) == (word, "", "Start begins a new search")
+    assert (verdict.problem if outcome.failed else verdict.reason).startswith(said)
 
 
-def test_stop_before_the_child_is_there(stream):
-    begun, child = threading.Event(), ScriptedChild(stream[:5], endless=True)
-
-    def launch(*_, **__):
-        begun.wait(30)
-        return child
-
-    live = ChildSearch(launch, ["search"], asked=USUAL)
-    live.stop()
-    assert live.status == "stopping"
-    begun.set()
-    assert live.join(30)
-    assert child.stopped.is_set()
-
-
-def test_stream_that_cannot_be_read_stops_the_child(stream):
+def test_stream_that_cannot_be_read_stops_the_child(stream, followed):
     child = ScriptedChild(stream[:5], error=RecordError("stream: no stream"))
-    live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
-    assert live.join(30)
+    live = followed(child)
     assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
     # Nobody knows where the probe is that was on its way.
     last = live.run.last
@@ -185,15 +193,14 @@ def test_stream_that_cannot_be_read_stops_the_child(stream):
 
 # The thread's own error is printed, as that of any thread.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_search_that_cannot_be_shown_is_stopped(stream, monkeypatch):
+def test_search_that_cannot_be_shown_is_stopped(stream, followed, monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError
 
     monkeypatch.setattr("markerseek.bridges.page.run_history.RunHistory.add", broken)
     child = ScriptedChild(stream[:5], endless=True)
-    live = ChildSearch(lambda *_, **__: child, ["search"], asked=USUAL)
-    assert live.join(30)
-    assert (child.stopped.is_set(), live.message) == (True, "the page cannot show this search; it was stopped")
+    live = followed(child)
+    assert (child.stopped.is_set(), live.message) == (True, "the search cannot be shown; it was stopped")
 
 
 def searches(children, tmp_path, monkeypatch, **rig):
@@ -212,7 +219,8 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
     shared.start(USUAL.changed(seed=4), asked_by=BROWSER)
     for another in (
         lambda: shared.start(USUAL, asked_by=BROWSER),
-        shared.go_on,
+        lambda: shared.start(USUAL_REGISTRATION, asked_by=BROWSER),
+        lambda: shared.go_on(shared.search),
     ):
         with pytest.raises(SearchError, match="a search or a registration runs"):
             another()
@@ -229,17 +237,16 @@ def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypat
     shared.start(USUAL.changed(seed=4, tissue="liver"), asked_by=BROWSER)
     shared.search.journal.touch()
     shared.stop()
-    assert shared.search.join(10)
+    shared.search.end(10)
     assert asked[0][:4] == ["search", "--rig", str(tmp_path / "rig.toml"), "--journal"]
     assert not any(each.startswith(("--arm", "--reset-fault", "--seed", "--tissue")) for each in asked[0])
     # For the question in the terminal.
     assert asked[0][-1] == "--asked-by=a browser at 127.0.0.1"
-    assert not shared.paused
     with pytest.raises(SearchError, match="resume it in the terminal"):
-        shared.go_on()
+        shared.go_on(shared.search)
 
 
-def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):
+def test_stop_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):
     children = [ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True), ScriptedChild(stream)]
     shared, asked = searches(children, tmp_path, monkeypatch)
     shared.start(USUAL, asked_by=BROWSER)
@@ -249,22 +256,12 @@ def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypa
     for going_on in (True, True, False):
         if going_on:
             shared.stop()
-        assert shared.search.join(10)
-        assert shared.paused is going_on
+        shared.search.end(10)
+        assert shared.search.can_go_on is going_on
         if going_on:
             # The second is stopped before it has sent anything.
-            shared.go_on()
+            shared.go_on(shared.search)
     assert [each[0] for each in asked] == ["search", "resume", "resume"]
-
-
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_whatever_goes_wrong_has_a_sentence():
-    def launch(*_, **__):
-        raise RuntimeError("can't start new thread")
-
-    live = ChildSearch(launch, [], asked=USUAL)
-    assert live.join(10)
-    assert (live.failed, live.message) == (True, "the page cannot show this search; it was stopped")
 
 
 def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
@@ -283,7 +280,7 @@ def test_a_rig_of_devices_registers_only_with_its_endoscope_and_a_known_face(tmp
     for rig in ({"settings": known}, {"settings": unknown, **endoscope}):
         shared, asked = searches([], tmp_path, monkeypatch, **rig)
         with pytest.raises(SearchError, match="cannot register"):
-            shared.register(USUAL_REGISTRATION)
+            shared.start(USUAL_REGISTRATION, asked_by=BROWSER)
         assert asked == []
     shared, asked = searches(
         [ScriptedChild()],
@@ -293,11 +290,11 @@ def test_a_rig_of_devices_registers_only_with_its_endoscope_and_a_known_face(tmp
         file=Path("r.toml"),
         **endoscope,
     )
-    shared.register(USUAL_REGISTRATION)
-    assert shared.registration.join(5)
-    *arguments, record = asked[0]
+    shared.start(USUAL_REGISTRATION, asked_by=BROWSER)
+    shared.registration.end(5)
+    *arguments, _, record = asked[0]
     # A rig of devices has no seed and no pace, and only a person in the terminal arms it.
     assert arguments == [
         *("register", "--rig", "r.toml", "--cameras", "stereo.toml", "--images", "left right", "--sweep"),
     ]
-    assert record.startswith(f"--record={tmp_path}")
+    assert record.startswith(str(tmp_path))

@@ -19,6 +19,7 @@ from markerseek.registration import (
     MovedMarker,
     RecordedStep,
     Registered,
+    RegistrationReport,
     SpotRefused,
     SpotSeen,
     StereoSettings,
@@ -26,7 +27,7 @@ from markerseek.registration import (
     Waiting,
     target_pixels,
 )
-from markerseek.runs import Verdict
+from markerseek.runs import Verdict, VerdictKind
 
 Side: TypeAlias = Literal["left", "right"]
 
@@ -34,8 +35,9 @@ _CHI95 = 5.991
 """Chi squared of two degrees of freedom that holds 95 %."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RegistrationState:
+# eq=False: two states are compared often, and never equal unless they are the same.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SessionState:
     """A session after its steps so far."""
 
     begun: Begun | None = None
@@ -64,7 +66,12 @@ class RegistrationState:
         """Whether there is a registration, and it holds."""
         return self.last is not None and self.last.decided and (self.ended is None or self.ended.registered)
 
-    def add(self, step: RecordedStep) -> RegistrationState:
+    @property
+    def report(self) -> RegistrationReport | None:
+        """What the markers so far give; None before there are enough."""
+        return None if self.last is None else self.last.report
+
+    def add(self, step: RecordedStep) -> SessionState:
         """The state after one more step."""
         match step:
             case Begun():
@@ -89,31 +96,29 @@ class RegistrationState:
 
     def verdict(self, *, next_step: str) -> Verdict:
         """The state in large letters: the expected error, and what the person has to do now."""
-        error = Verdict()
-        if self.errors_mm and self.last is not None and self.last.report is not None and self.last.report.registered:
+        shown = Verdict(kind="busy", reason="" if self.last is None else self.last.said)
+        if self.errors_mm and self.report is not None and self.report.registered:
             _, mean_mm, high_mm = self.errors_mm[-1]
-            error = Verdict(lead="expected error", angle=f"{mean_mm:.2f} mm", sigma=f"95 %: {high_mm:.2f} mm")
+            shown = replace(shown, lead="expected error", angle=f"{mean_mm:.2f} mm", sigma=f"95 %: {high_mm:.2f} mm")
         if self.ended is not None:
-            reached = self.registered
-            word = "REGISTERED" if reached else "NOT REGISTERED"
-            reason = "; ".join(filter(None, (self.moved, self.ended.said)))
             is_below = bool(self.errors_mm) and self.errors_mm[-1][1] <= self.goal_mm
             goal = f"the goal of {self.goal_mm:g} mm is {'' if is_below else 'not '}reached"
             turn = f"{counted(len(self.taken), 'marker')}; {goal}"
-            shown = replace(error, word=word, kind="found" if reached else "unsure", turn=turn)
-            return replace(shown, reason=reason, next_step=next_step)
-        said = "" if self.last is None else self.last.said
+            reason = "; ".join(filter(None, (self.moved, self.ended.said)))
+            shown = replace(shown, turn=turn, reason=reason, next_step=next_step)
+            if self.registered:
+                return replace(shown, word="REGISTERED", kind="found")
+            return replace(shown, word="NOT REGISTERED", kind="unsure")
         if self.seen is not None:
             turn = f"marker {self.seen.name} is searched: hold laser, tissue and camera still"
-            return replace(error, word="SEARCHING", kind="busy", turn=turn, reason=said)
+            return replace(shown, word="SEARCHING", turn=turn)
         if self.waiting is None:
-            # Before the first step, and while the next place is computed.
-            return replace(error, word="COMPUTING" if self.taken else "STARTING", kind="busy", next_step=next_step)
-        turn = self.waiting.said
-        if self.waiting.place is not None and all(self.waiting.name != marker.name for marker in self.taken):
-            turn = f"light marker {self.waiting.name} in the circle"
-        shown = replace(error, word="LIGHT A SPOT", kind="unsure" if self.refused else "busy")
-        return replace(shown, turn=turn, problem=self.refused, reason=said)
+            # While the next place is computed.
+            return replace(shown, word="COMPUTING", reason="")
+        is_new = all(self.waiting.name != marker.name for marker in self.taken)
+        turn = f"light marker {self.waiting.name} in the circle" if self.waiting.place and is_new else self.waiting.said
+        kind: VerdictKind = "unsure" if self.refused else "busy"
+        return replace(shown, word="LIGHT A SPOT", kind=kind, turn=turn, problem=self.refused)
 
     @cached_property
     def stereo(self) -> StereoSettings | None:
@@ -128,16 +133,12 @@ class RegistrationState:
         parts = []
         for marker in self.taken:
             x, y = _pixel(marker.spot, side)
-            css = "out" if self.use_of(marker) != "used" else "marker"
-            parts.append(f'<circle class="ms-mark-{css}" cx="{x:.1f}" cy="{y:.1f}" r="{width / 80:.0f}"/>')
-            size = width // 22
-            parts.append(
-                f'<text x="{x + width / 60:.1f}" y="{y - width / 60:.1f}" font-size="{size}">{marker.name}</text>'
-            )
+            parts.append(_circle("out" if self.use_of(marker) != "used" else "marker", x, y, width / 80))
+            place = f'x="{x + width / 60:.1f}" y="{y - width / 60:.1f}" font-size="{width // 22}"'
+            parts.append(f"<text {place}>{marker.name}</text>")
         parts.append(self._target(side))
         if self.waiting is not None and self.waiting.place is not None:
-            x, y = _pixel(self.waiting.place, side)
-            parts.append(f'<circle class="ms-mark-place" cx="{x:.1f}" cy="{y:.1f}" r="{width / 18:.0f}"/>')
+            parts.append(_circle("place", *_pixel(self.waiting.place, side), width / 18))
         if self.seen is not None:
             x, y = _pixel(self.seen.spot, side)
             near, far = width / 60, width / 22
@@ -151,11 +152,10 @@ class RegistrationState:
 
     def _target(self, side: Side) -> str:
         """The target and the ellipse that holds it with 95 %; empty before a registration, or behind the camera."""
-        report = None if self.last is None else self.last.report
-        if report is None or report.davinci_to_trus is None or self.stereo is None:
+        if self.report is None or self.report.davinci_to_trus is None or self.stereo is None:
             return ""
         try:
-            pixel, covariance_px2 = target_pixels(report, stereo=self.stereo)[side == "right"]
+            pixel, covariance_px2 = target_pixels(self.report, stereo=self.stereo)[side == "right"]
         except ConfigError:
             return ""
         squares, axes = np.linalg.eigh(covariance_px2)
@@ -181,8 +181,8 @@ class RegistrationState:
 
     def table(self) -> str:
         """The markers as an HTML table."""
-        report = None if self.last is None else self.last.report
-        residuals = {} if report is None else {point.name: f"{1e3 * point.residual_m:.2f}" for point in report.points}
+        points = () if self.report is None else self.report.points
+        residuals = {point.name: f"{1e3 * point.residual_m:.2f}" for point in points}
         chosen = {} if self.last is None else self.last.chosen
         rows = ""
         for marker in self.taken:
@@ -202,6 +202,10 @@ class RegistrationState:
 
 def _cells(tag: str, texts: tuple[str, ...]) -> str:
     return "".join(f"<{tag}>{escape(with_minus(text))}</{tag}>" for text in texts)
+
+
+def _circle(name: str, x: float, y: float, radius: float) -> str:
+    return f'<circle class="ms-mark-{name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.0f}"/>'
 
 
 def _pixel(seen: object, side: Side) -> tuple[float, float]:
