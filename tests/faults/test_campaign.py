@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 import time
@@ -22,7 +23,6 @@ from tests.faults.campaign import runs as campaign_runs  # type: ignore[import-n
 from tests.faults.campaign.checker import OFF_DEG, check  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.chunks import readings  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
-from tests.faults.campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.report import observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.tally import upper95  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
@@ -55,14 +55,15 @@ def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pyte
 
 
 @pytest.mark.long
-def test_the_long_campaign_runs_on_two_processes_and_continues_where_it_stopped(tmp_path: Path) -> None:
-    root, state = Path(__file__).parents[2], tmp_path / "state.json"
-    command = [sys.executable, "-m", "tests.faults.campaign", "--runs", "4", "--state", str(state)]
+def test_the_long_campaign_counts_the_same_on_one_process_and_on_two() -> None:
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-m", "tests.faults.campaign", "--runs", "4"]
     pages = [
         subprocess.run([*command, "--workers", workers], cwd=root, capture_output=True, text=True, check=True).stdout
         for workers in ("2", "1")
     ]
-    assert pages[0] == pages[1]
+    timed = re.compile(r"The slowest run took .* of real time")
+    assert timed.sub("", pages[0]) == timed.sub("", pages[1])
     assert "| P1 | the probe never leaves its limits, nor the permit of its sweep when the host has died" in pages[0]
     assert ", in truth | 0 | 4 |" in pages[0]
 
@@ -94,12 +95,6 @@ def test_each_device_fails_in_each_of_the_seven_ways() -> None:
     assert ways == {(device, kind) for device in ("stage", "laser", "receiver") for kind in FaultKind}
     assert all(each.covered_by for each in FAULTS.values() if each.harm != "none")
     assert {(each.fault.observable, each.harm) for each in FAULTS.values()} >= {(False, "angle"), (False, "pulses")}
-
-
-def test_every_fault_point_of_every_verb_is_a_clean_stop() -> None:
-    points = enumerate_points()
-    assert len(points) == 8
-    assert [broken for broken in points.values() if broken] == []
 
 
 def test_the_bound_is_the_rule_of_three_where_nothing_was_seen() -> None:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import Literal
 
@@ -179,9 +178,3 @@ def drawn(rng: np.random.Generator, injected: Injected, *, steps: int) -> Fault:
         from_step=from_step,
         to_step=None if lasts is None else from_step + lasts,
     )
-
-
-def fingerprint() -> str:
-    """Short hash of the vocabulary: counts made with another one are not added to."""
-    said = "".join(f"{each.fault}{each.amounts}{each.harm}" for each in FAULTS.values())
-    return hashlib.sha256(said.encode()).hexdigest()[:16]
