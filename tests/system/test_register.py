@@ -46,14 +46,11 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_registration_is_written_into_a_file_and_a_simulated_one_is_not(shell: Shell, tmp_path: Path) -> None:
+def test_a_registration_is_written_into_a_file(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("register", EXAMPLE, "--json")
     assert code == 0
     assert json.loads((tmp_path / "registration.json").read_text()) == json.loads(out)
     assert read_registration(Path("registration.json")).simulated is False
-    (tmp_path / "registration.json").unlink()
-    assert shell("register", "--simulate", "--markers", 3)[0] in (0, 3)
-    assert not (tmp_path / "registration.json").exists()
 
 
 def test_another_registration_is_replaced_by_force_only(shell: Shell, tmp_path: Path) -> None:
@@ -316,13 +313,11 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
     assert by_images["points"] == json.loads(out)["points"]
     for point, true_m in zip(by_images["points"], camera_m, strict=True):
         assert np.linalg.norm(np.array(point["camera_m"]) - true_m) < 1e-3
-    _, out, _ = shell("register", "--frames", left, right, *words, "--plot", "--out", tmp_path / "drawn")
-    assert json.loads(out)["target_covariance_m2"] == by_images["target_covariance_m2"]
+    _, _, said = shell("register", "--frames", left, right, *words[:-1], "--plot", "--out", tmp_path / "drawn")
     # The three points were not moved with the searches: they do not fit, and no place of the target is known.
     assert not (tmp_path / "drawn" / "target.png").exists()
-    _, _, said = shell("register", "--frames", left, right, *words[:-1], "--plot", "--out", tmp_path / "drawn")
     assert "no target.png: the points do not fit" in " ".join(said.split())
-    (left / "b" / "0.png").write_bytes(b"no image")
+    (left / "a" / "0.png").write_bytes(b"no image")
     for change, said in (
         (["--frames", left, right, *words], "cannot be read as an image"),
         (["--frames", left, tmp_path / "none", *words], "is no folder"),
@@ -333,9 +328,9 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
     ):
         code, out, _ = shell("register", *change)
         assert (code, said in json.loads(out)["error"]) == (2, True)
-    for number in range(1, 5):
-        (left / "b" / f"{number}.png").unlink()
-    (left / "b" / "0.png").write_bytes((left / "a" / "0.png").read_bytes())
+    for path in (left / "a").iterdir():
+        if path.stem in "012":
+            path.unlink()
     code, out, _ = shell("register", "--frames", left, right, *words)
     assert (code, "save at least 3" in json.loads(out)["error"]) == (2, True)
 
@@ -357,6 +352,7 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     assert simulation["target_error_m"] < 2 * report["tre95_m"] < 10e-3
     assert 10 < report["rig_s"] < 90
     assert read_registration(Path("first") / "registration.json").simulated
+    assert not Path("registration.json").exists()
     assert simulation["by_hand_s"] == [120, 420]
 
 
