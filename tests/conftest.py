@@ -117,6 +117,9 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     umask = os.umask(0)
     os.umask(umask)
 
+    # Else messages name the command `python -m pytest.markerseek` where the tests are started so.
+    monkeypatch.setattr(sys.modules["__main__"], "__package__", None)
+
     def run(*words: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
         with pytest.raises(SystemExit) as ended:

@@ -57,17 +57,7 @@ class _EndlessContract(PolicyContract):
         return _Endless(ratio=GOLDEN, limits=limits, width_deg=0.5)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "test_asks_inside_the_range",
-        "test_ends_wherever_the_stage_stops",
-        "test_estimates_at_any_time",
-        "test_asking_changes_nothing",
-        "test_is_deterministic",
-        "test_refuses_samples_after_the_end",
-    ],
-)
+@pytest.mark.parametrize("name", ["test_asks_inside_the_range", "test_refuses_samples_after_the_end"])
 def test_the_contract_ends_on_a_policy_that_never_does(name: str) -> None:
     with pytest.raises(AssertionError, match="the search has not ended after 50 acquisitions"):
         getattr(_EndlessContract(), name)()

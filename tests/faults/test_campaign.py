@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from markerseek.core import Found, Interval, NotConnectedError
+from markerseek.core import Found, Interval
 from markerseek.guard import Guard, State
 from tests.faults.campaign.fault import FaultKind
 
@@ -22,7 +22,6 @@ from tests.faults.campaign import runs as campaign_runs  # type: ignore[import-n
 from tests.faults.campaign.checker import OFF_DEG, check  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.chunks import readings  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
-from tests.faults.campaign.points import enumerate_points  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.report import observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.tally import upper95  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.vocabulary import FAULTS  # type: ignore[import-not-found, unused-ignore]
@@ -55,16 +54,16 @@ def test_no_promise_is_broken_and_every_fault_that_acts_is_reported(capsys: pyte
 
 
 @pytest.mark.long
-def test_the_long_campaign_runs_on_two_processes_and_continues_where_it_stopped(tmp_path: Path) -> None:
-    root, state = Path(__file__).parents[2], tmp_path / "state.json"
-    command = [sys.executable, "-m", "tests.faults.campaign", "--runs", "4", "--state", str(state)]
+def test_the_long_campaign_counts_the_same_on_one_process_and_on_two() -> None:
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-m", "tests.faults.campaign", "--runs", "4"]
     pages = [
         subprocess.run([*command, "--workers", workers], cwd=root, capture_output=True, text=True, check=True).stdout
         for workers in ("2", "1")
     ]
-    assert pages[0] == pages[1]
-    assert "| P1 | the probe never leaves its limits, nor the permit of its sweep when the host has died" in pages[0]
-    assert ", in truth | 0 | 4 |" in pages[0]
+    timed = re.compile(r"The slowest run took .* of real time")
+    assert timed.sub("", pages[0]) == timed.sub("", pages[1])
+    assert "| P1 | the probe never leaves its limits, in truth | 0 | 4 |" in pages[0]
 
 
 def test_a_control_loop_that_hangs_is_cut_off_by_the_supervisor(tmp_path: Path) -> None:
@@ -94,12 +93,6 @@ def test_each_device_fails_in_each_of_the_seven_ways() -> None:
     assert ways == {(device, kind) for device in ("stage", "laser", "receiver") for kind in FaultKind}
     assert all(each.covered_by for each in FAULTS.values() if each.harm != "none")
     assert {(each.fault.observable, each.harm) for each in FAULTS.values()} >= {(False, "angle"), (False, "pulses")}
-
-
-def test_every_fault_point_of_every_verb_is_a_clean_stop() -> None:
-    points = enumerate_points()
-    assert len(points) == 8
-    assert [broken for broken in points.values() if broken] == []
 
 
 def test_the_bound_is_the_rule_of_three_where_nothing_was_seen() -> None:
@@ -146,81 +139,6 @@ def test_the_checker_sees_each_broken_promise_and_nothing_in_a_healthy_run(
         ({"journal": replace(healthy.journal, entries=healthy.journal.entries[:-1])}, "P8"),
     ):
         assert seen(replace(healthy, **changes)) == {promise}
-
-
-def sound_sweeps() -> Iterator[campaign_runs.Plan]:
-    """Plans with sweeps and without a fault."""
-    for number in range(2000):
-        plan = campaign_runs.draw_plan(2, number)
-        if plan.method == campaign_runs.SWEEPS and not plan.faults:
-            yield replace(plan, dies_at=None)
-
-
-def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_triggered(tmp_path: Path) -> None:
-    sound = list(sound_sweeps())
-    with HeldLines() as lines:
-        campaign = campaign_runs.Campaign(tmp_path, lines)
-        for triggered in (0, 1):
-            plans = [plan for plan in sound if plan.number % 2 == triggered][:3]
-            traces = [campaign.perform(plan) for plan in plans]
-            # On a computer that is held up for a second the supervisor rightly ends a run.
-            ended = [trace for trace in traces if not isinstance(trace.raised, NotConnectedError)]
-            assert ended
-            for trace in ended:
-                assert trace.raised is None
-                assert trace.sweeps
-            assert set().union(*map(seen, traces)) == set()
-
-
-def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_in_its_permit_and_the_checker_sees_where_not(
-    tmp_path: Path,
-) -> None:
-    with HeldLines() as lines:
-        campaign = campaign_runs.Campaign(tmp_path, lines)
-        traces = (campaign.perform(replace(plan, dies_at=20)) for plan in sound_sweeps())
-        trace = next(trace for trace in traces if trace.left_deg)
-    assert seen(trace) == set()
-    assert trace.left_deg[0] != trace.left_deg[-1] == trace.left_deg[-2]
-    permit, began_s = trace.sweeps[-1]
-    late = [light for light in trace.world.lights if light.sweeping and light.at_s > began_s]
-    assert late
-    low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
-    for beyond_deg in (low_deg - 0.3, high_deg + 0.3):
-        assert seen(replace(trace, left_deg=(*trace.left_deg, beyond_deg))) == {"P1"}
-
-
-@pytest.mark.parametrize("name", ["edge lost", "edge doubled"])
-def test_a_trigger_of_the_stage_that_is_lost_or_doubled_is_reported(tmp_path: Path, name: str) -> None:
-    fault = replace(FAULTS["laser", name].fault, from_step=1, to_step=None)
-    sound = (plan for plan in sound_sweeps() if plan.number % 2)
-    with HeldLines() as lines:
-        campaign = campaign_runs.Campaign(tmp_path, lines)
-        traces = (campaign.perform(replace(plan, faults=(fault,))) for plan in sound)
-        # Not in a sweep that ends before.
-        trace = next(trace for trace in traces if trace.acted)
-    verdict = check(trace)
-    assert verdict.reported
-    assert verdict.broken == []
-
-
-def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
-    plan = next(sound_sweeps())
-    with HeldLines() as lines:
-        trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
-    assert seen(trace) == set()
-    lights = trace.world.lights
-    index = next(index for index, light in enumerate(lights) if light.sweeping)
-    (permit, _), late_s = trace.sweeps[0], 1e3
-    for change in (
-        {"angle_deg": max(permit.angle_deg, permit.to_deg) + 2.0},
-        {"at_s": lights[index].at_s - late_s},
-        {"at_s": lights[index].at_s + late_s},
-        {"at_s": lights[index + 1].at_s - permit.period_s / 2},
-        {"pulses": permit.pulses + 1},
-        {"moving": True},
-    ):
-        trace.world.lights = [*lights[:index], replace(lights[index], **change), *lights[index + 1 :]]
-        assert seen(trace) == {"P3"}, change
 
 
 def test_the_checker_sees_a_wrong_angle(healthy: campaign_runs.Trace) -> None:

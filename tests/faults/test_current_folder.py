@@ -40,8 +40,11 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("program", [SUPERVISOR, BANKS, WORKERS], ids=["supervisor", "banks", "workers"])
-@pytest.mark.parametrize("where", ["folder", "python path"])
+@pytest.mark.parametrize(
+    ("program", "where"),
+    [(SUPERVISOR, "folder"), (BANKS, "python path"), (WORKERS, "folder")],
+    ids=["supervisor", "banks", "workers"],
+)
 def test_files_in_the_current_folder_are_not_imported(tmp_path: Path, program: str, where: str) -> None:
     lab, elsewhere = tmp_path / "lab", tmp_path / "elsewhere"
     lab.mkdir()

@@ -53,10 +53,8 @@ def test_any_answers_are_understood_or_refused(data: bytes, decoder: str) -> Non
     assert wire_outcome(WIRES[decoder][1], data) in ("read", "refused")
 
 
-@pytest.mark.parametrize("decoder", ["kdc101", "laserbox", "laserbox-signed", "picolas"])
-@pytest.mark.parametrize(
-    "noise", [b"\x01\xff" + b"\xa5" * 255, b"\x01\xff" + b"\n" * 255, b"\x01\x01*", b"\x01\x02\n\n"]
-)
+@pytest.mark.parametrize("decoder", ["kdc101", "laserbox", "picolas"])
+@pytest.mark.parametrize("noise", [b"\x01\xff" + b"\xa5" * 255, b"\x01\x01*", b"\x01\x02\n\n"])
 def test_a_device_that_never_ends_is_refused_and_costs_little(decoder: str, noise: bytes) -> None:
     decode = WIRES[decoder][1]
     wire_outcome(decode, b"\0")  # what is loaded at first is not counted

@@ -17,16 +17,14 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured, Policy, RecordError, SearchPlan, Started
 from markerseek.guard import State
-from markerseek.records.journal import Journal, read_journal, salvage
+from markerseek.records.journal import Journal, read_journal
 from markerseek.rigs import Rig
 from markerseek.runs import RunView
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
-from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, died_in_commit, measured, write
-
-NOBODY = 65534
+from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, measured
 
 
 def fill(path: Path) -> int:
@@ -114,38 +112,6 @@ def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_di
     result = RunView.of(read_journal(path)).result()
     assert result.acquisitions == len(result.samples) == 16
     assert result.angle_deg == pytest.approx(4.0, abs=2.0)
-
-
-def test_a_folder_that_cannot_be_written_is_an_error_and_its_journals_are_still_read(tmp_path: Path) -> None:
-    folder = tmp_path / "shelf"
-    folder.mkdir()
-
-    with Journal.create(folder / "closed.journal", configuration()) as journal:
-        write(journal, 1)
-    died_in_commit(folder / "dead.journal", lambda journal: write(journal, 1))
-
-    def work() -> None:
-        if os.getuid() == 0:
-            os.setuid(NOBODY)
-        for name in ("closed.journal", "dead.journal"):
-            assert len(read_journal(folder / name).entries) == 4, name
-            assert salvage(folder / name)[1] is None, name
-        for attempt in (
-            lambda: Journal.create(folder / "new.journal", configuration()),
-            lambda: Journal.reopen(folder / "closed.journal"),
-            lambda: Journal.reopen(folder / "dead.journal"),
-        ):
-            with pytest.raises(RecordError, match="cannot be written"):
-                attempt()
-
-    for each in folder.iterdir():
-        each.chmod(0o444)
-    folder.chmod(0o555)
-    for parent in (tmp_path, *tmp_path.parents[:3]):
-        if parent.stat().st_uid == os.getuid() and parent != Path("/tmp"):
-            parent.chmod(0o755)
-    in_a_process(work)
-    folder.chmod(0o755)
 
 
 def test_a_journal_that_cannot_be_begun_leaves_no_file(small_disk: Path) -> None:

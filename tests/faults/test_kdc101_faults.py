@@ -101,7 +101,7 @@ REFUSED: dict[str, tuple[type[DeviceError] | tuple[type[DeviceError], ...], str]
 """Fault to the error that names it."""
 
 
-@pytest.mark.parametrize("from_step", [0, 1, 4])
+@pytest.mark.parametrize("from_step", [0, 4])
 @pytest.mark.parametrize("name", sorted(REFUSED))
 def test_a_fault_is_refused_by_name_and_does_no_harm(name: str, from_step: int) -> None:
     outcome = tour(name, from_step=from_step)
@@ -120,7 +120,7 @@ def test_an_encoder_that_loses_half_a_degree_fell_back_and_one_that_loses_less_s
     assert words in str(outcome.error)
 
 
-@pytest.mark.parametrize("from_step", [0, 1, 4])
+@pytest.mark.parametrize("from_step", [0, 4])
 @pytest.mark.parametrize("bad", [{"late_s": 0.4}, {"cut": 0.3}], ids=str)
 def test_a_line_that_is_late_or_drops_out_is_refused_and_does_no_harm(bad: dict[str, float], from_step: int) -> None:
     outcome = tour(line=FaultyLine(**bad), from_step=from_step)  # type: ignore[arg-type]
@@ -129,12 +129,11 @@ def test_a_line_that_is_late_or_drops_out_is_refused_and_does_no_harm(bad: dict[
     require_harmless(outcome)
 
 
-@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("share", [1e-3, 1e-2, 1e-1])
 @pytest.mark.parametrize("name", ["answers", "commands", "lost"])
-def test_a_bad_line_gives_the_right_angle_or_none(name: str, share: float, seed: int) -> None:
-    line = FaultyLine(**{name: share}, seed=seed)  # type: ignore[arg-type]
-    require_harmless(tour(line=line, from_step=seed, targets=TARGETS[:3]))
+def test_a_bad_line_gives_the_right_angle_or_none(name: str, share: float) -> None:
+    line = FaultyLine(**{name: share}, seed=1)  # type: ignore[arg-type]
+    require_harmless(tour(line=line, from_step=1, targets=TARGETS[:3]))
 
 
 def test_a_byte_lost_now_and_then_does_not_end_a_search() -> None:

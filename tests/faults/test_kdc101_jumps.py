@@ -118,7 +118,7 @@ def detected(
     return refused
 
 
-@pytest.mark.parametrize("jump_deg", [-1.0, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6, 1.0])
+@pytest.mark.parametrize("jump_deg", [-1.0, -0.2, 0.2, 1.0])
 def test_a_counter_that_jumps_in_mid_move_is_refused(jump_deg: float) -> None:
     assert all(detected(jump_deg, runs=RUNS))
 

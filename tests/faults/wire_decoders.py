@@ -19,7 +19,6 @@ from markerseek.core import (
     Clock,
     ConfigError,
     DeviceError,
-    LaserError,
     Permit,
     Pulse,
     SweepPermit,
@@ -30,7 +29,7 @@ from markerseek.drivers.picolas import PicolasLaser
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash, VirtualClock
-from markerseek.wire import apt, igtl, laserbox
+from markerseek.wire import igtl, laserbox
 from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
 from markerseek.wire.port import Port
 from tests.emulated_lines import DirectPort
@@ -244,63 +243,6 @@ def _whole_unsigned() -> bytes:
     return bytes(bare)
 
 
-def _read_messages(data: bytes) -> None:
-    """Messages do not depend on how the bytes arrive; each is decoded or refused."""
-    at_once = AptFramer().feed(data)
-    framer, one_by_one = AptFramer(), []
-    for byte in data:
-        one_by_one += framer.feed(bytes([byte]))
-    assert at_once == one_by_one
-    for message in at_once:
-        apt.decode(message)
-
-
-def _read_lines(data: bytes) -> None:
-    """Lines do not depend on how the bytes arrive; each decoded one encodes to the same bytes."""
-    at_once = laserbox.Lines().feed(data)
-    lines, one_by_one = laserbox.Lines(), []
-    for byte in data:
-        one_by_one += lines.feed(bytes([byte]))
-    assert at_once == one_by_one
-    for line in at_once:
-        command = laserbox.decode_command(line)
-        if not isinstance(command, laserbox.Refusal):
-            assert laserbox.encode(command) == line + b"\n"
-    refusal = None
-    for line in at_once:
-        try:
-            assert laserbox.encode(laserbox.decode_reply(line)) == line + b"\n"
-        except LaserError as refused:
-            refusal = refused
-    if refusal is not None:
-        raise refusal
-
-
-def _whole_messages() -> bytes:
-    script = _whole_of(_use_stage, _stage)()[1:]
-    received, at = b"", 0
-    while at < len(script):
-        received += script[at + 1 : at + 1 + script[at]]
-        at += 1 + script[at]
-    return received
-
-
-def _whole_lines() -> bytes:
-    said: tuple[laserbox.Reply, ...] = (
-        laserbox.Greeting(identity="box1", version=laserbox.VERSION, lease_ms=100, last_token=7, seen=16),
-        laserbox.Permitted(token=8, seen=16),
-        laserbox.Done(token=8, sent=4, photodiode=4),
-        laserbox.MeteredDone(token=8, sent=4, photodiode=4, light=80_000),
-        laserbox.SweepPermitted(token=9, seen=20),
-        laserbox.Stamped(token=9, number=1, stamp_us=2**31 - 1, photodiode=1, edge=0),
-        laserbox.Dark(token=9, sent=1, photodiode=1),
-        laserbox.Time(number=3, clock_us=0),
-        laserbox.Disarmed(),
-        laserbox.Refusal(reason="BUSY"),
-    )
-    return b"".join(laserbox.encode(reply) for reply in said)
-
-
 def _read_igtl(data: bytes) -> None:
     """A message, with the checksum that fits, which chance would not find; a command in it is read too."""
     header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=1 << 16)
@@ -322,8 +264,6 @@ def _whole_igtl() -> bytes:
 
 
 WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
-    "apt-messages": (_whole_messages, _read_messages),
-    "laserbox-lines": (_whole_lines, _read_lines),
     "igtl": (_whole_igtl, _read_igtl),
     "kdc101": (_whole_of(_use_stage, _stage), _scripted(_use_stage, _require_targets_inside)),
     "laserbox": (_whole_of(_use_laser_box, _box), _scripted(_use_laser_box, _require_permits_as_permitted)),
@@ -334,7 +274,7 @@ WIRES: dict[str, tuple[Callable[[], bytes], Callable[[bytes], None]]] = {
     ),
     "picolas": (_whole_of(_use_picolas, lambda _: AllIsWell()), _scripted(_use_picolas, _require_off_at_last)),
 }
-"""What a sound device would say, and the function that decodes it, by the name of the decoder."""
+"""What a sound device would say, and the function that decodes it, by its name; bare codecs: `unit/wire`."""
 
 
 def wire_outcome(decode: Callable[[bytes], None], data: bytes) -> str:

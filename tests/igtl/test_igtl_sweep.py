@@ -10,13 +10,18 @@ import time
 import pytest
 
 from markerseek.core import MAX_AHEAD_DEG
-from markerseek.wire import igtl
+from markerseek.drivers import LaserBox, SerialPort, SystemClock
+from markerseek.drivers.kdc101 import AptLine
+from markerseek.wire import apt, igtl
 from tests.emulated import WORLD, emulation
-from tests.faults.test_bench_sweep import angle_deg, pulses_seen, stage_line
 from tests.igtl.igtl_bridge import on_terminal
 from tests.igtl.igtl_client import IgtlClient
 
 pytestmark = pytest.mark.real_time
+
+
+def angle_deg(line: AptLine) -> float:
+    return apt.degrees_of(line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status).position)
 
 
 def said_by(message: igtl.Message) -> dict[str, object]:
@@ -45,9 +50,13 @@ def test_a_sweep_is_stopped_by_a_command(tmp_path) -> None:
             assert "SUCCESS" in client.ask('<Command Name="StopSearch" />', name="2")
             messages = client.until(lambda message: "exit_code" in said_by(message))
             assert said_by(messages[-1])["exit_code"] == 130
-            with stage_line(devices) as line:
+            with SerialPort(str(devices.folder / "stage")) as port:
+                # Without the driver, which would write its parameters.
+                line = AptLine(port=port, clock=SystemClock(), answer_s=0.2, age_s=2.0)
                 rest_deg = angle_deg(line)
-                fired = pulses_seen(devices)
+                with SerialPort(str(devices.folder / "laser")) as laser:
+                    # Since power-up; it sends no more triggers.
+                    fired = LaserBox(port=laser, clock=SystemClock(), answer_s=5.0)._seen
                 time.sleep(0.5)
                 assert angle_deg(line) == rest_deg
             assert -35 < rest_deg < 20

@@ -17,7 +17,7 @@ from tests.emulated import emulation, markerseek
 pytestmark = pytest.mark.real_time
 
 LONGEST_S = 120.0
-SEARCH = ("--method", "weighted-average", "--as-published", "--acquisitions", "4", "--no-journal")
+SEARCH = ("--method", "weighted-average", "--as-published", "--acquisitions", "2", "--no-journal")
 
 ASKS = """
 import os, select, sys

@@ -6,33 +6,16 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 Shell = Callable[..., tuple[int, str, str]]
 
 
-@pytest.fixture
-def nothing(tmp_path: Path) -> Path:
-    """Rig file of a simulated rig without a marker."""
-    rig = tmp_path / "nothing.toml"
-    rig.write_text('kind = "simulated"\n[marker]\npresent = false\n')
-    return rig
+NOTHING = ("search", "--no-marker", "--no-journal")
 
 
-def test_the_paper_s_form_claims_nothing(shell: Shell, nothing: Path, tmp_path: Path) -> None:
-    words = (
-        "search",
-        "--rig",
-        nothing,
-        "--method",
-        "golden-section",
-        "--as-published",
-        "--acquisitions",
-        8,
-        "--no-journal",
-    )
+def test_the_paper_s_form_claims_nothing(shell: Shell, tmp_path: Path) -> None:
+    words = (*NOTHING, "--method", "golden-section", "--as-published", "--acquisitions", 8)
     code, out, _ = shell(*words, "--plot", "--out", tmp_path)
     page = (tmp_path / "search.html").read_text(encoding="utf-8")
     assert code == 0
@@ -50,8 +33,8 @@ def test_a_bracket_is_not_called_an_interval_of_95_percent(shell: Shell) -> None
     assert "95 %" not in out
 
 
-def test_no_angle_is_printed_where_nothing_was_detected(shell: Shell, nothing: Path) -> None:
-    code, out, _ = shell("search", "--rig", nothing, "--no-journal")
+def test_no_angle_is_printed_where_nothing_was_detected(shell: Shell) -> None:
+    code, out, _ = shell(*NOTHING)
     assert code == 3
     assert "not found" in out
     for word in ("points at", "best guess", "marker angle", "°,"):
@@ -61,6 +44,8 @@ def test_no_angle_is_printed_where_nothing_was_detected(shell: Shell, nothing: P
 def test_the_noise_floor_names_the_acquisitions_on_which_it_depends(shell: Shell) -> None:
     _, out, _ = shell("search", "--seed", 1, "--no-journal")
     said = " ".join(out.split())
+    for word in ("simulated rig", "marker angle", "±", "95 % interval", "acquisitions", "rotation", "time", "error"):
+        assert word in said
     result = json.loads(shell("search", "--seed", 1, "--no-journal", "--json")[1])
     searches = f"1000 searches of {result['acquisitions']} acquisitions"
     assert f"from dark frames; noise alone exceeds it in at most one of {searches}" in said

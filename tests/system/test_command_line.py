@@ -57,18 +57,6 @@ def test_the_same_seed_gives_the_same_search_and_another_seed_another(shell: She
     assert json.loads(first)["truth_deg"] != json.loads(other)["truth_deg"]
 
 
-def test_a_rig_without_a_marker_is_not_found_and_the_probe_stays(shell: Shell, tmp_path: Path) -> None:
-    rig = tmp_path / "rig.toml"
-    rig.write_text('kind = "simulated"\n[marker]\npresent = false\n')
-    code, out, _ = shell("search", "--rig", rig, "--json")
-    result = json.loads(out)
-    assert code == 3
-    assert (result["found"], result["answer"], result["confirmation"]) == (False, "not found", None)
-    assert result["reason"]
-    code, out, _ = shell("search", "--rig", rig, "--json", "--as-published", "--method", "weighted-average")
-    assert (code, json.loads(out)["found"]) == (0, True), "the paper's form always answers"
-
-
 def test_pictures_are_a_png_and_a_page_that_loads_nothing(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("search", "--seed", 1, "--plot", "--out", tmp_path / "new")
     assert code == 0
@@ -83,24 +71,6 @@ def test_pictures_are_a_png_and_a_page_that_loads_nothing(shell: Shell, tmp_path
     assert "http" not in loaded.replace("http-equiv", "")
     embedded = html.unescape(text[text.index("<pre>") + 5 : text.index("</pre>")])
     assert msgspec.json.decode(embedded)["seed"] == 1
-
-
-def test_the_page_of_a_replay_names_the_form_and_the_last_acquisition_and_has_no_empty_columns(
-    shell: Shell, tmp_path: Path
-) -> None:
-    words = ("--method", "golden-section", "--as-published", "--plot", "--out", tmp_path, "--json")
-    assert shell("replay", EXAMPLES / "simulated_scan.csv", *words)[0] == 0
-    text = (tmp_path / "replay.html").read_text(encoding="utf-8")
-    assert "<h1>golden-section as published on a replayed rig: " in text
-    assert "<tr><th></th><th>angle [deg]</th><th>intensity</th></tr>" in text
-    assert "<tr><td>acquisition at that angle</td><td>" in text
-
-
-def test_the_text_table_names_angle_uncertainty_truth_and_that_it_is_simulated(shell: Shell) -> None:
-    code, out, _ = shell("search", "--seed", 1)
-    assert code == 0
-    for word in ("simulated rig", "marker angle", "±", "95 % interval", "acquisitions", "rotation", "time", "error"):
-        assert word in out
 
 
 def test_an_angle_that_is_not_within_the_tolerance_is_printed_with_its_interval(shell: Shell, tmp_path: Path) -> None:
@@ -120,15 +90,6 @@ def test_an_angle_that_is_not_within_the_tolerance_is_printed_with_its_interval(
     assert (code, result["answer"], result["doubt"]) == (3, "unsure", "width")
     assert result["interval95_deg"][0] < result["angle_deg"] < result["interval95_deg"][1]
     assert 0.3e-3 < result["half_width_m"] < 1e-3
-
-
-def test_the_replayed_example_is_found_beside_its_reference(shell: Shell) -> None:
-    code, out, _ = shell("replay", EXAMPLES / "simulated_scan.csv", "--reference-deg", "-8.25", "--json")
-    result = json.loads(out)
-    assert code == 0
-    assert result["rig"] == "replayed"
-    assert result["elapsed_s"] is None
-    assert result["error_deg"] < 0.5
 
 
 @pytest.fixture(scope="module")
@@ -189,16 +150,9 @@ def test_a_frame_reports_its_source_as_text_and_as_json(shell: Shell, scan_folde
         (("ros2", "sim", "--write-rig", "/none/a.toml"), "/none/a.toml: the rig file cannot be written: No such file"),
         (("search", "--colour", "red"), "no such option: --colour"),
         (("search", "--tolerance-mm", 0), "tolerance is 0.0 mm, it must be a positive number"),
-        (("replay", EXAMPLES / "simulated_scan.csv", "--tolerance-deg", -1), "tolerance is -1.0 deg"),
-        (("search", "--others", 1.5), "others is 1.5, it must be a probability from 0 to below 1"),
         (("search", "--others", 0.1, "--single"), "--others is 0.1, and --single states that it is 0"),
-        (("replay", "nowhere.csv"), "there is no such file"),
-        (("replay", EXAMPLES / "simulated_scan.csv", "--reference-deg", "nan"), "reference_deg is nan"),
         (("search", "--out", "pictures"), "--out pictures: only pictures go there, and none is asked for; add --plot"),
-        (("resume", "run.journal", "--out", "a"), "--out a: only pictures go there"),
         (("replay", EXAMPLES / "simulated_scan.csv", "--probe", "L3-8"), "--probe is L3-8, and"),
-        (("replay", EXAMPLES), "the angle cannot be read from this name"),
-        (("frame", EXAMPLES / "simulated_scan.csv"), "scan.csv"),
         (("frame", "nowhere.npy", "--probe", "L99"), "L99"),
         (("seek",), "no such command 'seek'"),
     ],

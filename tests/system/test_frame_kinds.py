@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek import build, run
-from markerseek.core import BModeFrame, ConfigError, Finished, Found, Measured, RFFrame, SearchPlan
+from markerseek.core import ConfigError, Finished, Found, Measured, RFFrame, SearchPlan
 from markerseek.records.journal import read_journal
 from markerseek.rigs import simulated
 from markerseek.runs import journal_bank
@@ -44,25 +44,6 @@ def test_a_marker_is_found_in_rf_lines_by_spare():
     assert abs(events[-1].estimate.mean_deg - rig.facts.truth_deg) < 0.3
     assert all(isinstance(each.sample.frame, RFFrame) for each in events if isinstance(each, Measured))
     assert "SPARE, from post-beamformed RF, dynamic receive focus" in rig.facts.description
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("method", "limit_deg"), [("posterior", 0.3), ("weighted-average", 0.3), ("ternary", 0.7)])
-def test_the_tip_is_found_by_the_same_methods(method, limit_deg):
-    # There is one tip: no other is looked for.
-    rig, events = finished(TIP, method=method, others=0.0 if method == "posterior" else None)
-    assert isinstance(events[-1].estimate, Found)
-    assert abs(events[-1].estimate.mean_deg - 12.5) < limit_deg
-    assert all(isinstance(each.sample.frame, BModeFrame) for each in events if isinstance(each, Measured))
-    assert "B-mode echo of the tool tip" in rig.facts.description
-    assert rig.dark_frames == 0
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("method", ["posterior", "weighted-average"])
-def test_without_a_tip_none_is_found(method):
-    _, events = finished(replace(TIP, marker=replace(TIP.marker, present=False)), method=method, seed=3)
-    assert not isinstance(events[-1].estimate, Found)
 
 
 @pytest.mark.parametrize("data", ["rf", "b-mode"])

@@ -53,8 +53,14 @@ STARTED = Started(start_deg=0.0, limits=RANGE)
 ASKED = Asked(role="search", index=1, angle_deg=1.0)
 
 
-@pytest.mark.parametrize("words", [("journal", "show"), ("journal", "verify"), ("journal", "replay"), ("resume",)])
-@pytest.mark.parametrize("last", [Interrupted(reason=EVIL), Failed(error=MoveError(EVIL))])
+@pytest.mark.parametrize(
+    ("words", "last"),
+    [
+        (("journal", "show"), Interrupted(reason=EVIL)),
+        (("journal", "replay"), Failed(error=MoveError(EVIL))),
+        (("resume",), Failed(error=MoveError(EVIL))),
+    ],
+)
 def test_no_command_hands_control_characters_of_a_journal_to_the_terminal(
     shell: Shell, tmp_path: Path, words: tuple[str, ...], last: JournalEvent
 ) -> None:
@@ -75,7 +81,7 @@ def sample(angle_deg: float) -> Sample:
     return Sample(angle_deg=angle_deg, reading=Reading(intensity=1.0))
 
 
-@pytest.mark.parametrize("angle_deg", [1e300, -1e300, 37.2, -170.0])
+@pytest.mark.parametrize("angle_deg", [1e300, -37.2])
 def test_an_angle_outside_the_limits_of_the_run_is_not_gone_to(shell: Shell, tmp_path: Path, angle_deg: float) -> None:
     taken = Measured(role="search", index=1, sample=sample(angle_deg))
     path = journal(tmp_path / "run.journal", STARTED, ASKED, taken)

@@ -79,7 +79,7 @@ def test_installed_drivers_are_found_by_their_names_and_a_receiver_finds_the_mar
         assert ours != text
         rig.write_text(ours, encoding="utf-8")
         told = subprocess.run(
-            markerseek("search", "--rig", rig, "--arm", "--json", "--journal", journal),
+            markerseek("search", "--rig", rig, "--arm", "--single", "--json", "--journal", journal),
             env=installed,
             capture_output=True,
             text=True,

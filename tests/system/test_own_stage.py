@@ -87,7 +87,7 @@ def test_the_stage_of_the_page_passes_doctor_and_finds_the_marker(lab: Path) -> 
         assert "Its readback at rest is a finite number of degrees inside its limits" in rules["detail"]
         journal = lab / "run.journal"
         searched = subprocess.run(
-            markerseek("search", "--rig", "rig.toml", "--arm", "--json", "--journal", journal),
+            markerseek("search", "--rig", "rig.toml", "--arm", "--single", "--json", "--journal", journal),
             cwd=lab,
             capture_output=True,
             text=True,

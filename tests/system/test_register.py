@@ -46,14 +46,11 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_registration_is_written_into_a_file_and_a_simulated_one_is_not(shell: Shell, tmp_path: Path) -> None:
+def test_a_registration_is_written_into_a_file(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("register", EXAMPLE, "--json")
     assert code == 0
     assert json.loads((tmp_path / "registration.json").read_text()) == json.loads(out)
     assert read_registration(Path("registration.json")).simulated is False
-    (tmp_path / "registration.json").unlink()
-    assert shell("register", "--simulate", "--markers", 3)[0] in (0, 3)
-    assert not (tmp_path / "registration.json").exists()
 
 
 def test_another_registration_is_replaced_by_force_only(shell: Shell, tmp_path: Path) -> None:
@@ -143,14 +140,12 @@ def test_points_that_cannot_be_used_are_refused(
         (f"{CAMERA}\n0,0,0\n", "the columns trus_x_m, trus_y_m, trus_z_m are missing; add them, or name the searches"),
         (f"{TRUS},camera_x_m\n0,0,0,0\n", "the columns camera_y_m and camera_z_m are missing beside"),
         (f"{TRUS},{CAMERA}\n0,0,0,0,0,a\n", "line 2: camera_z_m is 'a', it must be a number"),
-        (f"{TRUS},{CAMERA},{CAMERA}\n", "appears more than once"),
         (f"{TRUS},{CAMERA}\n", "0 points in DaVinci"),
         (f"{TRUS},{CAMERA}\n0,0,0,0,0,1e300\n", "line 2: camera_z_m is 1e+300, it must lie within ± 1e+06"),
         (
             f"{TRUS},{CAMERA},trus_sigma_m\n0,0,0,0,0,0,1e-4\n",
             "line 1: the column trus_sigma_m is unknown; name a standard deviation trus_sigma_x_m, trus_sigma_y_m, ",
         ),
-        ("", "this is empty, and a CSV of points is expected; its first line names the columns"),
         (f"name,{TRUS},{CAMERA}\na,0,0,0,0,0,1\na,0,0,0,0,0,1\n", "line 3: there are two points named a"),
         (
             f"{TRUS},{CAMERA},camera_sigma_x_m,camera_sigma_y_m,camera_sigma_z_m\n0,0,0,0,0,0,1e-4,0,1e-4\n",
@@ -318,13 +313,11 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
     assert by_images["points"] == json.loads(out)["points"]
     for point, true_m in zip(by_images["points"], camera_m, strict=True):
         assert np.linalg.norm(np.array(point["camera_m"]) - true_m) < 1e-3
-    _, out, _ = shell("register", "--frames", left, right, *words, "--plot", "--out", tmp_path / "drawn")
-    assert json.loads(out)["target_covariance_m2"] == by_images["target_covariance_m2"]
+    _, _, said = shell("register", "--frames", left, right, *words[:-1], "--plot", "--out", tmp_path / "drawn")
     # The three points were not moved with the searches: they do not fit, and no place of the target is known.
     assert not (tmp_path / "drawn" / "target.png").exists()
-    _, _, said = shell("register", "--frames", left, right, *words[:-1], "--plot", "--out", tmp_path / "drawn")
     assert "no target.png: the points do not fit" in " ".join(said.split())
-    (left / "b" / "0.png").write_bytes(b"no image")
+    (left / "a" / "0.png").write_bytes(b"no image")
     for change, said in (
         (["--frames", left, right, *words], "cannot be read as an image"),
         (["--frames", left, tmp_path / "none", *words], "is no folder"),
@@ -335,9 +328,9 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
     ):
         code, out, _ = shell("register", *change)
         assert (code, said in json.loads(out)["error"]) == (2, True)
-    for number in range(1, 5):
-        (left / "b" / f"{number}.png").unlink()
-    (left / "b" / "0.png").write_bytes((left / "a" / "0.png").read_bytes())
+    for path in (left / "a").iterdir():
+        if path.stem in "012":
+            path.unlink()
     code, out, _ = shell("register", "--frames", left, right, *words)
     assert (code, "save at least 3" in json.loads(out)["error"]) == (2, True)
 
@@ -359,6 +352,7 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     assert simulation["target_error_m"] < 2 * report["tre95_m"] < 10e-3
     assert 10 < report["rig_s"] < 90
     assert read_registration(Path("first") / "registration.json").simulated
+    assert not Path("registration.json").exists()
     assert simulation["by_hand_s"] == [120, 420]
 
 
@@ -372,9 +366,7 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
         ),
         (["register", EXAMPLE, "--simulate"], "a session makes its own points; leave the CSV"),
         (["register", "--simulate", "--images", "a b"], "the simulated rig has a simulated endoscope"),
-        (["register", "--simulate", "--tre-mm", "nan"], "the goal is nan mm, it must lie between 0.01 and 20 mm"),
         (["register", "--simulate", "--markers", 2], "markers is 2, it must lie between 3 and 12"),
-        (["register", EXAMPLE, "--markers", 3], "--markers is for a session"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
     ],
 )

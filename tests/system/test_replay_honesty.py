@@ -14,8 +14,10 @@ from markerseek.search import method_named
 SCANS = 25
 
 
-@pytest.mark.parametrize("method", ["weighted-average", "exhaustive", "golden-section", "ternary"])
-@pytest.mark.parametrize(("step_deg", "fwhm_deg"), [(5.0, 4.0), (1.0, 8.0)])
+@pytest.mark.parametrize(
+    ("method", "step_deg", "fwhm_deg"),
+    [("weighted-average", 5.0, 4.0), ("exhaustive", 5.0, 4.0), ("golden-section", 1.0, 8.0), ("ternary", 1.0, 8.0)],
+)
 def test_the_interval_holds_the_marker_of_a_coarse_scan(
     tmp_path: Path, method: str, step_deg: float, fwhm_deg: float
 ) -> None:

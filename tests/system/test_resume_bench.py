@@ -13,7 +13,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace as changed_keys
 
-from markerseek.core import ConfigError, Interval, RigFacts, SearchPlan
+from markerseek.core import ConfigError, Interval
 from markerseek.drivers import BenchSettings, Kdc101Settings, LaserBoxSettings, SonixDaqSettings
 from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal, RecordedRun
@@ -21,6 +21,7 @@ from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
 from markerseek.runs import rebuild_rig, require_same_measurement
 from markerseek.sim import SimulatedSettings
 from tests.unit.records.changed_configuration import changed
+from tests.unit.records.journal.synthetic_journals import configuration
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -33,21 +34,6 @@ port = "{0}/laser"
 [receiver]
 folder = "{0}"
 """
-
-
-def configuration(**changes: object) -> Configuration:
-    plain = Configuration(
-        plan=SearchPlan(method="golden-section", acquisitions=10, start_deg=0.0, dark_frames=3),
-        facts=RigFacts(
-            kind="simulated",
-            description="a test's rig",
-            fingerprint="0" * 32,
-            search=Interval(low_deg=-35.0, high_deg=35.0),
-            face_radius_m=0.01,
-        ),
-        recipe=msgspec.Raw(b"null"),
-    )
-    return changed(plain, **changes)
 
 
 def settings_of(folder: Path) -> BenchSettings:
@@ -127,10 +113,6 @@ def test_ports_limits_budgets_and_programs_are_those_of_the_rig_file_and_shown(s
     [
         (lambda s: replace(s, stage=changed_keys(s.stage, zero_deg=1.0)), "stage.zero_deg is 0.0, was 1.0"),
         (lambda s: replace(s, laser=changed_keys(s.laser, pulses=8)), "laser.pulses is 16, was 8"),
-        (
-            lambda s: replace(s, probe=replace(s.probe, trigger_offset_s=1e-6)),
-            "probe.trigger_offset_s is 0.0, was 1e-06",
-        ),
         (
             lambda s: replace(s, limits=Limits(search=Interval(low_deg=-20.0, high_deg=35.0))),
             "limits.search.low_deg is -35.0, was -20.0",

@@ -16,31 +16,27 @@ Shell = Callable[..., tuple[int, str, str]]
 SEARCH = ("search", "--seed", "1", "--method", "weighted-average", "--acquisitions", "4", "--as-published")
 
 
-def ended(tmp_path: Path, redirected: str, *words: str) -> subprocess.CompletedProcess[str]:
+def ended(tmp_path: Path, redirected: str) -> subprocess.CompletedProcess[str]:
     """A search whose standard streams a shell has changed."""
-    command = markerseek(*SEARCH, "--journal", tmp_path / "run.journal", *words)
+    command = markerseek(*SEARCH, "--journal", tmp_path / "run.journal")
     shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", *command]
     return subprocess.run(shell, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("words", [(), ("--json",)], ids=["text", "json"])
-def test_a_good_search_with_its_output_closed_ends_well(words: tuple[str, ...], tmp_path: Path, shell: Shell) -> None:
-    done = ended(tmp_path, ">&-", *words)
-    said = "" if words else f"journal: {tmp_path / 'run.journal'}\n"
-    assert (done.returncode, done.stderr) == (0, said)
+def test_a_good_search_with_its_output_closed_ends_well(tmp_path: Path, shell: Shell) -> None:
+    done = ended(tmp_path, ">&-")
+    assert (done.returncode, done.stderr) == (0, f"journal: {tmp_path / 'run.journal'}\n")
     # Nothing was printed into the file that would have got the number of standard output.
     code, out, _ = shell("journal", "verify", tmp_path / "run.journal")
     assert (code, "faults" not in out) == (0, True)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("words", [(), ("--json",)], ids=["text", "json"])
-def test_a_good_search_whose_output_is_full_says_so_in_one_sentence(words: tuple[str, ...], tmp_path: Path) -> None:
-    done = ended(tmp_path, ">/dev/full", *words)
+def test_a_good_search_whose_output_is_full_says_so_in_one_sentence(tmp_path: Path) -> None:
+    done = ended(tmp_path, ">/dev/full")
     assert done.returncode == 74
-    said = "" if words else f"journal: {tmp_path / 'run.journal'}\n"
     assert done.stderr == (
-        f"{said}error: the output cannot be written: No space left on device; "
+        f"journal: {tmp_path / 'run.journal'}\nerror: the output cannot be written: No space left on device; "
         "a journal, if one is kept, holds the answer\n"
     )
     assert (tmp_path / "run.journal").exists()

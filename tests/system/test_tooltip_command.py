@@ -166,11 +166,3 @@ def test_two_sizes_of_pixels_are_no_scan(shell, tmp_path, images):
         dicom(tmp_path / "scan" / f"{name}.dcm", images[0][None], PixelSpacing=[size, size])
     code, _, err = shell("tooltip", tmp_path / "scan")
     assert (code, "a pixel of a.dcm is 0.1 × 0.1 mm" in err) == (2, True), err
-
-
-def test_the_current_folder_is_named(shell, tmp_path, images, monkeypatch):
-    for number, image in enumerate(images[6:]):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), image)
-    monkeypatch.chdir(tmp_path)
-    _, out, _ = shell("tooltip", ".")
-    assert out.startswith(f"tip found in {tmp_path.name}:")

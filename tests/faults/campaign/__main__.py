@@ -1,64 +1,21 @@
-"""Fault campaign: ``python -m tests.faults.campaign --runs 100000 --out docs/data/fault-tables.md``.
-
-Counts are kept beside the output (``--state``) after each chunk, so that a campaign that was killed continues where it
-was; they hold for one commit and one seed.
-"""
+"""Fault campaign: ``python -m tests.faults.campaign --runs 100000 --out docs/data/fault-tables.md``."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-import msgspec
-from rich.progress import Progress
+from rich.progress import track
 
 from .chunks import CHUNK, readings
 from .commit import commit_made_from
-from .points import enumerate_points
 from .report import faults, in_words, observable_keys, promises
 from .tally import Broken, Tally
-from .vocabulary import fingerprint
-
-
-class _Kept(msgspec.Struct, kw_only=True):
-    """What is kept between two calls: the chunks that are done, by what they were made of."""
-
-    commit: str
-    seed: int
-    vocabulary: str = ""
-    chunks: dict[str, Tally] = {}
-
-
-def chunked(*, runs: int, kept: _Kept, save: Callable[[], None], workers: int) -> Tally:
-    """Counts of all chunks, those that are done already taken from what is kept."""
-    parts = {f"{first} {min(CHUNK, runs - first)}": first for first in range(0, runs, CHUNK)}
-    todo = {name: first for name, first in parts.items() if name not in kept.chunks}
-    with Progress(disable=not sys.stderr.isatty()) as progress:
-        bar = progress.add_task("searches", total=runs, completed=runs - CHUNK * len(todo))
-        for name, tally in _each(kept.seed, todo, workers):
-            kept.chunks[name] = tally
-            progress.advance(bar, tally.runs)
-            save()
-    whole = Tally()
-    for name in parts:
-        whole.add(kept.chunks[name])
-    return whole
-
-
-def _each(seed: int, todo: dict[str, int], workers: int) -> Iterator[tuple[str, Tally]]:
-    sizes = {name: int(name.rsplit(" ", 1)[1]) for name in todo}
-    if workers == 1:
-        for name, first in todo.items():
-            yield name, readings(seed, first, sizes[name])
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        names = list(todo)
-        yield from zip(names, pool.map(partial(readings, seed), todo.values(), sizes.values()), strict=True)
 
 
 def main() -> int:
@@ -67,44 +24,28 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=2000, help="how many searches")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--state", type=Path, help="where counts are kept between two calls")
     parser.add_argument("--out", type=Path, help="where the tables go")
     words = parser.parse_args()
-    kept = _kept(words.state, seed=words.seed)
-
-    def save() -> None:
-        if words.state is not None:
-            draft = words.state.with_suffix(".part")
-            draft.write_bytes(msgspec.json.encode(kept))
-            draft.replace(words.state)
-
-    whole = chunked(runs=words.runs, kept=kept, save=save, workers=words.workers)
-    points = enumerate_points()
-    page = _page(kept, whole, points)
+    commit, whole, firsts = commit_made_from(), Tally(), range(0, words.runs, CHUNK)
+    with ProcessPoolExecutor(words.workers, mp_context=get_context("spawn")) as pool:
+        counted = pool.map(partial(readings, words.seed), firsts, (min(CHUNK, words.runs - each) for each in firsts))
+        for part in track(counted, total=len(firsts), disable=not sys.stderr.isatty()):
+            whole.add(part)
+    page = _page(whole, seed=words.seed, commit=commit)
     if words.out is not None:
         words.out.write_text(page)
     sys.stdout.write(page)
-    broken = [each for each in whole.broken if each.promise != "P10"]
-    return 1 if broken or any(points.values()) else 0
+    return int(any(each.promise != "P10" for each in whole.broken))
 
 
-def _kept(path: Path | None, *, seed: int) -> _Kept:
-    commit = commit_made_from()
-    if path is not None and path.is_file():
-        kept = msgspec.json.decode(path.read_bytes(), type=_Kept)
-        if (kept.commit, kept.seed, kept.vocabulary) == (commit, seed, fingerprint()):
-            return kept
-    return _Kept(commit=commit, seed=seed, vocabulary=fingerprint())
-
-
-def _page(kept: _Kept, whole: Tally, points: dict[str, list[str]]) -> str:
+def _page(whole: Tally, *, seed: int, commit: str) -> str:
     lines = [
         "# Faults: the tables",
         "",
         (
             "What the campaign counted; how it was done and what it means is on [the page on faults](faults.md). "
-            f"Written by `python -m tests.faults.campaign --runs {whole.runs} --seed {kept.seed}` at "
-            f"commit {kept.commit}."
+            f"Written by `python -m tests.faults.campaign --runs {whole.runs} --seed {seed}` at "
+            f"commit {commit}."
         ),
         "",
         "## Promises",
@@ -121,9 +62,6 @@ def _page(kept: _Kept, whole: Tally, points: dict[str, list[str]]) -> str:
         *faults(whole, seen=observable_keys(), words=in_words()),
         "",
         *_broken_section(whole.broken, set(observable_keys())),
-        "## Fault points: the n-th call of each verb fails, for all n",
-        "",
-        *(f"- {verb}: {'always a clean stop' if not broken else '; '.join(broken)}" for verb, broken in points.items()),
     ]
     return "\n".join(lines) + "\n"
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from markerseek.core import Frame, FrameHeader
@@ -11,13 +10,12 @@ from markerseek.sim import CurveWorld, Flash, VirtualClock
 
 @dataclass(frozen=True, kw_only=True)
 class Light:
-    """Light that really fell: when, how many pulses, where the probe was, and whether a move or a sweep turned it."""
+    """Light that really fell: when, how many pulses, where the probe was, and whether a move turned it."""
 
     at_s: float
     pulses: int
     angle_deg: float
     moving: bool
-    sweeping: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +31,7 @@ class Received:
 class WatchedWorld:
     """A world whose truth is written down; the shaft between stage and probe may slip, or scale.
 
-    ``angle_deg`` is what the stage turns, ``true_deg`` where the probe points, ``shaft_at`` where the stage was at a
-    time of its sweep.
+    ``angle_deg`` is what the stage turns, ``true_deg`` where the probe points.
     """
 
     def __init__(self, inner: CurveWorld, clock: VirtualClock) -> None:
@@ -45,7 +42,6 @@ class WatchedWorld:
         self.scale = 1.0
         self.energy = 1.0
         self.moving = False
-        self.shaft_at: Callable[[float], float] = lambda _at_s: self._shaft_deg
         self.lights: list[Light] = []
         self.received: list[Received] = []
         self.lowest_deg = self.highest_deg = inner.angle_deg
@@ -62,14 +58,7 @@ class WatchedWorld:
 
     @property
     def true_deg(self) -> float:
-        return self._true_deg(self._shaft_deg)
-
-    def _true_deg(self, shaft_deg: float) -> float:
-        return shaft_deg * self.scale + self.slip_deg
-
-    def true_at(self, at_s: float) -> float:
-        """Where the probe points at a time of a sweep."""
-        return self._true_deg(self.shaft_at(at_s))
+        return self._shaft_deg * self.scale + self.slip_deg
 
     def settle(self) -> None:
         """Write down where the probe is now."""
@@ -77,16 +66,7 @@ class WatchedWorld:
         self.highest_deg = max(self.highest_deg, self.true_deg)
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        shaft_deg = self.shaft_at(at_s)
-        self.lights.append(
-            Light(
-                at_s=at_s,
-                pulses=pulses,
-                angle_deg=self._true_deg(shaft_deg),
-                moving=self.moving,
-                sweeping=shaft_deg != self.shaft_at(at_s - 1e-3),
-            )
-        )
+        self.lights.append(Light(at_s=at_s, pulses=pulses, angle_deg=self.true_deg, moving=self.moving))
         self._inner.flash(pulses=pulses, at_s=at_s)
         if self.energy != 1.0:
             last = self.flashes[-1]

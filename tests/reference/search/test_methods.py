@@ -35,20 +35,6 @@ def replay(intensity, *, ratio, acquisitions, markers):
     return np.array(asked), (low + high) / 2
 
 
-def replay_reuse(markers, *, acquisitions):
-    """Answers of the textbook's golden section."""
-    low, high = np.full(markers.shape, -35.0), np.full(markers.shape, 35.0)
-    left, right = GOLDEN * low + (1 - GOLDEN) * high, (1 - GOLDEN) * low + GOLDEN * high
-    at_left, at_right = curve(left - markers), curve(right - markers)
-    for _ in range(acquisitions - 1):
-        goes_left = at_left >= at_right
-        low, high = np.where(goes_left, low, left), np.where(goes_left, right, high)
-        fresh = np.where(goes_left, GOLDEN * low + (1 - GOLDEN) * high, (1 - GOLDEN) * low + GOLDEN * high)
-        left, right = np.where(goes_left, fresh, right), np.where(goes_left, left, fresh)
-        at_left, at_right = curve(left - markers), curve(right - markers)
-    return (low + high) / 2
-
-
 def run(policy, intensity):
     asked = []
     while (angle_deg := policy.ask()) is not None:
@@ -87,16 +73,6 @@ def test_mean_error_without_noise(ratio, acquisitions, mean_error_deg, tolerance
         lambda angle, marker: curve(angle - marker), ratio=ratio, acquisitions=acquisitions, markers=markers
     )
     assert np.abs(answers - markers).mean() == pytest.approx(mean_error_deg, abs=tolerance_deg)
-
-
-def test_golden_section_with_reuse(markers):
-    answers = replay_reuse(markers, acquisitions=28)
-    assert np.abs(answers - markers).mean() < 0.001
-    for marker, answer in zip(markers[:100], answers[:100], strict=True):
-        _, estimate = run(
-            BracketSearch(ratio=GOLDEN, acquisitions=28, reuse=True), lambda angle, at=marker: curve(angle - at)
-        )
-        assert estimate.mean_deg == pytest.approx(answer, abs=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [GOLDEN, TERNARY])

@@ -58,19 +58,6 @@ def test_any_error_is_one_sentence_and_one_object(
     assert answer["kind"] in (type(error).__name__, "OSError")
 
 
-@pytest.mark.parametrize("words", [(), ("--json",)])
-def test_output_that_cannot_be_written_has_an_exit_code_of_its_own(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
-) -> None:
-    assert ended(monkeypatch, raising(OSError(28, "No space left on device")), "search", *words) == 74
-    output = capsys.readouterr()
-    assert (output.out, output.err.count("\n")) == ("", 1)
-    assert output.err.startswith("error: the output cannot be written: No space left on device; a journal")
-    # A reader that has read enough, as head has, needs no sentence.
-    assert ended(monkeypatch, raising(BrokenPipeError(32, "Broken pipe")), "search", *words) == 74
-    assert capsys.readouterr() == ("", "")
-
-
 def test_the_traceback_is_shown_where_it_is_asked_for(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,10 +13,7 @@ from markerseek.core import ConfigError, Reading, Sample, SearchPlan, Sweep, Swe
     "wrong",
     [
         {"to_deg": math.nan},
-        {"from_deg": math.inf},
-        {"wait_deg": math.nan},
         {"speed_deg_s": 0.0},
-        {"speed_deg_s": -5.0},
         {"speed_deg_s": math.nan},
         {"back_deg": math.inf},
     ],

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.registration.forged_markers import ForgedScene
 from markerseek.core import MarkerPosition
 from markerseek.registration import SeenMarker, choose
+from tests.sizes import examples
 
 
 def with_others(scene: ForgedScene, count: int, candidates: int) -> tuple[list[SeenMarker], dict[str, int]]:
@@ -28,13 +29,14 @@ def with_others(scene: ForgedScene, count: int, candidates: int) -> tuple[list[S
 
 def test_the_camera_chooses_the_markers_among_other_sources() -> None:
     right, chosen_wrong = 0, 0
-    for seed in range(60):
+    scenes = examples(60)
+    for seed in range(scenes):
         scene = ForgedScene(seed)
         markers, own = with_others(scene, 4 + seed % 3, 2 + seed % 2)
         choice = choose(markers)
         right += choice.decided and choice.chosen == own
         chosen_wrong += choice.decided and any(own[name] != number for name, number in choice.chosen.items())
-    assert right >= 0.95 * 60
+    assert right >= 0.95 * scenes
     assert chosen_wrong == 0
 
 

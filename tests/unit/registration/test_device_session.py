@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from markerseek import rigs
 from markerseek.core import StereoPair
@@ -64,7 +63,7 @@ class Person(DeviceRoom):
         return super().ask(waiting)
 
 
-def room(folder: Path) -> tuple[DeviceRoom, EmulatedBench, EmulatedEndoscope]:
+def room(folder: Path, *, wait_s: float = 6.0) -> tuple[DeviceRoom, EmulatedBench, EmulatedEndoscope]:
     """The room, and what is emulated in it."""
     emulated = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=folder / "daq")
     clock = BenchClock()
@@ -97,7 +96,7 @@ def room(folder: Path) -> tuple[DeviceRoom, EmulatedBench, EmulatedEndoscope]:
         translation_m=(-5e-3, 0.0, 0.0),
         calibration_sigma_px=CALIBRATION_PX,
     )
-    person = Person(rig=rig, images=Endoscope(endoscope), stereo=stereo, by="test", wait_s=6.0)
+    person = Person(rig=rig, images=Endoscope(endoscope), stereo=stereo, by="test", wait_s=wait_s)
     return person, emulated, endoscope
 
 
@@ -133,7 +132,7 @@ def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_
 
 
 def test_a_room_that_nobody_lights_ends_after_its_wait_and_fires_no_more(tmp_path: Path) -> None:
-    person, emulated, endoscope = room(tmp_path)
+    person, emulated, endoscope = room(tmp_path, wait_s=2.0)
     endoscope.images.show(None)
     steps = list(RegistrationSession(person).steps())
     refused = [step for step in steps if isinstance(step, SpotRefused)]
@@ -142,5 +141,5 @@ def test_a_room_that_nobody_lights_ends_after_its_wait_and_fires_no_more(tmp_pat
     assert isinstance(steps[-1], Ended)
     assert not steps[-1].registered
     assert steps[-1].said.startswith("no new spot was accepted in the time allowed; ")
-    assert person.rig.scanner.clock.now_s() == pytest.approx(6.0, abs=4.0)
+    assert 2.0 <= person.rig.scanner.clock.now_s() <= 6.0
     assert not emulated.laser_box.permitted

@@ -9,19 +9,8 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.registration import Begun, Ended, SessionRecord, SpotRefused, follow_session, read_session
-
-BEGUN = Begun(
-    rig="r",
-    description="a rig",
-    simulated=True,
-    images="images",
-    cameras="{}",
-    size_px=(64, 48),
-    goal_m=5e-4,
-    target_trus_m=None,
-    begun="2026-01-01T00:00:00+00:00",
-)
+from markerseek.registration import Ended, SessionRecord, SpotRefused, follow_session, read_session
+from tests.registration_sessions import BEGUN
 
 
 def refused(name: str) -> SpotRefused:
@@ -76,21 +65,6 @@ def test_without_an_end_it_ends_once_nobody_writes_and_a_changed_line_is_named(t
     path.write_bytes(b'00000000 {"type":"waiting"}\n')
     with pytest.raises(RecordError, match="line 1: it does not agree with its check sum"):
         list(follow_session(tmp_path / "session", wait=wait))
-
-
-def test_a_tail_that_is_cut_off_while_steps_are_taken_is_read_anew(tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    record = SessionRecord.create(folder, BEGUN)
-    record.close()
-    with (folder / "session.jsonl").open("ab") as file:
-        file.write(b"0000")
-    steps = follow_session(folder, is_over=lambda: True, wait=lambda: None)
-    assert next(steps) == BEGUN
-    record = SessionRecord.reopen(folder)
-    record.add(refused("1"))
-    record.close()
-    again = follow_session(folder, is_over=lambda: True, wait=lambda: None)
-    assert [*steps, *again][-2:] == [BEGUN, refused("1")]
 
 
 @pytest.mark.parametrize("how", ["deleted", "cut"])

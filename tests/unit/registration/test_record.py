@@ -149,13 +149,6 @@ def test_a_full_disk_leaves_no_part_of_a_step_and_room_lets_it_go_on(
     SessionRecord.create(tmp_path / "new", BEGUN).close()
 
 
-def test_a_line_that_the_system_takes_in_parts_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write = os.write
-    monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, bytes(data[:7])))
-    written(tmp_path / "s")
-    assert read_session(tmp_path / "s")[0] == [BEGUN, *STEPS]
-
-
 def marker(name: str, *, again: str | None = None) -> TakenMarker:
     return TakenMarker(
         name=name,
@@ -218,16 +211,3 @@ def test_a_session_that_is_killed_in_a_search_looks_for_the_same_marker_again(tm
     require_whole(folder, run(folder))
     assert (folder / "2.journal").read_bytes() == former
     assert {path.name for path in folder.glob("*.journal")} == {"1.journal", "2.journal", "2-2.journal", "3.journal"}
-
-
-@pytest.mark.long
-def test_a_session_that_is_killed_after_each_step_loses_no_marker(tmp_path: Path) -> None:
-    folder = tmp_path / "s"
-    for name in ("1", "2", "3"):
-        for step in ("Waiting", "SpotSeen", "search", "TakenMarker", "Registered"):
-            killed = run(folder, step, name)
-            assert killed.returncode == -signal.SIGKILL, (step, name, killed.stderr)
-            steps, _ = read_session(folder)
-            taken = [each.name for each in steps if isinstance(each, TakenMarker)]
-            assert taken == ["1", "2", "3"][: int(name) - (step not in ("TakenMarker", "Registered"))]
-    require_whole(folder, run(folder))

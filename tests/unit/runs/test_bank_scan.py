@@ -95,11 +95,6 @@ def test_the_record_of_a_scan_that_never_began_is_to_be_deleted(tmp_path: Path, 
         next(iter(scan_bank(rigs.simulated(seed=3), path, goes_on=goes_on)))
 
 
-def test_without_a_record_there_is_nothing_to_go_on_with(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="there is no scan to go on with; leave --continue out"):
-        list(scan_bank(rigs.simulated(seed=3), tmp_path / "a.hdf5", goes_on=True, by="a person"))
-
-
 def test_a_bank_that_cannot_be_written_does_not_hide_the_fault_that_ended_the_scan(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,16 +180,6 @@ def test_a_scan_that_died_while_its_bank_was_made_needs_no_more_angles(
     assert list(scan_bank(rig, path, step_deg=10.0, goes_on=True, by="a person")) == []
     assert len(read_bank(path).angles_deg) == 8
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_scan_goes_on_with_a_rig_that_a_person_has_armed(tmp_path: Path) -> None:
-    path = tmp_path / "a.hdf5"
-    scanned(path, stop_after=4)
-    rig = rigs.simulated(seed=3, resumed_after=9)
-    rig.arm(by="a person")
-    events = list(scan_bank(rig, path, step_deg=10.0, goes_on=True, by="a person"))
-    assert sum(isinstance(event, Measured) for event in events) == 7
-    assert len(read_bank(path).angles_deg) == 8
 
 
 def test_a_scan_that_ended_with_a_fault_does_not_go_on_by_itself(tmp_path: Path) -> None:

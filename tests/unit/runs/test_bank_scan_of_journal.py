@@ -12,13 +12,11 @@ import pytest
 
 from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured, RecordError, Sample, SearchPlan
-from markerseek.records.banks import IntensityBank
 from markerseek.records.journal import Journal, RecordedRun, read_journal
 from markerseek.runs import configuration_of, journal_bank
 from markerseek.runs.bank_scan import JournalBank
 from markerseek.runs.journalled import journalled
 from markerseek.search import build
-from tests.unit.runs.journalled_runs import begin
 
 
 def measured(held: RecordedRun) -> Iterator[Sample]:
@@ -68,15 +66,3 @@ def test_frames_of_a_run_come_back_with_their_angles_and_headers(tmp_path: Path)
     assert abs((began - datetime.fromisoformat(first.written)).total_seconds()) < 1e-3
     assert facts.description.startswith("journal of ternary on a simulated rig")
     assert facts.description.endswith(", without 1 at repeated angles")
-
-
-def test_a_run_on_intensities_becomes_a_bank_of_intensities(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    policy, rig, kept = begin()
-    with Journal.create(path, kept) as journal, closing(journalled(policy, rig, journal)) as events:
-        for _ in events:
-            pass
-    bank = journal_bank(path)
-    assert isinstance(bank, IntensityBank)
-    by_angle = {each.angle_deg: each.reading.intensity for each in measured(read_journal(path)) if not each.dark}
-    assert dict(zip(bank.angles_deg, bank.intensities, strict=True)) == by_angle

@@ -85,6 +85,7 @@ def test_the_prior_of_the_width_is_that_of_the_former_marker() -> None:
     assert share[~near].min() > 0
 
 
+@pytest.mark.long
 def test_a_second_marker_takes_fewer_acquisitions() -> None:
     counts = {}
     for prior in (None, MarkerCurve(fwhm_deg=5.0, peak=100.0)):

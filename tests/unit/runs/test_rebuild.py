@@ -10,22 +10,11 @@ from markerseek import rigs
 from markerseek.core import RecordError
 from markerseek.records.journal import Configuration, RecordedRun
 from markerseek.runs import rebuild_rig
-from markerseek.sim import SimulatedSettings
 from tests.unit.runs.journalled_runs import configured
 
 
 def recorded(configuration: Configuration) -> RecordedRun:
     return RecordedRun(path=Path("run.journal"), configuration=configuration, entries=())
-
-
-def test_a_rig_is_put_together_again_from_its_settings() -> None:
-    settings = SimulatedSettings(tissue="liver", start_deg=3.0)
-    rig = rigs.simulated(seed=9, settings=settings)
-    again = rebuild_rig(recorded(configured(rig)))
-    assert again.facts == rig.facts
-    assert again.stage.angle_deg == rig.stage.angle_deg
-    with pytest.raises(RecordError, match="from Python, with the rig"):
-        rebuild_rig(recorded(configured(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0))))
 
 
 def test_a_replay_is_made_again_and_not_resumed(tmp_path: Path) -> None:

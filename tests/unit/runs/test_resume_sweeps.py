@@ -10,7 +10,6 @@ import pytest
 
 from markerseek import rigs
 from markerseek.core import (
-    AcquisitionError,
     AnyPolicy,
     Asked,
     Event,
@@ -29,7 +28,7 @@ from markerseek.drivers import BenchSettings, Kdc101Settings, LaserBoxSettings, 
 from markerseek.guard import FiringLimits
 from markerseek.records.journal import Configuration, Entry, read_journal, salvage
 from markerseek.rigs import Rig
-from markerseek.runs import RunView, answer_again, configuration_of
+from markerseek.runs import configuration_of
 from markerseek.runs.resume import commanded_deg, pulses_before
 from markerseek.search import build_sweeping
 from markerseek.sim import GaussianCurve, SimulatedSettings
@@ -63,29 +62,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_journal_holds_each_pulse_and_the_end_of_each_sweep(whole: Path) -> None:
-    held = read_journal(whole)
-    events = [entry.event for entry in held.entries]
-    swept = [event for event in events if isinstance(event, Swept)]
-    measured = [event for event in events if isinstance(event, Measured) and event.role == "search"]
-    assert sum(event.pulses for event in swept) == len(measured) > 30
-    assert all(event.sample.sweep is not None and event.sample.angle_sigma_deg > 0 for event in measured)
-    finished = events[-1]
-    assert isinstance(finished, Finished)
-    assert isinstance(finished.estimate, Found)
-    assert abs(finished.estimate.mean_deg + 14.0) < 0.5
-    assert salvage(whole)[1] is None
-    assert RunView.of(held).result().answer == "found"
-
-
-def test_the_answer_of_sweeps_is_computed_again(whole: Path) -> None:
-    held = read_journal(whole)
-    over = held.entries[-1].event
-    assert isinstance(over, Finished)
-    assert answer_again(held, read_frames=True) == over.estimate
-
-
-@pytest.mark.parametrize("until", ["2", "3", "25", "in the sweep", "after the sweep"])
+@pytest.mark.parametrize("until", ["2", "in the sweep", "after the sweep"])
 def test_stopped_at_any_moment_it_sweeps_on_to_the_same_marker(whole: Path, tmp_path: Path, until: str) -> None:
     kinds = [type(entry.event) for entry in read_journal(whole).entries]
     number = int(until) if until.isdigit() else kinds.index(Swept) + (until == "after the sweep")
@@ -122,7 +99,7 @@ def test_pulses_of_a_sweep_count_as_fired_and_of_a_broken_one_as_permitted() -> 
     assert charged(entries(asked)) == 600
 
 
-@pytest.mark.parametrize("pulses_per_sweep", [None, 700, 40_000])
+@pytest.mark.parametrize("pulses_per_sweep", [None, 700])
 def test_a_broken_sweep_is_charged_by_the_limit_of_its_rig(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pulses_per_sweep: int | None
 ) -> None:
@@ -153,26 +130,3 @@ def entries(*events: Event) -> tuple[Entry, ...]:
     return tuple(
         Entry(number=number, event=event, clock_s=0.0, written="") for number, event in enumerate(events, start=1)
     )
-
-
-def test_a_search_whose_frames_were_late_by_one_is_searched_anew_when_it_is_resumed(tmp_path: Path) -> None:
-    def disordered() -> tuple[AnyPolicy, Rig, Configuration]:
-        # As if the light came 48 ms after its stamps: a frame of 20 Hz.
-        settings = SimulatedSettings(start_deg=-35.0)
-        late = replace(settings.laser, rate_hz=20.0, stamp_delay_s=0.048)
-        world = replace(settings, laser=late, receiver=replace(settings.receiver, readout_s=0.05))
-        world = replace(world, stage=replace(world.stage, speed_deg_s=25.0, acceleration_deg_s2=25.0))
-        rig = rigs.of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=5.0), marker_deg=-14.0, settings=world)
-        plan = replace(PLAN, sweep_speed_deg_s=25.0)
-        return build_sweeping(plan, limits=rig.limits.search), rig, configuration_of(rig, plan)
-
-    path = tmp_path / "late.journal"
-    with pytest.raises(AcquisitionError, match=r"as if the light came (4\d|5\d) ±"):
-        journalled_runs.live(path, begun=disordered)
-    recorded = read_journal(path)
-    assert not isinstance(answer_again(recorded, read_frames=False), Found)
-    # The cable was mended meanwhile.
-    events = resume_run(path, reset_fault=True)
-    assert isinstance(events[-1], Finished)
-    assert isinstance(events[-1].estimate, Found)
-    assert events[-1].estimate.mean_deg == pytest.approx(-14.0, abs=0.5)

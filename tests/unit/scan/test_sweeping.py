@@ -24,7 +24,6 @@ from markerseek.core import (
     NotConnectedError,
     Refused,
     Sample,
-    SearchError,
     Sweep,
     SweepPermit,
     Swept,
@@ -33,7 +32,7 @@ from markerseek.guard import State
 from markerseek.scan import RunLimits
 from markerseek.scan.scanner import _WatchdogHeld
 from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedStage, StageMotion
-from tests.unit.scan.scan_bench import Bench, drain, scanner
+from tests.unit.scan.scan_bench import drain
 from tests.unit.scan.sweep_bench import (
     TO_END,
     Ahead,
@@ -103,23 +102,15 @@ def test_each_pulse_gives_a_sample_at_the_angle_where_it_was_fired(bench: SweepB
     bench.require_permitted()
 
 
-def test_a_delay_that_nobody_knows_shifts_all_angles_by_the_way_of_the_probe() -> None:
-    bench = SweepBench(delay_s=0.005)
-    samples = samples_of(bench, TO_END)[5:-5]
-    flashes = bench.flashes()[5:-5]
-    off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)]
-    assert sum(off) / len(off) == pytest.approx(-0.005 * TO_END.speed_deg_s, abs=0.015)
-    # The unmeasured 10 ms, and what the age of the stage's answers leaves open.
-    assert samples[0].sweep is not None
-    assert samples[0].sweep.delay_sigma_s == pytest.approx(math.hypot(10e-3, 4e-3 / math.sqrt(12)), rel=1e-3)
-
-
-@pytest.mark.parametrize("delay_s", [-30e-3, 30e-3])
-def test_stamps_far_from_the_light_shift_the_angles_and_lose_no_pulse(delay_s: float) -> None:
+@pytest.mark.parametrize("delay_s", [5e-3, -30e-3, 30e-3])
+def test_a_delay_that_nobody_knows_shifts_all_angles_by_the_way_of_the_probe_and_loses_no_pulse(delay_s: float) -> None:
     bench = SweepBench(delay_s=delay_s)
     samples, flashes = samples_of(bench, TO_END), bench.flashes()
     off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)][9:-9]
-    assert sum(off) / len(off) == pytest.approx(-delay_s * TO_END.speed_deg_s, abs=0.02)
+    assert sum(off) / len(off) == pytest.approx(-delay_s * TO_END.speed_deg_s, abs=0.015)
+    # The unmeasured 10 ms, and what the age of the stage's answers leaves open.
+    assert samples[0].sweep is not None
+    assert samples[0].sweep.delay_sigma_s == pytest.approx(math.hypot(10e-3, 4e-3 / math.sqrt(12)), rel=1e-3)
 
 
 def test_a_stamp_that_lies_further_ahead_than_any_delay_of_the_rig_is_a_fault() -> None:
@@ -204,7 +195,7 @@ def test_a_sweep_turns_back_in_light_and_each_pulse_has_its_angle(start_deg: flo
     bench.require_permitted()
 
 
-@pytest.mark.parametrize("to_deg", np.arange(9.0, 10.0, 0.1).round(3))
+@pytest.mark.parametrize("to_deg", np.arange(9.0, 10.0, 0.25))
 @pytest.mark.parametrize("kind", [SimulatedStage, Short])
 def test_it_turns_back_whenever_the_stage_is_read_and_however_near_it_comes(
     to_deg: float, kind: type[SimulatedStage]
@@ -267,23 +258,11 @@ def test_a_policy_that_knows_enough_ends_a_sweep_and_no_pulse_is_lost(readout_s:
         assert swept.angle_deg == pytest.approx(35.0, abs=0.01)
 
 
-def test_two_sweeps_there_and_back() -> None:
-    bench = SweepBench()
-    policy = Sweeps(TO_END, Sweep(to_deg=-5.0, speed_deg_s=12.5))
-    events = list(bench.run(policy))
-    numbers = [sample.sweep.number for sample in policy.samples if sample.sweep]
-    assert sorted(set(numbers)) == [1, 2]
-    assert numbers == sorted(numbers)
-    plays = {sample.sweep.number: sample.sweep.play_sigma_deg for sample in policy.samples if sample.sweep}
-    assert plays == {1: 0.0, 2: bench.motion.backlash_deg / 2}
-    assert sum(isinstance(event, Swept) for event in events) == 2
-    bench.require_permitted()
-
-
 @pytest.mark.parametrize("sweep_mode", ["free-running", "position-triggered"])
-@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
-@pytest.mark.parametrize("way_deg", [1.6, 3.46, 6.0, 12.0])
-@pytest.mark.parametrize(("speed_deg_s", "acceleration_deg_s2"), [(8.6, 10.0), (12.5, 25.0)])
+@pytest.mark.parametrize(
+    ("way_deg", "rate_hz", "speed_deg_s", "acceleration_deg_s2"),
+    [(1.6, 20.0, 8.6, 10.0), (3.46, 1000.0, 8.6, 10.0), (6.0, 100.0, 12.5, 25.0), (12.0, 20.0, 12.5, 25.0)],
+)
 def test_most_of_a_way_is_lit_on_which_the_probe_does_not_reach_its_speed(
     way_deg: float,
     speed_deg_s: float,
@@ -309,14 +288,6 @@ def test_a_sweep_to_where_the_probe_is_gets_no_permit() -> None:
     sweep = Sweep(to_deg=-35.0, speed_deg_s=10.0)
     with pytest.raises(ConfigError, match="these must be two different angles"):
         SweepBench().scanner.sweeping.permit(sweep, from_deg=-35.0)
-
-
-def test_the_probe_is_moved_to_the_beginning_without_light() -> None:
-    bench = SweepBench(start_deg=10.0)
-    policy = Sweeps(Sweep(to_deg=20.0, speed_deg_s=10.0, from_deg=-20.0))
-    list(bench.run(policy))
-    assert policy.samples[0].angle_deg < -19.5
-    bench.require_permitted()
 
 
 @pytest.mark.parametrize("sweep_mode", ["free-running", "position-triggered"])
@@ -370,11 +341,6 @@ def test_a_sweep_that_cannot_be_made_moves_nothing(sweep: Sweep, error: type[Exc
     assert not bench.flashes()
     assert bench.stage.angle_deg == pytest.approx(-35.0, abs=1e-3)
     assert bench.scanner.guard.state is not State.FAULT
-
-
-def test_a_rig_that_cannot_sweep_says_which_part_of_it_cannot() -> None:
-    with pytest.raises(ConfigError, match=r"its stage \(Bench\) only works with the probe at rest; leave --sweep out"):
-        _ = scanner(Bench()).sweeping
 
 
 @pytest.mark.parametrize("kind", [Slow, Fast, Stalling, Slipping, Running])
@@ -505,31 +471,6 @@ def test_a_supervisor_that_is_gone_in_mid_sweep_is_an_error_once_the_light_has_e
     with pytest.raises(NotConnectedError, match="the supervisor is gone"):
         outcomes.close()
     assert dark == [True]
-
-
-@pytest.mark.parametrize(("dies_at", "rests_deg"), [(30, 35.0), (120, -10.0)])
-def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_at_the_end_of_its_way(dies_at: int, rests_deg: float) -> None:
-    bench = SweepBench(motion=FAST)
-    events = bench.run(Sweeps(Sweep(to_deg=35.0, speed_deg_s=20.0, back_deg=-10.0)))
-    for event in events:
-        if isinstance(event, Measured) and event.index == dies_at:
-            break
-    # Nothing is called any more.
-    bench.scanner.clock.wait(60.0)
-    assert bench.stage.angle_deg == pytest.approx(rests_deg, abs=1e-3)
-    events.close()
-
-
-def test_a_policy_that_never_has_enough_is_ended() -> None:
-    class Endless(Sweeps):
-        def tell(self, sample: Sample) -> None:
-            self.samples.append(sample)
-
-        def ask(self) -> Sweep:
-            return TO_END if not self.samples or self.samples[-1].angle_deg < 0 else replace(TO_END, to_deg=-35.0)
-
-    with pytest.raises(SearchError, match="its search does not end"):
-        list(SweepBench().run(Endless(), limits=RunLimits(acquisitions=3)))
 
 
 def test_a_permit_has_room_for_a_stage_that_is_slower_than_it_says() -> None:

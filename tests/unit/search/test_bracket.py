@@ -31,14 +31,6 @@ def lorentzian(marker_deg):
     return lambda angle_deg: 1 / (1 + ((angle_deg - marker_deg) / 5) ** 2)
 
 
-@pytest.mark.parametrize(("ratio", "left_deg", "right_deg"), [(GOLDEN, -8.2624, 8.2624), (TERNARY, -35 / 3, 35 / 3)])
-def test_first_pair_left_then_right(ratio, left_deg, right_deg):
-    policy = BracketSearch(ratio=ratio, acquisitions=4)
-    assert policy.ask() == pytest.approx(left_deg, abs=1e-4)
-    policy.tell(sample(left_deg, 1.0))
-    assert policy.ask() == pytest.approx(right_deg, abs=1e-4)
-
-
 @RATIOS
 def test_ties_go_left(ratio):
     policy = BracketSearch(ratio=ratio, acquisitions=40)
@@ -51,23 +43,6 @@ def test_ties_go_left(ratio):
 @pytest.mark.parametrize(("allowed", "made"), [(2, 2), (3, 2), (15, 14), (16, 16)])
 def test_the_unpaired_acquisition_is_not_made(ratio, allowed, made):
     assert len(run(BracketSearch(ratio=ratio, acquisitions=allowed), lorentzian(1.0))) == made
-
-
-@RATIOS
-def test_each_pair_keeps_the_ratio(ratio):
-    policy = BracketSearch(ratio=ratio, acquisitions=20)
-    run(policy, lorentzian(4.0))
-    assert policy.bracket.width_deg == pytest.approx(70 * ratio**10)
-    estimate = policy.estimate()
-    assert estimate.interval_kind == "bracket"
-    assert estimate.sigma_deg == pytest.approx(policy.bracket.width_deg / math.sqrt(12))
-    assert estimate.interval95_deg == policy.bracket
-
-
-def test_reuse_makes_one_acquisition_per_iteration():
-    policy = BracketSearch(ratio=GOLDEN, acquisitions=11, reuse=True)
-    assert len(run(policy, lorentzian(4.0))) == 11
-    assert policy.bracket.width_deg == pytest.approx(70 * GOLDEN**10)
 
 
 @pytest.mark.parametrize("reuse", [False, True])

@@ -10,24 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.core import Asked, ChannelFrame, Failed, Measured, MoveError, RecordError, Started
+from markerseek.core import ChannelFrame, Measured, RecordError
 from markerseek.records.journal import (
     Journal,
     JournalEvent,
-    Resuming,
     decode,
     encode,
     read_journal,
-    run_state,
-    salvage,
 )
 from tests.unit.records.journal.synthetic_journals import (
     EVENTS,
     HEADER,
-    RANGE,
     configuration,
     counts,
-    measured,
     whole_run,
 )
 
@@ -61,30 +56,6 @@ def test_samples_lie_in_the_file_as_little_endian_integers_that_any_program_can_
     assert msgspec.json.decode(body)["sample"]["frame"]["samples"] == {"dtype": "<i2", "shape": [3, 5]}
     values = [int.from_bytes(blob[2 * k : 2 * k + 2], "little", signed=True) for k in range(15)]
     assert values == samples.ravel().tolist()
-
-
-def test_the_state_of_a_run(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration()) as journal:
-        journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0)
-        journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=0.0)
-        journal.commit(measured(1), clock_s=1.0)
-        journal.commit(Asked(role="search", index=2, angle_deg=4.5), clock_s=1.0)
-        journal.interrupt("SIGTERM")
-        journal.interrupt("SIGTERM")
-    entries = read_journal(path).entries
-    stands = run_state(entries)
-    assert (stands.state, stands.acquisitions, stands.fault) == ("open", 1, None)
-    assert [type(entry.event).__name__ for entry in entries][-2:] == ["Asked", "Interrupted"]
-    journal, held = Journal.reopen(path)
-    with journal:
-        note = Resuming(by="a person", check_deg=1.1, fault_reset=False, versions={})
-        journal.commit(note, clock_s=2.0)
-        journal.commit(Failed(error=MoveError("stuck")), clock_s=2.0)
-    assert len(held.entries) == 5
-    stands = run_state(read_journal(path).entries)
-    assert (stands.state, stands.fault) == ("fault", "stuck")
-    assert salvage(path)[1] is None
 
 
 @given(st.binary(max_size=400))

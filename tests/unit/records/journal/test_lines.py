@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.records.journal import Entry, Interrupted, Journal, RecordedRun, read_journal, salvage, summary
+from markerseek.records.journal import Entry, Interrupted, Journal, RecordedRun, read_journal, salvage
 from markerseek.records.journal.lines import MAX_LINE_BYTES
+from tests.sizes import LONG
 from tests.unit.records.journal.synthetic_journals import counts, whole_run
 
 ACQUISITIONS = 1
@@ -50,13 +51,13 @@ def test_a_tail_torn_at_every_byte_is_read_and_continued(whole: bytes, ends: lis
     path = tmp_path / "run.journal"
     path.write_bytes(whole)
     wanted = of(read_journal(path))
-    for size in range(ends[0], len(whole) + 1):
+    for size in range(ends[0], len(whole) + 1, 1 if LONG else 7):
         path.write_bytes(whole[:size])
         kept = sum(end <= size for end in ends[1:])
         assert of(read_journal(path)) == wanted[:kept]
         assert path.stat().st_size == size
         # Each commit costs a flush: those near an end, and some between.
-        if size % 97 and min(abs(end - size) for end in ends) > 2:
+        if size % 97 and min(abs(end - size) for end in ends) > 4:
             continue
         journal, held = Journal.reopen(path)
         with journal:
@@ -66,20 +67,11 @@ def test_a_tail_torn_at_every_byte_is_read_and_continued(whole: bytes, ends: lis
         assert len(read_journal(path).entries) == kept + 1
 
 
-def test_a_journal_torn_in_its_first_line_was_never_begun(whole: bytes, ends: list[int], tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    for size in (0, 1, 20, ends[0] - 1):
-        path.write_bytes(whole[:size])
-        for look in (read_journal, Journal.reopen):
-            with pytest.raises(RecordError, match=r"never begun|does not begin as a journal does"):
-                look(path)
-
-
 def test_each_flipped_bit_is_found_and_its_entry_named(whole: bytes, ends: list[int], tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     path.write_bytes(whole)
     wanted = of(read_journal(path))
-    for place in range(len(whole)):
+    for place in range(0, len(whole), 1 if LONG else 11):
         flipped = bytearray(whole)
         flipped[place] ^= 1 << place % 8
         path.write_bytes(flipped)
@@ -91,18 +83,6 @@ def test_each_flipped_bit_is_found_and_its_entry_named(whole: bytes, ends: list[
         held, damage = salvage(path)
         assert of(held) == wanted[: number - 1]
         assert re.search(f"entry {number}(:| )", str(damage)), (place, damage)
-
-
-def test_a_damaged_journal_is_not_continued_and_not_changed(whole: bytes, ends: list[int], tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    flipped = bytearray(whole)
-    flipped[ends[3] - 4] ^= 4
-    path.write_bytes(flipped)
-    with pytest.raises(RecordError, match="entry 3: its frame does not agree with its checksum; it is damaged"):
-        Journal.reopen(path)
-    assert path.read_bytes() == flipped
-    assert summary(path).state == "damaged"
-    assert len(salvage(path)[0].entries) == 2
 
 
 @pytest.mark.parametrize("kept", [0, 5, 20, 40])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import stat
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,14 +16,12 @@ from markerseek.records.journal import (
     Interrupted,
     Journal,
     default_journal,
-    journals_in,
     make_folder,
     read_journal,
     salvage,
-    summary,
     writer,
 )
-from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, died, whole_run, write
+from tests.unit.records.journal.synthetic_journals import RANGE, configuration
 
 
 @contextmanager
@@ -65,18 +63,6 @@ def test_a_signal_at_any_moment_of_a_commit_leaves_a_journal_that_can_be_noted_i
     assert salvage(path)[1] is None
 
 
-def test_what_is_committed_is_in_the_file_and_only_the_file_is_left(tmp_path: Path) -> None:
-    path = tmp_path / "run.journal"
-    with Journal.create(path, configuration()) as journal:
-        write(journal, 5, lambda index: counts(64, 2080, seed=index))
-        assert path.stat().st_size > 5 * 64 * 2080 * 2
-        alone = tmp_path / "alone.journal"
-        alone.write_bytes(path.read_bytes())
-    assert len(read_journal(alone).entries) == 12
-    alone.unlink()
-    assert list(tmp_path.iterdir()) == [path]
-
-
 @pytest.fixture
 def flushed(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """Folders whose names were put on the disk."""
@@ -105,29 +91,3 @@ def test_the_names_of_new_folders_and_of_the_file_are_on_the_disk(
     flushed.clear()
     make_folder(path.parent)
     assert flushed == []
-
-
-def named(folder: Path) -> Path:
-    path = Path(os.fsdecode(os.fsencode(folder) + b"/b\xf6s 100%?#.journal"))
-    try:
-        path.touch()
-        path.unlink()
-    except OSError:
-        pytest.skip("this file system takes no such name")
-    return path
-
-
-@pytest.mark.parametrize("end", [whole_run, lambda path: died(path, lambda journal: write(journal, 3))])
-def test_a_journal_whose_name_is_no_unicode_is_kept_and_listed(end: Callable[[Path], None], tmp_path: Path) -> None:
-    path = named(tmp_path)
-    end(path)
-    assert len(read_journal(path).entries) == 8
-    assert salvage(path)[1] is None
-    assert journals_in(tmp_path) == [path]
-    summarised = summary(path)
-    assert summarised.path == f"{tmp_path}/b\\udcf6s 100%?#.journal"
-    assert summarised.problem is None
-    journal, _ = Journal.reopen(path)
-    journal.close()
-    path.write_bytes(b"")
-    assert summary(path).problem == "it is empty: no journal of a run (or its run was never begun); check the name"

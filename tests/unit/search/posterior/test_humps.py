@@ -117,7 +117,7 @@ def test_in_the_near_field_of_an_element_a_frame_has_one_source_and_intensities_
     assert dip_deg(samples(angles.tolist(), heights), sigma=1.0, level=6.0) == pytest.approx(0.0, abs=1.3)
 
 
-@pytest.mark.parametrize("apart_deg", [6.0, 9.0])
+@pytest.mark.parametrize("apart_deg", [6.0, pytest.param(9.0, marks=pytest.mark.long)])
 def test_two_humps_in_a_file_of_intensities_are_ambiguous(apart_deg):
     """Before, every second of these was Found between the two."""
     answers = []

@@ -109,8 +109,7 @@ def test_it_begins_in_the_window() -> None:
     assert all(each in window for each in search(policy, sources(marker=(-19.0, 80.0, 5.0)))[:3])
 
 
-@pytest.mark.parametrize("measured", ["positions", "intensities"])
-@pytest.mark.parametrize("marker_deg", [-5.0, 10.0, 34.0])
+@pytest.mark.parametrize(("marker_deg", "measured"), [(-5.0, "positions"), (10.0, "intensities"), (34.0, "positions")])
 def test_a_wrong_prior_costs_acquisitions_and_not_truth(marker_deg: float, measured: str) -> None:
     policy = Posterior(near=NEAR)
     rig = sources(marker=(marker_deg, 80.0, 5.0)) if measured == "positions" else intensities(marker_deg)
