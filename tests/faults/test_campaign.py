@@ -7,12 +7,13 @@ import re
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from markerseek.core import Found, Interval
+from markerseek.core import Found, Interval, NotConnectedError
 from markerseek.guard import Guard, State
 from tests.faults.campaign.fault import FaultKind
 
@@ -63,7 +64,8 @@ def test_the_long_campaign_counts_the_same_on_one_process_and_on_two() -> None:
     ]
     timed = re.compile(r"The slowest run took .* of real time")
     assert timed.sub("", pages[0]) == timed.sub("", pages[1])
-    assert "| P1 | the probe never leaves its limits, in truth | 0 | 4 |" in pages[0]
+    assert "| P1 | the probe never leaves its limits, nor the permit of its sweep when the host has died" in pages[0]
+    assert ", in truth | 0 | 4 |" in pages[0]
 
 
 def test_a_control_loop_that_hangs_is_cut_off_by_the_supervisor(tmp_path: Path) -> None:
@@ -139,6 +141,81 @@ def test_the_checker_sees_each_broken_promise_and_nothing_in_a_healthy_run(
         ({"journal": replace(healthy.journal, entries=healthy.journal.entries[:-1])}, "P8"),
     ):
         assert seen(replace(healthy, **changes)) == {promise}
+
+
+def sound_sweeps() -> Iterator[campaign_runs.Plan]:
+    """Plans with sweeps and without a fault."""
+    for number in range(2000):
+        plan = campaign_runs.draw_plan(2, number)
+        if plan.method == campaign_runs.SWEEPS and not plan.faults:
+            yield replace(plan, dies_at=None)
+
+
+def test_sweeps_without_a_fault_end_with_an_answer_free_running_and_position_triggered(tmp_path: Path) -> None:
+    sound = list(sound_sweeps())
+    with HeldLines() as lines:
+        campaign = campaign_runs.Campaign(tmp_path, lines)
+        for triggered in (0, 1):
+            plans = [plan for plan in sound if plan.number % 2 == triggered][:3]
+            traces = [campaign.perform(plan) for plan in plans]
+            # On a computer that is held up for a second the supervisor rightly ends a run.
+            ended = [trace for trace in traces if not isinstance(trace.raised, NotConnectedError)]
+            assert ended
+            for trace in ended:
+                assert trace.raised is None
+                assert trace.sweeps
+            assert set().union(*map(seen, traces)) == set()
+
+
+def test_a_host_that_dies_in_mid_sweep_leaves_the_probe_in_its_permit_and_the_checker_sees_where_not(
+    tmp_path: Path,
+) -> None:
+    with HeldLines() as lines:
+        campaign = campaign_runs.Campaign(tmp_path, lines)
+        traces = (campaign.perform(replace(plan, dies_at=20)) for plan in sound_sweeps())
+        trace = next(trace for trace in traces if trace.left_deg)
+    assert seen(trace) == set()
+    assert trace.left_deg[0] != trace.left_deg[-1] == trace.left_deg[-2]
+    permit, began_s = trace.sweeps[-1]
+    late = [light for light in trace.world.lights if light.sweeping and light.at_s > began_s]
+    assert late
+    low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
+    for beyond_deg in (low_deg - 0.3, high_deg + 0.3):
+        assert seen(replace(trace, left_deg=(*trace.left_deg, beyond_deg))) == {"P1"}
+
+
+@pytest.mark.parametrize("name", ["edge lost", "edge doubled"])
+def test_a_trigger_of_the_stage_that_is_lost_or_doubled_is_reported(tmp_path: Path, name: str) -> None:
+    fault = replace(FAULTS["laser", name].fault, from_step=1, to_step=None)
+    sound = (plan for plan in sound_sweeps() if plan.number % 2)
+    with HeldLines() as lines:
+        campaign = campaign_runs.Campaign(tmp_path, lines)
+        traces = (campaign.perform(replace(plan, faults=(fault,))) for plan in sound)
+        # Not in a sweep that ends before.
+        trace = next(trace for trace in traces if trace.acted)
+    verdict = check(trace)
+    assert verdict.reported
+    assert verdict.broken == []
+
+
+def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
+    plan = next(sound_sweeps())
+    with HeldLines() as lines:
+        trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
+    assert seen(trace) == set()
+    lights = trace.world.lights
+    index = next(index for index, light in enumerate(lights) if light.sweeping)
+    (permit, _), late_s = trace.sweeps[0], 1e3
+    for change in (
+        {"angle_deg": max(permit.angle_deg, permit.to_deg) + 2.0},
+        {"at_s": lights[index].at_s - late_s},
+        {"at_s": lights[index].at_s + late_s},
+        {"at_s": lights[index + 1].at_s - permit.period_s / 2},
+        {"pulses": permit.pulses + 1},
+        {"moving": True},
+    ):
+        trace.world.lights = [*lights[:index], replace(lights[index], **change), *lights[index + 1 :]]
+        assert seen(trace) == {"P3"}, change
 
 
 def test_the_checker_sees_a_wrong_angle(healthy: campaign_runs.Trace) -> None:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from markerseek.core import Failed, Finished, Found, Measured, ReadingFrame, Refused
 
+from .faulty import HostKilled
 from .runs import CAPS, Trace
 from .vocabulary import FAULTS
-from .world import Received
+from .world import Light, Received
 
 SETTLED_DEG = 0.2
 """Most that a sample's angle may be off in truth: settling 0.05, play 0.1, counts, and an edge."""
 
 OFF_DEG = 2.0
 """P10: found, and off by more than twice the tolerance, which is 1 degree where the marker's depth is not known."""
+
+READ_WITHIN_S = 0.06
+"""Time from one reading of a sweep to the next, in seconds."""
 
 SAMPLE_S = 120.0
 """Longest virtual time of one acquisition with all its attempts under the faults' deadlines, beside the cap."""
@@ -45,7 +50,15 @@ def check(trace: Trace) -> Verdict:
     kinds = {(fault.device, fault.name): FAULTS[fault.device, fault.name] for fault in plan.faults}
     events = [entry.event for entry in trace.journal.entries]
     last = events[-1] if events else None
-    verdict.outcome = "fault" if trace.guard.fault else "ended" if isinstance(last, Failed) else "finished"
+    verdict.outcome = (
+        "killed"
+        if isinstance(trace.raised, HostKilled)
+        else "fault"
+        if trace.guard.fault
+        else "ended"
+        if isinstance(last, Failed)
+        else "finished"
+    )
     verdict.acted = bool(trace.acted)
     verdict.reported = any(isinstance(event, Refused | Failed) for event in events)
     _p1(trace, verdict, harmless=not any(each.harm == "angle" for each in kinds.values()))
@@ -55,7 +68,9 @@ def check(trace: Trace) -> Verdict:
         verdict.broken.append(("P7", "FAULT was left by something else than a person's reset"))
     if not trace.virtual_s <= CAPS.duration_s + 3 * CAPS.attempts * (SAMPLE_S + 3 * plan.readout_s):
         verdict.broken.append(("P8", f"the run took {trace.virtual_s:.0f} virtual seconds"))
-    if not isinstance(last, Finished | Failed):
+    killed = isinstance(trace.raised, HostKilled)
+    _left_alone(trace, verdict, harmless=not any(each.harm == "angle" for each in kinds.values()))
+    if not killed and (not events or not isinstance(last, Finished | Failed)):
         verdict.broken.append(("P8", f"the journal ends with {last!r}"))
     if isinstance(last, Finished) and isinstance(last.estimate, Found):
         verdict.found = True
@@ -79,8 +94,25 @@ def _p1(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
         verdict.broken.append(("P1", f"the probe was between {lowest:.3f} and {highest:.3f} deg, travel {travel}"))
 
 
+def _left_alone(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
+    """P1 after the death of the host: the probe stays in the permit of its sweep."""
+    if not trace.left_deg:
+        return
+    permit = trace.guard._sweep
+    low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
+    room_deg = SETTLED_DEG + (0.0 if harmless else verdict.injected_deg)
+    lowest_deg, highest_deg = min(trace.left_deg), max(trace.left_deg)
+    if not low_deg - room_deg <= lowest_deg <= highest_deg <= high_deg + room_deg:
+        said = f"after the host's death the probe was between {lowest_deg:.2f} and {highest_deg:.2f} deg"
+        verdict.broken.append(("P1", f"{said}, outside {permit}"))
+
+
 def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     lights = trace.world.lights
+    unpermitted = sum(not _is_permitted(light, trace, verdict.injected_deg) for light in lights if light.sweeping)
+    if harmless and unpermitted:
+        verdict.broken.append(("P3", f"{unpermitted} pulses of a sweep outside its permit"))
+    verdict.broken += [("P3", said) for said in _too_many(trace) if harmless]
     verdict.moving_pulses = sum(light.pulses for light in lights if light.moving)
     permitted = sum(pulses for _, pulses in trace.sent_permits)
     fired = sum(light.pulses for light in lights if not light.moving)
@@ -95,12 +127,37 @@ def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
         verdict.broken.append(("P3", f"{largest} pulses at once, {trace.plan.pulses} permitted, {injected} injected"))
 
 
+def _is_permitted(light: Light, trace: Trace, injected_deg: float) -> bool:
+    """Whether light on a probe that turns is inside the angles and the time of a sweep's permit."""
+    permit = next((permit for permit, began_s in reversed(trace.sweeps) if began_s <= light.at_s), None)
+    if permit is None or light.at_s > permit.expires_s:
+        return False
+    low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
+    # The guard sees its end with the next reading.
+    room_deg = SETTLED_DEG + injected_deg + READ_WITHIN_S * permit.fastest_deg_s
+    return low_deg - room_deg <= light.angle_deg <= high_deg + room_deg
+
+
+def _too_many(trace: Trace) -> list[str]:
+    """What is more, or faster, than the permit of a sweep allows."""
+    said = []
+    ends_s = [*(began_s for _, began_s in trace.sweeps[1:]), math.inf]
+    for (permit, began_s), end_s in zip(trace.sweeps, ends_s, strict=False):
+        own = [light for light in trace.world.lights if light.sweeping and began_s <= light.at_s < end_s]
+        if sum(light.pulses for light in own) > permit.pulses:
+            said.append(f"{len(own)} pulses in a sweep of {permit.pulses}")
+        apart_s = min((after.at_s - before.at_s for before, after in pairwise(own)), default=math.inf)
+        if not apart_s >= 0.999 * permit.period_s:
+            said.append(f"two pulses {apart_s:.4f} s apart in a sweep, {permit.period_s:.4f} s were permitted")
+    return said
+
+
 def _p6(trace: Trace, verdict: Verdict, *, observable: bool) -> None:
     if not observable:
         return
     silent = ("fires by itself",)
     seen = [fault for fault in trace.acted if fault.name not in silent]
-    if seen and not verdict.reported:
+    if seen and not verdict.reported and verdict.outcome != "killed":
         verdict.broken.append(("P6", f"not reported: {', '.join(f'{each.device} {each.name}' for each in seen)}"))
     faulty = _accepted_faulty(trace)
     if faulty and verdict.outcome == "finished":
@@ -118,6 +175,7 @@ def _accepted_faulty(trace: Trace) -> list[str]:
         if not isinstance(entry.event, Measured):
             continue
         frame, sample = entry.event.sample.frame, entry.event.sample
+        # All frames of a sweep have one token.
         own = truth.get("" if frame is None else frame.header.token, [])
         received = min(own, key=lambda each: abs(each.intensity - sample.reading.intensity), default=None)
         if received is None or not isinstance(frame, ReadingFrame):

@@ -17,8 +17,34 @@ SLOWER = 3.0
 """How many times the usual a driver allows for a move, a train of pulses, or a readout."""
 
 
+class HostKilled(BaseException):
+    """The host is dead: no call reaches a device any more."""
+
+
+class Host:
+    """The host of a run; it dies, where it does, at one reading of a stage that sweeps."""
+
+    def __init__(self, *, dies_at: int | None = None) -> None:
+        self.left = dies_at
+        self.dead = False
+
+    def read(self) -> None:
+        """A stage is read in a sweep."""
+        if self.left is not None:
+            self.left -= 1
+            self.dead = self.dead or self.left <= 0
+        self.require()
+
+    def require(self) -> None:
+        """`HostKilled` once it is dead."""
+        if self.dead:
+            raise HostKilled
+
+
 class Faulty:
     """The faults of one device, and its steps."""
+
+    host = Host()
 
     def __init__(self, faults: tuple[Fault, ...], rng: np.random.Generator) -> None:
         self.step = 0
@@ -36,7 +62,8 @@ class Faulty:
         return None
 
     def reach(self, *, silently: bool = False) -> None:
-        """Raise if the line is gone."""
+        """Raise if the line is gone, or the host."""
+        self.host.require()
         if self.has("unplugged", silently=silently):
             raise OSError("device disconnected")
 

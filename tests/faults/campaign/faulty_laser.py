@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from markerseek.core import DeviceTimeoutError, LaserError, Permit
+from markerseek.core import DeviceTimeoutError, LaserError, Permit, Pulse, SweepPermit
 from markerseek.sim import SimulatedLaser, VirtualClock
 
 from .fault import Fault
 from .faulty import ANSWER_S, SLOWER, Faulty
 from .world import WatchedWorld
+
+DARK_S = 1.0
+"""Time in light after which a sweep without a pulse is refused, in seconds, with some room."""
+
+EDGE_AGAIN_S = 1e-3
+"""Time after which a trigger that comes twice comes again, in seconds: too soon to give light."""
 
 
 class FaultyLaser(Faulty):
@@ -39,8 +46,12 @@ class FaultyLaser(Faulty):
         self._stage_rests = stage_rests
         self._readout_s = readout_s
         self.due: tuple[float, Permit] | None = None
+        self.sweeps: list[tuple[SweepPermit, float]] = []
+        self._dark: Fault | None = None
+        self._edges, self._edge_until, self._edge_broken_s = 0, 0, math.inf
 
-    def fire(self, permit: Permit) -> int:
+    def _take(self, permit: Permit | SweepPermit) -> None:
+        """A permit comes, to an energy that may have dropped."""
         self.step += 1
         self.reach()
         if self.has("busy"):
@@ -48,6 +59,9 @@ class FaultyLaser(Faulty):
         self._send(permit)
         drop = self.has("energy drops")
         self._world.energy = 1.0 if drop is None else drop.amount
+
+    def fire(self, permit: Permit) -> int:
+        self._take(permit)
         fired, reported = self._train(permit)
         self._stage_rests()
         if self.has("silent"):
@@ -61,15 +75,102 @@ class FaultyLaser(Faulty):
             if slow.amount > SLOWER:
                 self.act(slow)
                 raise DeviceTimeoutError("laser: the train did not end in time; its lease has lapsed")
-        if not self.has("garbled count"):
-            return reported
-        garbage: list[Any] = [-1, 10**9, math.nan, None, permit.pulses + 0.5]
+        return self._garbled(permit.pulses) if self.has("garbled count") else reported
+
+    def _garbled(self, pulses: int) -> int:
+        garbage: list[Any] = [-1, 10**9, math.nan, None, pulses + 0.5]
         return garbage[int(self._rng.integers(len(garbage)))]  # type: ignore[no-any-return]
+
+    def lapse(self, until_s: float) -> None:
+        """Fire on without a host until a time, at which the lease has lapsed."""
+        if self._dark is None:
+            self._inner._fire_until(until_s)
+        self._inner.disarm()
 
     def disarm(self) -> None:
         self.due = None
         self.reach(silently=True)
         self._inner.disarm()
+
+    @property
+    def sweep_period_s(self) -> float:
+        return self._inner.sweep_period_s
+
+    @property
+    def delay_sigma_s(self) -> float:
+        return self._inner.delay_sigma_s
+
+    @property
+    def stamp_delay_s(self) -> float:
+        return self._inner.stamp_delay_s
+
+    @property
+    def position_triggered(self) -> bool:
+        return self._inner.position_triggered
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        self._take(permit)
+        self.sweeps.append((permit, self._clock.now_s()))
+        self._until, self._step_s, self._more = int(self._rng.integers(2, 60)), 0.0, 0
+        self._dark = self.has("dead lamp", silently=True)
+        self._edges, self._edge_until, self._edge_broken_s = 0, 0, math.inf
+        if self._dark is None:
+            self._inner.begin_sweep(permit)
+        # Those before the light count nowhere.
+        self._edges, self._edge_until = 0, self._until
+        if (late := self.has("late answer")) is not None:
+            self._clock.wait(late.amount)
+            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+
+    def pulses(self) -> Sequence[Pulse]:
+        self.reach()
+        if self.has("silent"):
+            self._clock.wait(ANSWER_S)
+            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+        told = [] if self._dark is not None else list(self._inner.pulses())
+        for each in range(len(told)):
+            self._until -= 1
+            if self._until == 0:
+                self._break_sweep()
+            # Only later pulses are taken for those of other triggers.
+            if told[each].at_s > self._edge_broken_s + EDGE_AGAIN_S:
+                for name in ("edge lost", "edge doubled"):
+                    self.has(name)
+            told[each] = replace(told[each], at_s=told[each].at_s + self._step_s)
+        return told
+
+    def edges(self, times_s: Sequence[float]) -> Sequence[float]:
+        """Triggers of the stage, as they reach it."""
+        reached_s: list[float] = []
+        for at_s in times_s:
+            self._edges += 1
+            broken = self._edges == self._edge_until
+            lost, doubled = (broken and self.has(f"edge {what}", silently=True) for what in ("lost", "doubled"))
+            reached_s += [] if lost else [at_s, at_s + EDGE_AGAIN_S] if doubled else [at_s]
+            if lost or doubled:
+                self._edge_broken_s = at_s
+        return reached_s
+
+    def _break_sweep(self) -> None:
+        """What goes wrong at one pulse of a sweep, once, and is not told."""
+        if (step := self.has("clock step")) is not None:
+            self._step_s = step.amount
+        if self.has("hidden misfire"):
+            del self._world.flashes[-1], self._world.lights[-1]
+        if self.has("interlock", silently=True):
+            self._inner.disarm()
+        if (more := self.has("extra pulses")) is not None:
+            self._more = max(1, round(more.amount))
+            self._world.flashes += self._more * self._world.flashes[-1:]
+            self._world.lights += self._more * self._world.lights[-1:]
+
+    def end_sweep(self) -> int:
+        if self._dark is not None:
+            if self._clock.now_s() - self.sweeps[-1][1] > DARK_S:
+                self.act(self._dark)
+            return 0
+        fired = self._inner.end_sweep() + self._more
+        return self._garbled(fired) if self.has("garbled count") else fired
 
     def stage_moves(self) -> None:
         """Called while the stage moves."""

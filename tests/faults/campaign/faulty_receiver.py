@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame
+from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame, SweepPermit
 from markerseek.sim import SimulatedReceiver, VirtualClock
 
 from .fault import Fault
@@ -29,6 +29,7 @@ class FaultyReceiver(Faulty):
         *,
         while_reading: Callable[[], None],
         readout_s: float,
+        sweeps: bool,
     ) -> None:
         super().__init__(faults, rng)
         self._inner = inner
@@ -39,6 +40,8 @@ class FaultyReceiver(Faulty):
         self._last: ReadingFrame | None = None
         self._held: float | None = None
         self._stale = True
+        self._until = self._unread = self._shift = 0
+        self._sweeps, self._quiet = sweeps, set[int]()
 
     def settle(self) -> None:
         """Wait for a readout; files of a search before land in that time, and are gone then."""
@@ -54,6 +57,7 @@ class FaultyReceiver(Faulty):
 
     def acquire(self, permit: Permit) -> Frame:
         self.step += 1
+        self._unread = 0
         self.reach()
         slow = self.has("slow", silently=True)
         if slow is not None:
@@ -73,14 +77,72 @@ class FaultyReceiver(Faulty):
         self._last = frame
         return faulty
 
+    @property
+    def frame_period_s(self) -> float:
+        return self._inner.frame_period_s
+
+    @property
+    def sweep_readout_s(self) -> float:
+        return self._inner.sweep_readout_s
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        self.step += 1
+        self._until = self._unread = int(self._rng.integers(2, 60))
+        self._shift = 0
+        self.reach()
+        self._inner.begin_sweep(permit)
+
+    def frames(self) -> Sequence[Frame]:
+        self.reach()
+        return self._swept(self._inner.frames())
+
+    def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
+        self.reach()
+        slow = self.has("slow", silently=True)
+        if slow is not None:
+            self._clock.wait(min(slow.amount, SLOWER) * self._readout_s)
+            if slow.amount > SLOWER:
+                self.act(slow)
+                raise AcquisitionError("receiver: no frames came in time; check it and start again")
+        return self._swept(self._inner.end_sweep(pulses=pulses))
+
+    def _swept(self, frames: Sequence[Frame]) -> Sequence[Frame]:
+        """Frames of a sweep as it hands them over."""
+        handed_over: list[Frame] = []
+        for each in frames:
+            self._until -= 1
+            if not isinstance(each, ReadingFrame):
+                raise TypeError("a world of readings was asked for")
+            if self.has("off"):
+                continue
+            if (lost := self.has("lost frames", silently=True)) is not None and self.chance(lost.amount):
+                # Counted: the next frame's number shows it, and where none comes any more their number does.
+                self.act(lost)
+                continue
+            if self._until == 0 and self.has("trigger lost"):
+                self._shift -= 1
+                continue
+            frame = replace(each, header=replace(each.header, sequence=each.header.sequence + self._shift))
+            handed_over.append(self._faulty_frame(frame, self._last))
+            if self._until == 0 and self.has("trigger doubled"):
+                self._shift += 1
+                handed_over.append(replace(each, header=replace(frame.header, sequence=frame.header.sequence + 1)))
+            self._last = frame
+        return handed_over
+
     def read(self, frame: Frame) -> Reading:
         reading = self._reader.read(frame)
         if (full := self.has("saturated")) is not None:
             return replace(reading, saturated_fraction=full.amount)
-        if (burst := self.has("burst")) is not None:
+        self._unread -= 1
+        pulses = frame.header.pulses
+        # In a run with sweeps not in the first frame of as many pulses: that is a noisy rig.
+        early = self._unread >= 0 or (self._sweeps and pulses not in self._quiet)
+        if not early and (burst := self.has("burst")) is not None:
             sigma = (reading.noise_sigma or 0.0) * burst.amount
             noise = sigma * float(self._rng.uniform(4, 6))
             return replace(reading, intensity=max(reading.intensity, noise), noise_sigma=sigma)
+        self._quiet.add(pulses)
         if self.has("garbled feature"):
             # past the reading's own check: the guard's is tried
             reading = replace(reading)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import DeviceTimeoutError, Interval, MoveError
+from markerseek.core import DeviceTimeoutError, Interval, MoveError, StageReading, Triggers
 from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
 
 from .fault import Fault
@@ -15,6 +16,10 @@ from .faulty import ANSWER_S, SLOWER, Faulty
 from .world import WatchedWorld
 
 COUNTS_PER_DEG = StageMotion().counts_per_deg
+
+TOO_SLOW, FASTER, ARRIVAL_DEG, BEYOND_DEG = 5.5, 1.25, 0.1, 0.15
+"""How many times as slowly as asked a sweep is never lit; how many times as fast, and by how much more in degrees, a
+reading is refused; and how far beyond its end one is, in degrees, with some room."""
 
 
 class FaultyStage(Faulty):
@@ -39,6 +44,8 @@ class FaultyStage(Faulty):
         self._before_deg = inner.angle_deg
         self._target_deg: float | None = None
         self._creep_deg = 0.0
+        self._until, self._forth = 0, 1.0
+        self._asked_deg_s, self._read = 0.0, StageReading(angle_deg=inner.angle_deg, asked_s=0.0, answered_s=0.0)
 
     @property
     def angle_deg(self) -> float:
@@ -94,6 +101,106 @@ class FaultyStage(Faulty):
     def stop(self) -> None:
         self.reach(silently=True)
         self._inner.stop()
+
+    @property
+    def fastest_sweep_deg_s(self) -> float:
+        return self._inner.fastest_sweep_deg_s
+
+    @property
+    def acceleration_deg_s2(self) -> float:
+        return self._inner.acceleration_deg_s2
+
+    @property
+    def play_deg(self) -> float:
+        return self._inner.play_deg
+
+    def prepare_sweep(self, *, speed_deg_s: float) -> None:
+        self.step += 1
+        self._asked_deg_s = speed_deg_s
+        if (fast := self.has("fast", silently=True)) is not None:
+            speed_deg_s *= fast.amount
+        if (slow := self.has("slow", silently=True)) is not None:
+            speed_deg_s /= slow.amount
+            if slow.amount > TOO_SLOW:
+                self.act(slow)
+        self._inner.prepare_sweep(speed_deg_s=speed_deg_s)
+
+    @property
+    def trigger_step_deg(self) -> float:
+        return self._inner.trigger_step_deg
+
+    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
+        return self._inner.set_triggers(from_deg=from_deg, to_deg=to_deg, spacing_deg=spacing_deg)
+
+    def begin_sweep(self, to_deg: float) -> None:
+        self._before_deg = self._inner.angle_deg
+        if self.has("frozen readback", silently=True) and self._frozen_deg is None:
+            self._frozen_deg = self._inner.angle_deg
+        self.reach()
+        self._target_deg = to_deg
+        self._until = int(self._rng.integers(2, 60))
+        self._forth = math.copysign(1.0, to_deg - self._before_deg)
+        if self.has("frozen motor"):
+            return
+        self._inner.begin_sweep(to_deg)
+        now_s = self._clock.now_s()
+        self._read = StageReading(angle_deg=self._before_deg, asked_s=now_s, answered_s=now_s)
+        self._loosen()
+        for name in ("overshoot", "runaway"):
+            if (beyond := self.has(name, silently=True)) is not None:
+                # Beyond the limits, too: that is the fault.
+                self._inner._sweep_to_deg += self._forth * beyond.amount
+
+    def read_sweep(self) -> StageReading:
+        self.host.read()
+        self.reach()
+        if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
+            self._clock.wait(ANSWER_S)
+            raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
+        reading = self._inner.read_sweep()
+        self._until -= 1
+        if self._until == 0:
+            if self.has("stall", silently=True):
+                self._inner.brake()
+            if (jump := self.has("jump on its way")) is not None:
+                raise MoveError(f"stage: its counter jumped by {jump.amount:.2f} deg on its way")
+        wall = self.has("obstacle", silently=True)
+        begun, here = self._forth * self._before_deg, self._forth * reading.angle_deg
+        if wall is not None and begun < self._forth * wall.amount <= here:
+            self._inner.brake()
+        self._notice(reading)
+        if (late := self.has("late readings")) is not None:
+            self._clock.wait(late.amount)
+            reading = replace(reading, answered_s=self._clock.now_s())
+        return replace(reading, angle_deg=self._told_deg(reading.angle_deg))
+
+    def _notice(self, reading: StageReading) -> None:
+        """Note that it turns too fast, or too far: only then has it done something wrong."""
+        elapsed_s = reading.at_s - self._read.at_s
+        fast = self.has("fast", silently=True)
+        if (
+            fast
+            and abs(reading.angle_deg - self._read.angle_deg) > FASTER * self._asked_deg_s * elapsed_s + ARRIVAL_DEG
+        ):
+            self.act(fast)
+        self._read = reading
+        for name in ("overshoot", "runaway"):
+            beyond = self.has(name, silently=True)
+            if beyond is not None and self._forth * (reading.angle_deg - (self._target_deg or 0.0)) > BEYOND_DEG:
+                self.act(beyond)
+
+    def _told_deg(self, true_deg: float) -> float:
+        """The angle that it tells in a sweep for a true one."""
+        reported_deg = self._reported_deg(true_deg)
+        return self._stale(true_deg) if reported_deg == true_deg else reported_deg
+
+    def brake(self) -> None:
+        self.reach(silently=True)
+        self._inner.brake()
+
+    def end_sweep(self) -> None:
+        self._inner.end_sweep()
+        self._world.settle()
 
     def rest(self) -> None:
         """What a stage does that should rest, while the laser fires."""

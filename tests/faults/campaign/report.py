@@ -9,8 +9,8 @@ from .tally import PROMISES, Tally, upper95
 from .vocabulary import FAULTS, Injected
 
 _WORDS = {
-    "P1": "the probe never leaves its limits, in truth",
-    "P3": "pulses ≤ permitted, none while the stage moves",
+    "P1": "the probe never leaves its limits, nor the permit of its sweep when the host has died, in truth",
+    "P3": "pulses ≤ permitted, none while the stage moves but under the permit of a sweep, inside its angles and rate",
     "P6": "every fault that acted is reported, and no answer contains a faulty frame",
     "P7": "FAULT is left only by a person's reset (every verb tried in each run that ended there)",
     "P8": "every run ends within its caps",

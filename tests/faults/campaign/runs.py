@@ -13,15 +13,17 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import (
+    AnyPolicy,
     Estimate,
     Interval,
     MarkerseekError,
     NotFound,
     Permit,
-    Policy,
     RigFacts,
     Sample,
     SearchPlan,
+    Sweep,
+    SweepPermit,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
@@ -39,6 +41,7 @@ from markerseek.sim import (
     LaserSettings,
     NoiseSettings,
     PowerCurve,
+    ReceiverSettings,
     SechCurve,
     SimulatedLaser,
     SimulatedReceiver,
@@ -48,19 +51,27 @@ from markerseek.sim import (
 )
 
 from .fault import Fault
+from .faulty import Host, HostKilled
 from .faulty_laser import FaultyLaser
 from .faulty_receiver import FaultyReceiver
 from .faulty_stage import FaultyStage
 from .held_lines import HeldLines
-from .vocabulary import FAULTS, drawn
+from .vocabulary import FAULTS, IN_SWEEPS, drawn
 from .world import WatchedWorld
 
 CELLS = 460_000
 CAPS = RunLimits(acquisitions=60, duration_s=3600.0)
+LEASE_S, ALONE = 0.3, 400
+"""Lease of the laser box, in seconds, and tenths of a second for which a rig is watched after the death of its host."""
+
+SWEEPS = "sweeps"
+"""Method that asks for sweeps."""
+
 METHODS = (
-    ("weighted-average", (15, 29, 57), 0.4),
-    ("golden-section", (16, 28), 0.4),
+    ("weighted-average", (15, 29, 57), 0.34),
+    ("golden-section", (16, 28), 0.34),
     ("posterior", (6, 8), 0.17),
+    (SWEEPS, (0,), 0.12),
     ("endless", (0,), 0.015),
     ("wild", (0,), 0.015),
 )
@@ -82,6 +93,8 @@ class Plan:
     method: str
     acquisitions: int
     faults: tuple[Fault, ...]
+    dies_at: int | None = None
+    """Reading of a stage that sweeps at which the host dies; None: it does not."""
 
 
 def draw_plan(seed: int, number: int) -> Plan:
@@ -98,9 +111,16 @@ def draw_plan(seed: int, number: int) -> Plan:
     )[int(rng.integers(3))]
     name, counts, _ = METHODS[int(rng.choice(len(METHODS), p=[share for *_, share in METHODS]))]
     acquisitions = int(rng.choice(counts))
-    steps = 3 + (acquisitions or 20)
+    sweeps = name == SWEEPS
+    steps = 4 if sweeps else 3 + (acquisitions or 20)
     how_many = int(rng.choice(3, p=[0.08, 0.84, 0.08]))
-    share = np.array([1.0 if each.harm == "none" else 0.3 for each in FAULTS.values()])
+    share = np.array(
+        [
+            (1.0 if each.harm == "none" else 0.3) * (sweeps or each.fault.name not in IN_SWEEPS)
+            for each in FAULTS.values()
+        ]
+    )
+    dies = np.random.default_rng([seed, number, 3])
     chosen = rng.choice(len(FAULTS), size=how_many, replace=False, p=share / share.sum())
     return Plan(
         number=number,
@@ -111,10 +131,12 @@ def draw_plan(seed: int, number: int) -> Plan:
         curve=curve,
         peak_snr_db=float(rng.uniform(30, 50)),
         pulses=int(rng.integers(4, 33)),
-        readout_s=float(np.exp(rng.uniform(np.log(0.1), np.log(10)))),
+        # A receiver that streams, or one that is read at the end of a sweep.
+        readout_s=0.05 if sweeps and rng.random() < 0.6 else float(np.exp(rng.uniform(np.log(0.1), np.log(10)))),
         method=name,
         acquisitions=acquisitions,
         faults=tuple(drawn(rng, list(FAULTS.values())[index], steps=steps) for index in chosen),
+        dies_at=int(dies.integers(1, 90)) if sweeps and dies.random() < 0.3 else None,
     )
 
 
@@ -130,8 +152,12 @@ class Trace:
     guard: Guard
     left_fault: bool
     sent_permits: tuple[tuple[str, int], ...]
+    sweeps: tuple[tuple[SweepPermit, float], ...]
+    """Permit of each sweep, and when its light was permitted to begin."""
     virtual_s: float
     real_s: float
+    left_deg: tuple[float, ...] = ()
+    """Where the probe really was, and the stage's shaft, after the death of the host in mid-sweep."""
 
 
 class Campaign:
@@ -157,8 +183,9 @@ class Campaign:
                 for _ in journalled(policy, rig, journal, limits=CAPS):
                     left_fault = left_fault or (faulty and guard.state is not State.FAULT)
                     faulty = faulty or guard.state is State.FAULT
-            except (MarkerseekError, OSError) as error:
+            except (MarkerseekError, OSError, HostKilled) as error:
                 raised = error
+        left_deg = _left_alone(world, clock, devices[1]) if isinstance(raised, HostKilled) else ()
         left_fault = left_fault or (faulty and guard.state is not State.FAULT) or leaves_fault(guard)
         held = read_journal(path)
         path.unlink()
@@ -171,8 +198,10 @@ class Campaign:
             guard=guard,
             left_fault=left_fault,
             sent_permits=self._lines.end(),
+            sweeps=tuple(devices[1].sweeps),
             virtual_s=clock.now_s(),
             real_s=time.perf_counter() - began_s,
+            left_deg=left_deg,
         )
 
     def _rig(
@@ -183,6 +212,7 @@ class Campaign:
             start_deg=plan.start_deg,
             laser=LaserSettings(pulses=plan.pulses),
             noise=NoiseSettings(peak_snr_db=plan.peak_snr_db),
+            receiver=ReceiverSettings(single_pulses=plan.method == SWEEPS),
         )
         clock = VirtualClock()
         rng = np.random.default_rng([plan.seed, plan.number, 1])
@@ -199,6 +229,7 @@ class Campaign:
         )
         of = {name: tuple(fault for fault in plan.faults if fault.device == name) for name in _DEVICES}
         turned = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=plan.limits.travel)
+        world.shaft_at = turned.probe_deg
         stage = FaultyStage(
             turned,
             world,
@@ -212,6 +243,8 @@ class Campaign:
                 world=world,
                 clock=clock,
                 probe_deg=turned.probe_deg,
+                # Every second run, so that nothing else of a plan depends on it.
+                triggered_s=(lambda until_s: laser.edges(turned.triggered_s(until_s))) if plan.number % 2 else None,
             ),
             world,
             clock,
@@ -229,6 +262,7 @@ class Campaign:
             mischief[2],
             while_reading=laser.due_light,
             readout_s=plan.readout_s,
+            sweeps=plan.method == SWEEPS,
         )
         guard = Guard(limits=plan.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         scanner = Scanner(
@@ -241,6 +275,7 @@ class Campaign:
             pulses=plan.pulses,
             watchdog=self._lines,
         )
+        stage.host = laser.host = receiver.host = Host(dies_at=plan.dies_at)
         rig = Rig(
             facts=RigFacts(
                 kind="simulated",
@@ -254,13 +289,24 @@ class Campaign:
             receiver=receiver,
             scanner=scanner,
             imaging=None,
-            dark_frames=3,
+            dark_frames=0 if plan.method == SWEEPS else 3,
             closing_dark=True,
         )
         return rig, world, clock, (stage, laser, receiver)
 
 
 _DEVICES: tuple[Literal["stage", "laser", "receiver"], ...] = ("stage", "laser", "receiver")
+
+
+def _left_alone(world: WatchedWorld, clock: VirtualClock, laser: FaultyLaser) -> tuple[float, ...]:
+    """Where the probe is while stage and laser go on without a host, every tenth of a second."""
+    ends_s, left_deg = clock.now_s() + LEASE_S, []
+    for _ in range(ALONE):
+        clock.wait(0.1)
+        left_deg.append(world.true_at(clock.now_s()))
+        if clock.now_s() - 0.1 < ends_s <= clock.now_s():
+            laser.lapse(ends_s)
+    return tuple(left_deg)
 
 
 def leaves_fault(guard: Guard) -> bool:
@@ -304,13 +350,73 @@ def _configuration(rig: Rig, plan: Plan) -> Configuration:
     )
 
 
-def _policy(plan: Plan, rig: Rig) -> Policy:
+def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
     limits = rig.limits.search
     if plan.method in ("endless", "wild"):
         return Unruly(plan)
+    if plan.method == SWEEPS:
+        devices = rig.scanner.sweeping
+        fastest_deg_s = devices.stage.fastest_sweep_deg_s
+        return Sweeps(plan, fastest_deg_s=fastest_deg_s, turns_back=devices.triggering is None)
     return build(
         SearchPlan(method=plan.method, acquisitions=plan.acquisitions, start_deg=plan.start_deg), limits=limits
     )
+
+
+class Sweeps:
+    """A policy that asks for some sweeps and angles, and ends a sweep when it likes."""
+
+    def __init__(self, plan: Plan, *, fastest_deg_s: float, turns_back: bool) -> None:
+        self._rng = np.random.default_rng([plan.seed, plan.number, 2])
+        self._limits, self._fastest_deg_s, self._may_turn_back = plan.limits.search, fastest_deg_s, turns_back
+        self._left = int(self._rng.integers(1, 5))
+        self._ended = False
+        self._next = self._drawn(plan.start_deg)
+
+    def ask(self) -> float | Sweep | None:
+        return self._next if self._left else None
+
+    def tell(self, sample: Sample) -> None:
+        if sample.dark:
+            return
+        if sample.sweep is None:
+            self._go_on(sample.angle_deg)
+        elif not self._ended:
+            self._pulses -= 1
+            if self._pulses <= 0:
+                self._ended = True
+                self._go_on(sample.angle_deg)
+
+    def end_sweep(self) -> None:
+        if not self._ended and isinstance(self._next, Sweep):
+            self._go_on(self._next.end_deg)
+        self._ended = False
+
+    def estimate(self) -> Estimate:
+        return NotFound(mean_deg=0.0, reason="it judges nothing")
+
+    def _go_on(self, from_deg: float) -> None:
+        self._left -= 1
+        self._next = self._drawn(from_deg)
+
+    def _drawn(self, from_deg: float) -> float | Sweep:
+        """The next angle, or the next sweep, at least 5 degrees long."""
+        rng, low_deg, high_deg = self._rng, self._limits.low_deg, self._limits.high_deg
+        self._pulses = int(rng.integers(1, 200))
+        to_deg = float(rng.uniform(low_deg, high_deg))
+        if rng.random() < 0.25 or abs(to_deg - from_deg) < 5.0:
+            return to_deg
+        speed_deg_s = (1.0 if rng.random() < 0.5 else rng.uniform(0.3, 1.0)) * self._fastest_deg_s
+        wait_deg = float(rng.uniform(low_deg, high_deg)) if rng.random() < 0.5 else None
+        # Back at least as far as it needs to be lit on its way.
+        back_deg = to_deg + rng.uniform(0.1, 1.0) * (from_deg - to_deg)
+        turns_back = self._may_turn_back and rng.random() < 0.5
+        return Sweep(
+            to_deg=to_deg,
+            speed_deg_s=speed_deg_s,
+            back_deg=float(back_deg) if turns_back else None,
+            wait_deg=wait_deg,
+        )
 
 
 class Unruly:
