@@ -185,9 +185,7 @@ def _of_markers(each: studies.PolicySummary) -> dict[str, str | Text]:
         "covered": _share(each.covered),
         "> 2 tol.": _rare(each.wrong_claims),
         "error": _mean(each.error_deg),
-        "N": _plain(each.acquisitions, ".1f"),
-        "rotation": _plain(each.travel_deg, ".0f", "°"),
-        "time": _plain(each.elapsed_s, ".1f", " s"),
+        **_costs(each),
     }
 
 
@@ -196,6 +194,12 @@ def _of_nothing(each: studies.PolicySummary) -> dict[str, str | Text]:
     return {
         "": Text(str(each.policy), style="bold"),
         "found where nothing is": _rare(each.false_found),
+        **_costs(each),
+    }
+
+
+def _costs(each: studies.PolicySummary) -> dict[str, str]:
+    return {
         "N": _plain(each.acquisitions, ".1f"),
         "rotation": _plain(each.travel_deg, ".0f", "°"),
         "time": _plain(each.elapsed_s, ".1f", " s"),
