@@ -24,8 +24,8 @@ from playwright.sync_api import Page, sync_playwright
 
 HERE = Path(__file__).parent
 QUERY = "&seed=3&readout_s=0.1&pace=1.6"
-"""A search whose marker is near an end of the range, with a receiver that streams, so that the probe is seen to turn.
-It runs slower than a rig would, so that a busy computer has the time to take all pictures."""
+"""A search whose marker is near an end of the range, with a receiver that streams. It runs slower than a rig would, so
+that a busy computer has the time to take all pictures."""
 
 SESSION_SEED = 2
 """A session in which more than four markers are needed."""

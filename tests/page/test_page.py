@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from markerseek.bridges import page as page_package
-from markerseek.records.journal import Interrupted, read_journal
 from tests.page.page_browser import COLOURS, angle_of, needs_browser, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
@@ -93,18 +92,6 @@ def test_everything_is_on_the_first_screen(opened):
     watched.tab.wait_for_selector("text=copy the angle")
     assert watched.tab.evaluate("document.documentElement.scrollHeight") <= 800
     assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 1280
-
-
-@pytest.mark.long
-def test_stop_in_mid_move(opened, page):
-    watched = opened(query="&seed=5&pace=1&readout_s=0.1")
-    watched.start()
-    watched.wait_for(LOG, "acquisition 1 at")
-    watched.tab.locator(".ms-stop").click()
-    watched.wait_for(BADGE, "^STOPPED$")
-    assert page.children() == []
-    held = read_journal(page.journals()[-1])
-    assert isinstance(held.entries[-1].event, Interrupted)
 
 
 def assert_as_good(result, whole, *, kept):
@@ -205,22 +192,6 @@ def test_angle_is_copied(opened):
     shown = watched.text(".ms-angle").rstrip("°").replace("−", "-")
     # Both are rounded, the copy to four digits.
     assert float(shown) == pytest.approx(float(copied), abs=0.51 * 10.0 ** -len(shown.partition(".")[2]))
-
-
-@pytest.mark.long
-def test_tablet_in_the_dark(opened):
-    watched = opened(
-        query="&seed=3&pace=0",
-        viewport={"width": 820, "height": 1180},
-        color_scheme="dark",
-        has_touch=True,
-        is_mobile=True,
-    )
-    watched.search()
-    assert watched.tab.evaluate("document.documentElement.scrollWidth") <= 820
-    assert watched.tab.evaluate("document.body.classList.contains('body--dark')")
-    assert watched.tab.locator(".ms-stop").bounding_box()["height"] >= 48
-    watched.wait_for_colours(".ms-panel-fan canvas", more_than=10)
 
 
 @pytest.mark.long

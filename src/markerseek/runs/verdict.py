@@ -64,12 +64,6 @@ class Verdict:
     reason: str = ""
     next_step: str = ""
 
-    @property
-    def line(self) -> str:
-        """The word and the angle in one line."""
-        joined = " at" if self.kind == "found" else f", {self.lead}"
-        return self.word.lower() + ("" if self.angle in {"", "–"} else f"{joined} {self.angle}{self.sigma}")
-
 
 def verdict_of(view: RunView, *, next_step: str = "") -> Verdict:
     """The verdict after an event; an angle counts as found only once the search is over and says so.
@@ -176,16 +170,15 @@ def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> lis
     pulse_j
         Energy of one pulse in joules; None if it is not known.
     """
-    moves, belief = view.facts.kind != "replayed", view.belief
-    simulated = view.facts.kind == "simulated"
+    belief, simulated = view.belief, view.facts.kind == "simulated"
     rows = [
         ("search", name),
         ("acquisitions", acquisitions_text(view.acquisitions, view.refused)),
-        ("rotation", f"{view.travel_deg:.1f}°" if moves else "–"),
-        ("time", time_text(view.elapsed_s, known_s=view.known_s, simulated=simulated) if moves else "–"),
+        ("rotation", f"{view.travel_deg:.1f}°"),
+        ("time", time_text(view.elapsed_s, known_s=view.known_s, simulated=simulated)),
         ("peak SNR", _snr(view)),
         ("detection threshold", "unknown" if view.floor_level is None else f"{view.floor_level:.4g} {view.unit}"),
-        ("pulses", str(view.pulses) if moves else "–"),
+        ("pulses", str(view.pulses)),
     ]
     if view.finished is not None and view.finished.near is not None and view.plan.near is not None:
         rows.append(("prior", with_minus(view.finished.near.said(view.plan.near))))

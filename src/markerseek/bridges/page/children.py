@@ -6,7 +6,6 @@ import shlex
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, TypeAlias
 
 from markerseek.bridges.asked import AnyAsked
 from markerseek.bridges.child import ChildRun, FollowedChild, Outcome
@@ -18,8 +17,6 @@ from markerseek.runs import STOPPED, RunView, Verdict, verdict_of
 
 SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
 """What laser and stage do if the search was killed, and could not see to them itself."""
-
-Status: TypeAlias = Literal["starting", "running", "stopping", "ended"]
 
 
 class ChildSearch:
@@ -45,15 +42,6 @@ class ChildSearch:
         """How it ended; None before."""
         self._stopping = False
         self._followed = FollowedChild(child, take=self._take, on_end=self._end)
-
-    @property
-    def status(self) -> Status:
-        """Where it is."""
-        if self.outcome is not None:
-            return "ended"
-        if self._stopping:
-            return "stopping"
-        return "running" if self._has_begun else "starting"
 
     @property
     def _has_begun(self) -> bool:
@@ -82,7 +70,7 @@ class ChildSearch:
     def next_step(self) -> str:
         """What a person can do next; empty while it runs, but for devices that a person must arm."""
         if self.outcome is None:
-            asks = not self._simulated and self.status == "starting"
+            asks = not (self._simulated or self._has_begun or self._stopping)
             return "answer in the terminal where the page was started" if asks else ""
         if self.can_go_on:
             return "Go on continues it; Start begins a new search"
@@ -95,12 +83,11 @@ class ChildSearch:
 
     def verdict(self, view: RunView | None) -> Verdict:
         """What it says in large letters; ``view``: the event that is shown."""
-        if self.status in {"starting", "stopping"}:
-            return Verdict(word=self.status.upper(), kind="busy", next_step=self.next_step)
-        return self._broken_off() if view is None else verdict_of(view, next_step=self.next_step)
-
-    def _broken_off(self) -> Verdict:
-        """The verdict of what ended before its first event."""
+        if self.outcome is None and (view is None or self._stopping):
+            word = "STOPPING" if self._stopping else "STARTING"
+            return Verdict(word=word, kind="busy", next_step=self.next_step)
+        if view is not None:
+            return verdict_of(view, next_step=self.next_step)
         if self.outcome is not None and self.outcome.failed:
             return Verdict(word="FAULT", kind="fault", problem=self.message, next_step=self.next_step)
         word, _, reason = self.message.partition(": ")
@@ -164,10 +151,10 @@ class ChildRegistration(ChildSearch):
     @property
     def said(self) -> Verdict:
         """What the session says in large letters, and what a person has to do."""
-        broken_off = self.outcome is not None and (self.outcome.failed or self.state.ended is None)
-        if broken_off or self.status in {"starting", "stopping"}:
-            return self.verdict(None)
-        return self.state.verdict(next_step=self.next_step)
+        goes_on = self.outcome is None and self._has_begun and not self._stopping
+        if goes_on or (self.outcome is not None and self.state.ended is not None and not self.outcome.failed):
+            return self.state.verdict(next_step=self.next_step)
+        return self.verdict(None)
 
     def _take(self, child: ChildRun) -> None:
         folder = self.journal

@@ -135,7 +135,7 @@ def test_published_form_claims_nothing():
     verdict = verdict_of(last)
     assert (verdict.word, verdict.kind, verdict.turn) == ("NO CLAIM", "nothing", "")
     assert (verdict.angle, verdict.sigma) == (f"{result.angle_deg:.3f}°".replace("-", "−"), "")
-    assert not any("found" in verdict_of(each).line or "confirm" in each.line for each in snapshots)
+    assert not any("FOUND" in verdict_of(each).word or "confirm" in each.line for each in snapshots)
     fan = fan_model(last)
     assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
     answer = msgspec.to_builtins(result)
