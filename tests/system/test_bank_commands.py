@@ -230,6 +230,7 @@ def test_frames_of_the_public_data_set_are_imaged_by_their_own_probe(shell, tmp_
 
 
 WRONG = [
+    (("bank", "scan", "nowhere/a.hdf5"), "there is no folder nowhere; make it, or name another"),
     (("bank", "export", "good.csv", ".csv"), "the name must end in one of"),
     (("bank", "scan", "a.txt"), r"must end in .hdf5 or .h5"),
     (("bank", "scan", "a.hdf5", "--wavelength-nm", -1), "--wavelength-nm is -1, it must be positive and at most 20000"),

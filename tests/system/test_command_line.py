@@ -92,6 +92,17 @@ def test_an_angle_that_is_not_within_the_tolerance_is_printed_with_its_interval(
     assert 0.3e-3 < result["half_width_m"] < 1e-3
 
 
+def test_the_page_of_a_replay_names_the_form_and_the_last_acquisition_and_has_no_empty_columns(
+    shell: Shell, tmp_path: Path
+) -> None:
+    words = ("--method", "golden-section", "--as-published", "--plot", "--out", tmp_path, "--json")
+    assert shell("replay", EXAMPLES / "simulated_scan.csv", *words)[0] == 0
+    text = (tmp_path / "replay.html").read_text(encoding="utf-8")
+    assert "<h1>golden-section as published on a replayed rig: " in text
+    assert "<tr><th></th><th>angle [deg]</th><th>intensity</th></tr>" in text
+    assert "<tr><td>acquisition at that angle</td><td>" in text
+
+
 @pytest.fixture(scope="module")
 def scan_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scan of the simulated rig as SonixDAQ folders, one angle a folder; older layout below 0 deg, newer above."""

@@ -36,6 +36,7 @@ def test_without_a_marker_none_is_found(shell: Shell) -> None:
     ("words", "said"),
     [
         (("--no-marker", "--marker-deg", 3), "--no-marker contradicts --marker-deg"),
+        (("--marker-deg", 200), "marker: angle_deg is 200.0 deg, it must lie between -90 and 90"),
         (("--snr-db", "nan"), "peak_snr_db is nan dB"),
         (("--compare", "ternary,ternary"), "two or more different methods are needed"),
         (("--compare", "ternary,nothing"), "method: 'nothing' is unknown"),

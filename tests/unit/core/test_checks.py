@@ -43,6 +43,7 @@ def test_a_number_outside_is_refused_with_value_unit_limits_and_cure(
         ({"acquisitions": -1}, "acquisitions is -1, it must be a whole number between 0 and 500"),
         ({"acquisitions": MAX_ACQUISITIONS + 1}, "acquisitions is 501"),
         ({"start_deg": NAN}, "start_deg is nan deg"),
+        ({"others": 1.5}, "others is 1.5, it must be a probability from 0 to below 1"),
         ({"dark_frames": -1}, "dark_frames is -1, it must lie between 0 and 100"),
     ],
 )

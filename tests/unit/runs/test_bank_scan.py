@@ -95,6 +95,11 @@ def test_the_record_of_a_scan_that_never_began_is_to_be_deleted(tmp_path: Path, 
         next(iter(scan_bank(rigs.simulated(seed=3), path, goes_on=goes_on)))
 
 
+def test_without_a_record_there_is_nothing_to_go_on_with(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="there is no scan to go on with; leave --continue out"):
+        list(scan_bank(rigs.simulated(seed=3), tmp_path / "a.hdf5", goes_on=True, by="a person"))
+
+
 def test_a_bank_that_cannot_be_written_does_not_hide_the_fault_that_ended_the_scan(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

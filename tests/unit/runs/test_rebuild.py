@@ -1,4 +1,4 @@
-"""Reconstruction from a journal: the rig from its settings, and what cannot be made again."""
+"""Reconstruction from a journal: what cannot be made again."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ def recorded(configuration: Configuration) -> RecordedRun:
     return RecordedRun(path=Path("run.journal"), configuration=configuration, entries=())
 
 
-def test_a_replay_is_made_again_and_not_resumed(tmp_path: Path) -> None:
+def test_a_replay_and_a_rig_of_python_are_not_resumed(tmp_path: Path) -> None:
     scan = tmp_path / "scan.csv"
     rows = [f"{angle},{1 + 90 * 2.0 ** -((angle - 8) ** 2 / 9)}" for angle in range(-35, 36)]
     scan.write_text("angle_deg,intensity\n" + "\n".join(rows) + "\n")
     with pytest.raises(RecordError, match=f"it is of a recorded scan, which takes seconds: replay {scan} again"):
         rebuild_rig(recorded(configured(rigs.replayed(scan))))
+    with pytest.raises(RecordError, match="from Python, with the rig"):
+        rebuild_rig(recorded(configured(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0))))

@@ -231,6 +231,29 @@ def test_nothing_moves_or_fires_before_the_rig_is_armed(tmp_path: Path) -> None:
     assert rig.scanner.guard.state is State.DISARMED
 
 
+def test_a_receiver_that_repeats_a_frame_of_before_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    events = live(path, until=12, begun=lambda: begin_method("golden-section"))
+    last = [event.sample.frame for event in events if isinstance(event, Measured)][-1]
+    _, rig, _ = begin_method("golden-section", resumed_after=1)
+    acquire, calls = rig.scanner._receiver.acquire, iter(range(99))
+
+    def stuck(permit: object) -> object:
+        frame = acquire(permit)  # type: ignore[arg-type]
+        return replace(frame, intensity=last.intensity) if next(calls) == 0 else frame  # type: ignore[union-attr]
+
+    rig.scanner._receiver.acquire = stuck  # type: ignore[assignment, method-assign]
+    policy, _, _ = begin_method("golden-section")
+    journal, held = Journal.reopen(path)
+    taken: list[object] = []
+    measure = rig.scanner.measure
+    rig.scanner.measure = lambda angle_deg: (taken.append(angle_deg), measure(angle_deg))[1]  # type: ignore[method-assign]
+    with journal:
+        list(resumed(policy, rig, journal, held, by="a person", anew=pytest.fail))
+    # The check was taken twice: the guard had refused the first frame.
+    assert taken[0] == taken[1] != taken[2]
+
+
 def test_the_pulses_of_all_sessions_are_counted_together(tmp_path: Path, whole: Path) -> None:
     events = [entry.event for entry in read_journal(whole).entries]
     lit = sum(isinstance(event, Measured) and not event.sample.dark for event in events)

@@ -92,6 +92,8 @@ def test_a_scan_from_high_to_low_is_turned_round_and_blank_lines_are_passed_over
 def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path) -> None:
     for name in ("angle_10.0deg", "-2.5", "+3", "angle_-12.5deg"):
         (tmp_path / name).mkdir()
+    for name in (".DS_Store", "notes.txt"):
+        (tmp_path / name).touch()
     bank = read_bank(tmp_path)
     assert isinstance(bank, FolderBank)
     assert bank.angles_deg == (-12.5, -2.5, 3.0, 10.0)

@@ -77,8 +77,13 @@ def a_file(path: Path) -> Path:
         (lambda folder: a_file(folder / "file") / "a.journal", r"file is no folder; name another place"),
         (lambda folder: a_file(folder / "a.journal"), "exists already and is no journal; name a new file"),
         (lambda folder: folder / ("a" * 300), "name it shorter"),
+        pytest.param(
+            lambda _: Path("/sys/a.journal"),
+            "check the folder and the rights",
+            marks=pytest.mark.skipif(not Path("/sys/kernel").exists(), reason="needs a folder for nobody"),
+        ),
     ],
-    ids=["folder", "no parent", "parent is a file", "another file", "long name"],
+    ids=["folder", "no parent", "parent is a file", "another file", "long name", "no right"],
 )
 def test_where_no_journal_can_be_begun_the_remedy_is_given(
     place: Callable[[Path], Path], said: str, tmp_path: Path

@@ -103,12 +103,6 @@ def test_with_a_right_prior_a_search_takes_at_most_two_thirds(off_deg: float, si
     assert guided <= usual * 2 / 3
 
 
-def test_it_begins_in_the_window() -> None:
-    policy = Posterior(near=NEAR)
-    window = NEAR.interval(PAPER_RANGE)
-    assert all(each in window for each in search(policy, sources(marker=(-19.0, 80.0, 5.0)))[:3])
-
-
 @pytest.mark.parametrize(("marker_deg", "measured"), [(-5.0, "positions"), (10.0, "intensities"), (34.0, "positions")])
 def test_a_wrong_prior_costs_acquisitions_and_not_truth(marker_deg: float, measured: str) -> None:
     policy = Posterior(near=NEAR)
