@@ -8,10 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from markerseek import bridges
+from markerseek import bridges, rigs
 from markerseek.bridges import igtl
-from markerseek.cli.open_rig import read_rig
-from markerseek.cli.options import RigFile, Trust
+from markerseek.cli.options import RigFile
 from markerseek.cli.signals import Stopped, heeded
 from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
@@ -28,7 +27,6 @@ EXAMPLES = """
 
 def command(
     rig: RigFile = None,
-    trust: Trust = False,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port; 0 takes any that is free. PLUS has 18944.")
     ] = 18945,
@@ -71,7 +69,7 @@ def command(
         raise ConfigError("--play shows a recording, and a recording has no rig file; leave out --rig or --play")
     if rig is not None:
         # A file that cannot be used is refused now, not when somebody asks for a search.
-        read_rig(rig, trust=trust)
+        rigs.read_rig_file(rig)
     recording = None if play is None else bridges.open_recording(play)
     source = None if registration is None else bridges.open_registration(registration)
     service = igtl.SearchService(
