@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import SWEEP_READING_S, Asked, RecordError
-from markerseek.drivers import LaserBox, SerialPort, SystemClock
+from markerseek.drivers import LaserBox, LaserBoxSettings, SerialPort, SystemClock
 from markerseek.drivers.kdc101 import AptLine
 from markerseek.records.journal import read_journal
 from markerseek.wire import apt
@@ -78,7 +78,7 @@ def angle_deg(line: AptLine) -> float:
 def pulses_seen(devices: Emulation) -> int:
     """Pulses that the laser box has fired since power-up, once it sends no more triggers."""
     with SerialPort(str(devices.rig.parent / "laser")) as port:
-        return LaserBox(port=port, clock=SystemClock(), answer_s=5.0)._seen
+        return LaserBox(port=port, clock=SystemClock(), settings=LaserBoxSettings(port="", answer_s=5.0))._seen
 
 
 def sweeps(journal: Path) -> bool:

@@ -292,7 +292,7 @@ def _whole_lines() -> bytes:
         laserbox.Done(token=8, sent=4, photodiode=4),
         laserbox.MeteredDone(token=8, sent=4, photodiode=4, light=80_000),
         laserbox.SweepPermitted(token=9, seen=20),
-        laserbox.Stamped(token=9, number=1, stamp_us=2**31 - 1, photodiode=1, edge=0),
+        laserbox.Stamped(token=9, number=1, stamp_us=2**31 - 1, photodiode=1),
         laserbox.Dark(token=9, sent=1, photodiode=1),
         laserbox.Time(number=3, clock_us=0),
         laserbox.Disarmed(),

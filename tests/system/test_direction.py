@@ -69,7 +69,11 @@ def emulated_rig(folder: Path, *, mirrored: bool, **stage: Any) -> Rig:
             clock=clock,
             settings=Kdc101Settings(**{"port": "", "zero_deg": 0.0} | stage),
         ),
-        "laser": LaserBox(port=DirectPort(device=bench.laser_box, clock=clock), clock=clock, dark_triggers=4),
+        "laser": LaserBox(
+            port=DirectPort(device=bench.laser_box, clock=clock),
+            clock=clock,
+            settings=LaserBoxSettings(port="", pulses=4),
+        ),
         "receiver": SonixDaqReceiver(
             settings=SonixDaqSettings(folder=str(folder), timeout_s=3.0), clock=clock, dark_triggers=4
         ),

@@ -199,7 +199,6 @@ port = {json.dumps(str(place / "laser"))}
 pulses = {settings.laser.pulses}
 rate_hz = {settings.laser.rate_hz}
 answer_s = 5.0
-sweep_mode = "{settings.laser.sweep_mode}"
 {energy}
 [receiver]
 {receiver}sampling_hz = {settings.receiver.sampling_hz}

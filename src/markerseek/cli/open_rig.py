@@ -78,14 +78,13 @@ def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float, stay:
     turns = "" if begin_deg is None else f"turns to {begin_deg:g} deg without light, then "
     way = " and ".join(f"{sweep.to_deg:g} deg{'' if sweep.back_deg is None else ' and back'}" for sweep in sweeps)
     readout_s = devices.receiver.sweep_readout_s
-    triggered = " that the stage triggers" if devices.triggering is not None else ""
     read = f", and at most {readout_s:.3g} s after each to read its frames" if readout_s > 0 else ""
     wait_deg = devices.wait_deg(sweeps[0])
     if wait_deg is not None:
         read += f" while it waits at {wait_deg:g} deg"
     stderr.print(
         f"[dim]{turns}sweeps from {first_deg:g} deg to {way} at {sweeps[0].speed_deg_s:.1f} deg/s, at most "
-        f"{1 / devices.least_period_s:.3g} frames a second{triggered}: {sum(durations_s):.1f} s at most with run-up "
+        f"{1 / devices.least_period_s:.3g} frames a second: {sum(durations_s):.1f} s at most with run-up "
         f"and braking{read}{'' if stay else ', then back to the marker'}[/]"
     )
 

@@ -77,7 +77,6 @@ class EmulatedBench:
             laser=settings.laser,
             rng=light,
             moment=self._turned,
-            edges=self.stage.edges,
         )
         self.laser_box.faults.inject("clock drift", CLOCK_DRIFT)
 
@@ -99,7 +98,6 @@ class EmulatedBench:
         serving = ServingClock(clock)
         # The time of a pulse is the stage's: a box that was held up fires it later, where the probe is then.
         self.laser_box.moment = lambda _: self._turned(serving.real_s)
-        self.laser_box.edges = lambda _: self.stage.edges(serving.real_s)
         return PtyLine(device=self.laser_box, clock=serving, link=link)
 
 

@@ -39,9 +39,6 @@ FAULTS: dict[DeviceName, dict[str, float]] = {
         "clock drift": 2e-05,  # the clock of its stamps is fast by this share
         "clock step": 5000.0,  # the clock of its stamps is ahead by this time, µs
         "double pulse": 15.0,  # the laser gives two pulses at the pulse of a sweep with this number
-        "no edges": 0.0,  # no edge reaches the trigger input
-        "lost edge": 8.0,  # the edge of a sweep with this number does not reach the trigger input
-        "double edge": 8.0,  # the edge of a sweep with this number bounces
     },
     "receiver": {
         "off": 0.0,  # nothing is written

@@ -13,11 +13,10 @@ host to box                                             box to host
                                                         from a box with a light meter one number more: ``light``
 ``DISARM``                                              ``OK DISARM``
 ``SWEEP token pulses period_us expiry_ms``              ``OK SWEEP token seen``
-after its ``FIRE``                                      ``PULSE token number stamp_us photodiode edge`` for each pulse,
+after its ``FIRE``                                      ``PULSE token number stamp_us photodiode`` for each pulse,
                                                         from a box with a light meter one number more: ``light``,
                                                         ``DARK token sent photodiode`` when its light has ended, and
                                                         ``DONE`` as above when the train has
-``EDGES token pulses period_us expiry_ms``              ``OK EDGES token seen``; after its ``FIRE`` as SWEEP
 ``TIME number``                                         ``OK TIME number clock_us``
 anything that is refused                                ``ERR reason``
 ======================================================  ==========================================================
@@ -35,7 +34,7 @@ until DONE is sent, HELLO and PERMIT are refused as ``BUSY``. DONE is sent `LIGH
 ``seen`` is the photodiode's count since power-up: if it rises outside of firings, there was light without a permit.
 Within any minute a box sends `MAX_PULSES_PER_MINUTE` pulses at most (refusal ``BUDGET``).
 
-A box whose photodiode also measures is of version 6, any other of version 5: ``light`` of DONE is the sum over the lit
+A box whose photodiode also measures is of version 8, any other of version 7: ``light`` of DONE is the sum over the lit
 pulses of what the meter read of each, in counts of its own, and ``light`` of PULSE what it read of that one.
 
 **Sweeps** (fly-scan). SWEEP is a permit for single pulses, void by all that voids the other, whose train runs free with
@@ -45,13 +44,6 @@ with what the photodiode saw since, and ``DARK`` follows the last of them at onc
 without light, up to as many triggers as pulses were permitted: an acquisition that counts them ends, and its last
 frames are dark. TIME is answered at any time: the host knows by the time of question and answer what its own clock
 showed, and so does with each stamp.
-
-**Position-triggered sweeps.** EDGES is as SWEEP, but each pulse is given at a rising edge at the box's trigger input,
-that of a stage which triggers by its position. Edges are counted from FIRE on. One that comes sooner than ``period_us``
-after the last pulse is counted and gives nothing, neither light nor a trigger of the acquisition; nor does one that the
-box sees more than `LIGHT_LATE_US` later, or of several that it sees at once any but the last. The stamp is the time of
-the edge. Once the light has ended, edges count no more: the train is completed at ``period_us``. ``edge`` of PULSE is
-the number of the edge that gave it, 0 where none did.
 """
 
 from __future__ import annotations
@@ -64,7 +56,7 @@ import msgspec
 
 from markerseek.core import ConfigError, LaserError
 
-VERSION, METERED_VERSION = 5, 6
+VERSION, METERED_VERSION = 7, 8
 """Version of the protocol: of a box that only counts pulses, and of one that measures their light too; lower numbers
 are those of boxes that were never released."""
 
@@ -91,8 +83,7 @@ probe in between (16 to 128 pulses an acquisition, a few thousand a minute at mo
 """
 
 LIGHT_LATE_US = 1000
-"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE sent, after it. Also the
-longest from an edge of the stage to its trigger."""
+"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE sent, after it."""
 
 RefusalReason: TypeAlias = Literal[
     "CRC",  # the line came damaged
@@ -154,13 +145,6 @@ class PermitSweep:
     pulses: Annotated[int, msgspec.Meta(ge=1, le=MAX_SWEEP_PULSES)]
     period_us: Annotated[int, msgspec.Meta(ge=MIN_PERIOD_US, le=MAX_PERIOD_US)]
     expiry_ms: Expiry
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PermitEdges(PermitSweep):
-    """Permits single pulses, one at each rising edge of the trigger input, as `PermitSweep`."""
-
-    head: ClassVar[str] = "EDGES"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -229,25 +213,14 @@ class SweepPermitted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EdgesPermitted(SweepPermitted):
-    """Answer to `PermitEdges`, as `Permitted`."""
-
-    head: ClassVar[str] = "OK EDGES"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Stamped:
-    """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw of it.
-
-    ``edge`` is the number of the edge that gave it, 0 if none did.
-    """
+    """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw of it."""
 
     head: ClassVar[str] = "PULSE"
     token: Count
     number: Count
     stamp_us: Count
     photodiode: Count
-    edge: Count
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -291,12 +264,11 @@ class Refusal:
     reason: RefusalReason
 
 
-Command: TypeAlias = Hello | PermitPulses | PermitSweep | PermitEdges | AskTime | Beat | Fire | Disarm
+Command: TypeAlias = Hello | PermitPulses | PermitSweep | AskTime | Beat | Fire | Disarm
 Reply: TypeAlias = (
     Greeting
     | Permitted
     | SweepPermitted
-    | EdgesPermitted
     | Stamped
     | MeteredStamped
     | Dark

@@ -7,7 +7,6 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.emulators._kdc101_triggers import Edge
 from markerseek.wire import laserbox as wire
 from tests.unit.drivers.laserbox_bench import Bench, pulses_of
 
@@ -41,21 +40,6 @@ def test_light_that_comes_later_than_the_photodiode_is_read_is_not_of_the_firing
     bench.say(pulses_of(1, pulses=3), wire.Fire(token=1), at_s=0.0)
     assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=2)]
     assert bench.say(pulses_of(2)) == [wire.Permitted(token=2, seen=3)]
-
-
-def test_each_of_several_edges_that_a_process_that_was_held_up_takes_at_once_has_its_line() -> None:
-    bench = Bench()
-    due = [Edge(at_s=at_s, angle_deg=0.0) for at_s in (0.01, 0.07, 0.13)]
-    bench.box.edges = lambda now_s: [due.pop(0) for _ in due[:]] if now_s > 0 else []
-    permit = wire.PermitEdges(token=1, pulses=10, period_us=50_000, expiry_ms=5000)
-    bench.say(permit, wire.Fire(token=1), at_s=0.0)
-    # The box's own time stood still meanwhile, and its lease with it.
-    told = bench.say(at_s=0.005)
-    assert [(each.number, each.edge, each.photodiode) for each in told if isinstance(each, wire.Stamped)] == [
-        (1, 1, 1),
-        (2, 2, 1),
-        (3, 3, 1),
-    ]
 
 
 def test_a_beat_that_does_not_count_up_takes_the_permit_away() -> None:

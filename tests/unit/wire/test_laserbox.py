@@ -36,13 +36,6 @@ COMMANDS = st.one_of(
         period_us=st.integers(box.MIN_PERIOD_US, box.MAX_PERIOD_US),
         expiry_ms=st.integers(1, box.MAX_EXPIRY_MS),
     ),
-    st.builds(
-        box.PermitEdges,
-        token=st.integers(1, box.MAX_COUNT),
-        pulses=st.integers(1, 6),
-        period_us=st.integers(box.MIN_PERIOD_US, box.MAX_PERIOD_US),
-        expiry_ms=st.integers(1, box.MAX_EXPIRY_MS),
-    ),
     st.just(box.Disarm()),
 )
 REPLIES = st.one_of(
@@ -56,9 +49,8 @@ REPLIES = st.one_of(
     ),
     st.builds(box.Permitted, token=COUNT, seen=COUNT),
     st.builds(box.SweepPermitted, token=COUNT, seen=COUNT),
-    st.builds(box.EdgesPermitted, token=COUNT, seen=COUNT),
-    st.builds(box.Stamped, token=COUNT, number=COUNT, stamp_us=COUNT, photodiode=COUNT, edge=COUNT),
-    st.builds(box.MeteredStamped, token=COUNT, number=COUNT, stamp_us=COUNT, photodiode=COUNT, edge=COUNT, light=COUNT),
+    st.builds(box.Stamped, token=COUNT, number=COUNT, stamp_us=COUNT, photodiode=COUNT),
+    st.builds(box.MeteredStamped, token=COUNT, number=COUNT, stamp_us=COUNT, photodiode=COUNT, light=COUNT),
     st.builds(box.Dark, token=COUNT, sent=COUNT, photodiode=COUNT),
     st.builds(box.Time, number=COUNT, clock_us=COUNT),
     st.builds(box.Done, token=COUNT, sent=COUNT, photodiode=COUNT),
