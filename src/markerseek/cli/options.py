@@ -25,11 +25,7 @@ Out: TypeAlias = Annotated[
     ),
 ]
 RigFile: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        help="Rig file (TOML): it can run code, so open those that you trust. Without one, the simulated rig with its "
-        "defaults."
-    ),
+    Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
 ]
 Arm: TypeAlias = Annotated[
     bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")

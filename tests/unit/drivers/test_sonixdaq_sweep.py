@@ -28,8 +28,8 @@ SWEEP = SweepPermit(
 class Bench(RestBench):
     """A folder of bursts: each pulse has a frame of its own."""
 
-    def __init__(self, folder: Path, *, frames: str = "triggered", sdk: int = 6) -> None:
-        super().__init__(folder, sdk=sdk, white_sigma=30.0, start_deg=-35.0, averaged=16)
+    def __init__(self, folder: Path, *, frames: str = "triggered") -> None:
+        super().__init__(folder, white_sigma=30.0, start_deg=-35.0, averaged=16)
         settings = SonixDaqSettings(folder=str(folder), timeout_s=3.0, frames=frames)  # type: ignore[arg-type]
         self.receiver = SonixDaqReceiver(settings=settings, clock=self.clock, dark_triggers=2)
 
@@ -44,9 +44,8 @@ class Bench(RestBench):
         return [frame for frame in frames if isinstance(frame, ChannelFrame)]
 
 
-@pytest.mark.parametrize("sdk", [5, 6])
-def test_each_pulse_is_a_frame_and_the_last_dark_triggers_are_one(tmp_path: Path, sdk: int) -> None:
-    bench = Bench(tmp_path, sdk=sdk)
+def test_each_pulse_is_a_frame_and_the_last_dark_triggers_are_one(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
     *frames, dark = bench.sweep()
     assert bench.angles_deg[:7] == [-35.0 + number for number in range(7)]
     for frame, samples in zip(frames, bench.received[:7], strict=True):

@@ -28,10 +28,8 @@ SETTINGS = SimulatedSettings(marker=MarkerSettings(angle_deg=-8.0), receiver=Rec
 class VirtualBench:
     """Real drivers on emulated devices, in virtual time."""
 
-    def __init__(self, folder: Path, *, seed: int, sdk: int = 6) -> None:
-        self.emulated = EmulatedBench(
-            settings=SETTINGS, rng=np.random.default_rng(seed), folder=folder, sdk=6 if sdk == 6 else 5
-        )
+    def __init__(self, folder: Path, *, seed: int) -> None:
+        self.emulated = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(seed), folder=folder)
         clock = BenchClock()
         clock.lead(self.emulated.daq.advance)
         self.stage = Kdc101Stage(port=DirectPort(device=self.emulated.stage, clock=clock), clock=clock)
@@ -51,9 +49,8 @@ def golden() -> Policy:
     return build(SearchPlan(method="golden-section", acquisitions=10, as_published=True), limits=SETTINGS.limits.search)
 
 
-@pytest.mark.parametrize("sdk", [5, 6])
-def test_a_search_receives_count_for_count_what_the_simulation_receives(tmp_path: Path, sdk: int) -> None:
-    bench = VirtualBench(tmp_path, seed=7, sdk=sdk)
+def test_a_search_receives_count_for_count_what_the_simulation_receives(tmp_path: Path) -> None:
+    bench = VirtualBench(tmp_path, seed=7)
     over_bytes = list(run(golden(), bench.scanner, RunPlan(dark_frames=2)))
     simulated = rigs.simulated(seed=7, settings=SETTINGS)
     direct = list(run(golden(), simulated.scanner, RunPlan(dark_frames=2)))
