@@ -8,7 +8,6 @@ byte for byte against the emulator. `main` gives it pins, a serial line and a wa
 LEASE_MS = 100
 IDENTITY = "laserbox1"
 VERSION = 7
-METERED_VERSION = 8  # of a board with a light meter
 LINE_BYTES = 80
 MAX_PULSES = 1024
 MAX_RATE_HZ = 1000
@@ -90,7 +89,8 @@ class Box:
         self.trigger = trigger
         self.photodiode = photodiode
         self.interlock_closed = interlock_closed
-        self.light = light
+        self.metered = light is not None
+        self.light = light or (lambda: 0)
         self.now_us = 0
         self.buffer = b""
         self.too_long = False
@@ -150,10 +150,8 @@ class Box:
                 self._tell_light()
         elif self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
             seen = self.photodiode() - self.seen_before
-            done = "DONE {} {} {}".format(self.train[0], self.sent, seen)
-            if self.light is not None:
-                done += " {}".format(min(self.light() - self.light_before, MAX_COUNT))
-            self.said += line_of(done)
+            light = min(self.light() - self.light_before, MAX_COUNT)
+            self.said += line_of("DONE {} {} {} {}".format(self.train[0], self.sent, seen, light))
             self.train = None
 
     def _tell_light(self):
@@ -161,10 +159,8 @@ class Box:
         if self.untold is not None and self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
             stamp_us, before, light = self.untold
             self.untold = None
-            pulse = "PULSE {} {} {} {}".format(self.train[0], self.sent, stamp_us, self.photodiode() - before)
-            if self.light is not None:
-                pulse += " {}".format(min(self.light() - light, MAX_COUNT))
-            self.said += line_of(pulse)
+            seen, light = self.photodiode() - before, min(self.light() - light, MAX_COUNT)
+            self.said += line_of("PULSE {} {} {} {} {}".format(self.train[0], self.sent, stamp_us, seen, light))
         if self.permit is None and self.untold is None and not self.dark_told:
             self.dark_told = True
             self.said += line_of("DARK {} {} {}".format(self.train[0], self.sent, self.photodiode() - self.seen_before))
@@ -213,10 +209,8 @@ class Box:
             return "BUSY"
         self.permit = None
         self.last_step = 0
-        version = VERSION if self.light is None else METERED_VERSION
-        self.said += line_of(
-            "OK HELLO {} {} {} {} {}".format(IDENTITY, version, LEASE_MS, self.last_token, self._seen())
-        )
+        words = IDENTITY, VERSION, LEASE_MS, self.last_token, self._seen(), int(self.metered)
+        self.said += line_of("OK HELLO {} {} {} {} {} {}".format(*words))
         return None
 
     def _renew(self, step):
@@ -282,7 +276,7 @@ class Box:
         self.triggers = self.sent = 0
         self.dark_told = not self.train[4]
         self.seen_before = self.photodiode()
-        self.light_before = 0 if self.light is None else self.light()
+        self.light_before = self.light()
         self.due_us = self.now_us
         self._act()
         return None
@@ -291,8 +285,7 @@ class Box:
         _token, pulses, period_us, triggers, swept = self.train
         laser = self.permit is not None and self.triggers < pulses
         if laser and swept:
-            light = 0 if self.light is None else self.light()
-            self.untold = (self.now_us & MAX_COUNT, self.photodiode(), light)
+            self.untold = (self.now_us & MAX_COUNT, self.photodiode(), self.light())
         self.trigger(laser)
         self.triggers += 1
         self.last_trigger_us = self.now_us

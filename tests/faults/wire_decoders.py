@@ -287,12 +287,11 @@ def _whole_messages() -> bytes:
 
 def _whole_lines() -> bytes:
     said: tuple[laserbox.Reply, ...] = (
-        laserbox.Greeting(identity="box1", version=laserbox.VERSION, lease_ms=100, last_token=7, seen=16),
+        laserbox.Greeting(identity="box1", version=laserbox.VERSION, lease_ms=100, last_token=7, seen=16, meter=1),
         laserbox.Permitted(token=8, seen=16),
-        laserbox.Done(token=8, sent=4, photodiode=4),
-        laserbox.MeteredDone(token=8, sent=4, photodiode=4, light=80_000),
+        laserbox.Done(token=8, sent=4, photodiode=4, light=80_000),
         laserbox.SweepPermitted(token=9, seen=20),
-        laserbox.Stamped(token=9, number=1, stamp_us=2**31 - 1, photodiode=1),
+        laserbox.Stamped(token=9, number=1, stamp_us=2**31 - 1, photodiode=1, light=0),
         laserbox.Dark(token=9, sent=1, photodiode=1),
         laserbox.Time(number=3, clock_us=0),
         laserbox.Disarmed(),

@@ -139,7 +139,5 @@ class BoxSweep:
         return new
 
     def _pulse(self, stamped: wire.Stamped) -> Pulse:
-        energy = None
-        if isinstance(stamped, wire.MeteredStamped) and self.usual_light is not None:
-            energy = stamped.light / self.usual_light
+        energy = None if self.usual_light is None else stamped.light / self.usual_light
         return replace(self.clock.pulse(stamped.stamp_us), energy=energy)

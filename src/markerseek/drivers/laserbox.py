@@ -159,7 +159,7 @@ class LaserBox:
                 pulses=permit.pulses,
                 heard_s=now_s,
                 stepped_s=now_s,
-                usual_light=self._usual_light,
+                usual_light=self._usual_light if self.metered else None,
             )
             for _ in range(_ROUND_TRIPS):
                 self._ask_time(sweep)
@@ -286,7 +286,7 @@ class LaserBox:
             )
         require_known(greeting)
         self.identity = greeting.identity
-        self.metered = greeting.version == wire.METERED_VERSION
+        self.metered = bool(greeting.meter)
         self._token, self._seen = greeting.last_token, greeting.seen
         self._settled = True
 
@@ -302,7 +302,7 @@ class LaserBox:
         )
         self._use_permit(ask)
         done = self._line.next(within_s=triggers / self._rate_hz + self._settings.answer_s, after="FIRE")
-        if not (isinstance(done, wire.Done) and done.token == self._token and self._is_measured(done)):
+        if not (isinstance(done, wire.Done) and done.token == self._token):
             raise LaserError(f"laser box: {done} answers the firing of {self._token}; {cure(done)}")
         # The photodiode's count has 31 bits and wraps around.
         self._seen = (self._seen + done.photodiode) & wire.MAX_COUNT
@@ -311,7 +311,7 @@ class LaserBox:
                 f"laser box: {pulses} pulses were permitted, {done.sent} sent and {done.photodiode} seen by the "
                 "photodiode; check lease, interlock, laser and photodiode"
             )
-        if isinstance(done, wire.MeteredDone) and pulses:
+        if self.metered and pulses:
             self.light_per_pulse = done.light / pulses
         return done.photodiode
 
@@ -332,10 +332,6 @@ class LaserBox:
         self._line.holds_permit = True
         self.beat()
         self._line.send(wire.Fire(token=self._token))
-
-    def _is_measured(self, done: wire.Done) -> bool:
-        """Whether the answer has the number of the light meter if the box has one, and only then."""
-        return isinstance(done, wire.MeteredDone) == self.metered
 
 
 def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -236,10 +236,11 @@ class EmulatedLaserBox:
         self._last_step = 0
         return wire.Greeting(
             identity=wire.EMULATOR,
-            version=wire.VERSION if self._laser.energy_meter_noise is None else wire.METERED_VERSION,
+            version=wire.VERSION,
             lease_ms=self._lease_us // 1000,
             last_token=self._last_token,
             seen=self._seen & wire.MAX_COUNT,
+            meter=int(self._laser.energy_meter_noise is not None),
         )
 
     def _clock_us(self) -> int:
@@ -321,28 +322,29 @@ class EmulatedLaserBox:
         if self._untold is not None and self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
             stamp_us, before = self._untold
             self._untold = None
-            pulse = wire.Stamped(
-                token=train.token, number=self._sent, stamp_us=stamp_us, photodiode=self._seen - before
+            seen = self._seen - before
+            self._answer(
+                wire.Stamped(
+                    token=train.token,
+                    number=self._sent,
+                    stamp_us=stamp_us,
+                    photodiode=seen,
+                    light=self._read_light(seen),
+                )
             )
-            self._answer(self._with_light(pulse))
         if self._permit is None and self._untold is None and not self._dark_told:
             self._dark_told = True
             seen = self._seen - self._seen_before
             self._answer(wire.Dark(token=train.token, sent=self._sent, photodiode=seen))
 
-    def _with_light(self, reply: wire.Stamped | wire.Done) -> wire.Stamped | wire.Done:
-        """The reply, with what the light meter read of its pulses where there is one."""
+    def _read_light(self, photodiode: int) -> int:
+        """What the light meter read of pulses that the photodiode saw; 0 without one."""
         noise = self._laser.energy_meter_noise
-        if noise is None:
-            return reply
-        light = 0
-        if reply.photodiode:
-            energy = self._world.flashes[-1].energy if self._sent else 1.0
-            error = 0.0 if self._rng is None else noise * float(self._rng.standard_normal())
-            counts = round(LIGHT_COUNTS * reply.photodiode * energy * (1 + error))
-            light = max(0, min(counts, wire.MAX_COUNT))
-        metered = wire.MeteredStamped if isinstance(reply, wire.Stamped) else wire.MeteredDone
-        return metered(**asdict(reply), light=light)
+        if noise is None or not photodiode:
+            return 0
+        energy = self._world.flashes[-1].energy if self._sent else 1.0
+        error = 0.0 if self._rng is None else noise * float(self._rng.standard_normal())
+        return max(0, min(round(LIGHT_COUNTS * photodiode * energy * (1 + error)), wire.MAX_COUNT))
 
     def _void(self) -> None:
         """Void the permit: no light from now on; a train that has begun is completed without light."""
@@ -371,4 +373,4 @@ class EmulatedLaserBox:
             self._light_world(pulses=self._sent)
         self._on_triggers(self._triggers)
         seen = self._seen - self._seen_before
-        self._answer(self._with_light(wire.Done(token=train.token, sent=self._sent, photodiode=seen)))
+        self._answer(wire.Done(token=train.token, sent=self._sent, photodiode=seen, light=self._read_light(seen)))

@@ -267,10 +267,11 @@ REPLIES = st.one_of(
         number=st.integers(1, 4),
         stamp_us=COUNTS,
         photodiode=st.just(1),
+        light=COUNTS,
     ),
-    st.builds(wire.Stamped, token=COUNTS, number=COUNTS, stamp_us=COUNTS, photodiode=COUNTS),
+    st.builds(wire.Stamped, token=COUNTS, number=COUNTS, stamp_us=COUNTS, photodiode=COUNTS, light=COUNTS),
     st.builds(wire.Dark, token=COUNTS, sent=COUNTS, photodiode=COUNTS),
-    st.builds(wire.Done, token=COUNTS, sent=COUNTS, photodiode=COUNTS),
+    st.builds(wire.Done, token=COUNTS, sent=COUNTS, photodiode=COUNTS, light=COUNTS),
     st.just(wire.Disarmed()),
     st.just(wire.Refusal(reason="STEP")),
 )

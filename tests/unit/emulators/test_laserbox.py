@@ -17,7 +17,7 @@ def test_a_second_program_that_asks_for_a_permit_while_it_fires_stops_it() -> No
     assert bench.say(pulses_of(2), at_s=0.025) == [wire.Refusal(reason="BUSY")]
     assert not bench.box.permitted
     assert bench.say(wire.Hello(), at_s=0.490) == [wire.Refusal(reason="BUSY")]
-    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=3, photodiode=3)]
+    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=3, photodiode=3, light=0)]
     assert bench.say(pulses_of(2)) == [wire.Permitted(token=2, seen=3)]
 
 
@@ -28,7 +28,7 @@ def test_a_train_that_is_cut_is_completed_without_light_at_the_same_rate() -> No
         bench.say(cut, at_s=0.025)
         bench.say(at_s=0.490)
         assert bench.triggers == []
-        assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=3, photodiode=3)]
+        assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=3, photodiode=3, light=0)]
         assert bench.triggers == [50]
         assert [pulse.at_s for pulse in bench.box.pulses] == [0.0, 0.01, 0.02]
         assert [flash.pulses for flash in bench.world.flashes] == [3]
@@ -38,7 +38,7 @@ def test_light_that_comes_later_than_the_photodiode_is_read_is_not_of_the_firing
     bench = Bench()
     bench.faults.inject("late light", 1500)
     bench.say(pulses_of(1, pulses=3), wire.Fire(token=1), at_s=0.0)
-    assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=2)]
+    assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=2, light=0)]
     assert bench.say(pulses_of(2)) == [wire.Permitted(token=2, seen=3)]
 
 
@@ -47,14 +47,14 @@ def test_a_beat_that_does_not_count_up_takes_the_permit_away() -> None:
         bench = Bench()
         bench.say(wire.Beat(step=5), pulses_of(1), wire.Fire(token=1), at_s=0.0)
         assert bench.say(wire.Beat(step=step), at_s=0.035) == [wire.Refusal(reason="STEP")]
-        assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=4, photodiode=4)]
+        assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=4, photodiode=4, light=0)]
 
 
 def test_a_permit_is_void_after_its_expiry_however_long_the_lease_lasts() -> None:
     bench = Bench()
     bench.say(pulses_of(1, expiry_ms=55), wire.Fire(token=1), at_s=0.0)
     bench.say(wire.Beat(step=1), at_s=0.04)
-    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=6, photodiode=6)]
+    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=6, photodiode=6, light=0)]
 
 
 def test_power_up_clears_the_permit_and_a_damaged_line_revokes_it() -> None:
