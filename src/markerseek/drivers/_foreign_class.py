@@ -128,7 +128,12 @@ def arguments_of(
 
     Raises `ConfigError` if a key is unknown, missing, or of another type.
     """
-    parameters = _parameters(made, name=f'{part}.driver = "{driver}"')
+    try:
+        parameters = inspect.signature(made).parameters
+    except (ValueError, TypeError) as problem:
+        raise ConfigError(
+            f'{part}.driver = "{driver}": its arguments are not known ({problem}); derive a class with an __init__'
+        ) from problem
     takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
     named = {
         name: each for name, each in parameters.items() if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
@@ -158,23 +163,6 @@ def arguments_of(
         elif parameter.default is parameter.empty:
             raise ConfigError(f"the key {part}.{name} is missing; add it: {driver} needs it")
     return given
-
-
-def _parameters(made: type, *, name: str) -> Mapping[str, inspect.Parameter]:
-    """Arguments of the class; `ConfigError` if one cannot be given by its name."""
-    try:
-        parameters = inspect.signature(made).parameters
-    except (ValueError, TypeError) as problem:
-        raise ConfigError(
-            f"{name}: the arguments of {made.__name__} are not known ({problem}); derive a class with an __init__"
-        ) from problem
-    nameless = [each.name for each in parameters.values() if each.kind is each.POSITIONAL_ONLY]
-    if nameless:
-        raise ConfigError(
-            f"{name}: {made.__name__} takes {', '.join(nameless)} by position only, and arguments are given by name; "
-            "take the / out of its __init__"
-        )
-    return parameters
 
 
 def _hints(made: type) -> dict[str, Any]:

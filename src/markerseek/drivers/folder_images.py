@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import time
@@ -15,7 +14,7 @@ import numpy as np
 from markerseek.core import MAX_PAIRS, AcquisitionError, ConfigError, NotConnectedError, RecordError, UInt8
 from markerseek.drivers._pair_source import PairSource
 from markerseek.drivers._pairing import Key, Pairing
-from markerseek.files import MIB, read_input
+from markerseek.files import MIB, os_reason, read_input
 from markerseek.geometry import Camera
 from markerseek.vision import SUFFIXES, decoded_image, says_its_end
 
@@ -124,7 +123,7 @@ class _Folder:
             files = self._files()
         except OSError as problem:
             since_s = now_s if self._unreadable is None else self._unreadable[0]
-            self._unreadable = since_s, _reason(problem)
+            self._unreadable = since_s, os_reason(problem)
             return []
         self._unreadable, self._looked_s = None, now_s
         ids = {file.id for file in files}
@@ -158,7 +157,7 @@ class _Folder:
         except FileNotFoundError:
             return None
         except OSError as problem:
-            self._wait(file, f"cannot be opened ({_reason(problem)})")
+            self._wait(file, f"cannot be opened ({os_reason(problem)})")
             return None
         except (ConfigError, RecordError) as problem:
             raise AcquisitionError(f"{path}: {problem}") from problem
@@ -209,7 +208,3 @@ class _Folder:
 
 def _id(status: os.stat_result) -> _Id:
     return status.st_ino, status.st_mtime_ns, status.st_size
-
-
-def _reason(problem: OSError) -> str:
-    return f"{errno.errorcode.get(problem.errno or 0, 'error')}: {problem.strerror or problem}"

@@ -332,7 +332,7 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
 
 def _open(settings: Kdc101Settings, opening: Opening) -> Kdc101Stage:
     stage = Kdc101Stage(port=opening.line, clock=opening.clock, settings=settings, travel=opening.limits.travel)
-    opening.arm_with(stage.logic.enable)
+    opening.enables.append(stage.logic.enable)
     return stage
 
 

@@ -336,7 +336,7 @@ class LaserBox:
 
 def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:
     box = LaserBox(port=opening.line, clock=opening.clock, settings=settings)
-    opening.beat_with(box.beat)
+    opening.beats.append(box.beat)
     return box
 
 

@@ -77,9 +77,6 @@ class Text(Stage):
 class Parity(Stage):
     safe_command, parity = b"STOP\\n", "even"
 
-class ByPosition(Stage):
-    def __init__(self, travel, /): ...
-
 class Derived(Stage, SimulatedStage):
     emulated = False
     def __init__(self):
@@ -133,7 +130,6 @@ def read(path: Path) -> BenchSettings:
         ("lab_stage:", "", 'it must be "module:Class"'),
         ("../lab_stage:Stage", "", 'it must be "module:Class"'),
         ("leaving_stage:Stage", "", "importing leaving_stage failed: SystemExit: 3; correct it"),
-        ("lab_stage:ByPosition", "", "ByPosition takes travel by position only"),
         (
             "lab_stage:Parity",
             'port = "a"\nzero_deg = 0.0',
