@@ -44,7 +44,6 @@ FAULTS: dict[DeviceName, dict[str, float]] = {
         "off": 0.0,  # nothing is written
         "late files": 9.0,  # the first file comes later by this time, s
         "part of the files": 100.0,  # only this number of files is written; the next file is written half
-        "repeats": 0.0,  # the acquisition before is written again
         "swapped channels": 0.0,  # the files of channels 5 and 6 hold the data of the other
         "garbled headers": 0.0,  # headers are noise
         "lost trigger": 3.0,  # the trigger of a sweep with this number is lost

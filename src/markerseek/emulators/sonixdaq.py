@@ -58,7 +58,6 @@ class EmulatedSonixDaq:
         self._readout_s = readout_s
         self._now_s = 0.0
         self._triggered: deque[Train] = deque()
-        self._previous: list[bytes] = []
         self._queue: deque[_Writing] = deque()
 
     @property
@@ -114,9 +113,7 @@ class EmulatedSonixDaq:
 
     def _finish(self, train: Train) -> None:
         """Make the files of an acquisition, and queue them for writing."""
-        fresh = self._acquisition(train)
-        files = self._previous if self._previous and self.faults("repeats") else fresh
-        self._previous = files
+        files = self._acquisition(train)
         if not self.faults("off"):
             self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.amount("late files")))
 

@@ -66,13 +66,6 @@ def test_a_silent_box_gets_the_command_to_disarm_and_times_out() -> None:
     assert bench.box.pulses == []
 
 
-def test_no_box_at_all_is_not_connected() -> None:
-    bench = Bench()
-    bench.faults.inject("silent")
-    with pytest.raises(NotConnectedError, match="no answer to HELLO in time: no byte came"):
-        bench.driver()
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

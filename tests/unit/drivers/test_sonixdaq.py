@@ -147,13 +147,6 @@ def test_files_that_are_out_of_order_or_noise_are_refused(bench: Bench, fault: s
         bench.take()
 
 
-def test_an_acquisition_that_is_written_again_is_equal_to_the_last_count_for_count(bench: Bench) -> None:
-    """The guard refuses equal frames in a row; the emulator must really repeat them."""
-    first = bench.take("a")
-    bench.daq.faults.inject("repeats")
-    np.testing.assert_array_equal(bench.take("b").samples, first.samples)
-
-
 def test_two_layouts_in_one_folder_are_not_mixed(bench: Bench) -> None:
     with pytest.raises(AcquisitionError, match=r"CH003.daq and CH003-0000.daq are both channel 3; .* one program"):
         _numbered(["CH003.daq", "CH003-0000.daq"])
@@ -168,12 +161,6 @@ def test_two_layouts_in_one_folder_are_not_mixed(bench: Bench) -> None:
     assert samples[[wire.element_of_file(number) for number in range(wire.CHANNELS)]].tolist() == [
         [number + 1, 1] for number in range(wire.CHANNELS)
     ]
-
-
-def test_without_arming_or_under_another_permit_there_is_no_frame(bench: Bench) -> None:
-    bench.receiver.arm(Permit(token="a", angle_deg=0.0, pulses=4, expires_s=math.inf))
-    with pytest.raises(AcquisitionError, match="not armed for the permit 'b'"):
-        bench.receiver.acquire(Permit(token="b", angle_deg=0.0, pulses=4, expires_s=math.inf))
 
 
 def test_a_folder_that_is_not_there_is_not_connected(tmp_path: Path) -> None:

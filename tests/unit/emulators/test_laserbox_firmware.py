@@ -203,15 +203,18 @@ def test_emulator_and_firmware_refuse_the_same_pulses_by_their_budget() -> None:
 
 
 @pytest.mark.parametrize("late_ms", [1, 7, 30])
-def test_no_two_pulses_of_a_sweep_are_nearer_than_permitted_however_late_the_loop_is(late_ms: int) -> None:
+@pytest.mark.parametrize(
+    ("line", "apart_ms"), [(sweep_line((1, 8, 10, 2000)), 10), (permit_line((1, 8, 0, 100, 2000)), 5)]
+)
+def test_a_loop_that_is_late_puts_pulses_off_and_never_bunches_them(line: bytes, apart_ms: int, late_ms: int) -> None:
     pair = Pair()
-    pair.firmware.feed(sweep_line((1, 8, 10, 2000)) + wire.encode(wire.Fire(token=1)))
+    pair.firmware.feed(line + wire.encode(wire.Fire(token=1)))
     for now_ms in range(0, 90, late_ms):
         pair.now_ms = now_ms
         pair.firmware.advance(1000 * now_ms)
     times = [at_ms for at_ms, _ in pair.pulls]
     assert len(times) >= 3
-    assert min(after - before for before, after in itertools.pairwise(times)) >= 10
+    assert min(after - before for before, after in itertools.pairwise(times)) >= apart_ms
 
 
 @given(st.binary(max_size=80))
@@ -235,16 +238,3 @@ def test_limits_and_lease_are_those_of_the_codec() -> None:
         "LIGHT_LATE_US",
     ):
         assert getattr(FIRMWARE, name) == getattr(wire, name), name
-
-
-@pytest.mark.parametrize("late_ms", [1, 7, 30])
-def test_a_loop_that_is_late_puts_pulses_off_and_never_bunches_them(late_ms: int) -> None:
-    pair = Pair()
-    pair.firmware.feed(permit_line((1, 8, 0, 100, 2000)) + wire.encode(wire.Fire(token=1)))
-    times = []
-    for now_ms in range(0, 90, late_ms):
-        pair.now_ms = now_ms
-        pair.firmware.advance(1000 * now_ms)
-    times = [at_ms for at_ms, _ in pair.pulls]
-    assert len(times) >= 3
-    assert min(after - before for before, after in itertools.pairwise(times)) >= 5
