@@ -172,10 +172,6 @@ class MotionControl:
         if not self._braking:
             self.events.append(STOPPED)
 
-    def set_counter(self, counts: int) -> None:
-        """Set the position counter; nothing moves."""
-        self._stage.offset += counts - self._stage.counts
-
     def _fail(self) -> None:
         """Apply the faults of the mechanics that hold now."""
         if self._fault("power cut"):

@@ -164,11 +164,9 @@ class Kdc101Emulator:
             0x0210: self._enable,
             0x0211: self._send_enabled,
             0x040A: self._send_counter,
-            0x0410: self._set_counter,
             0x0411: self._send_counter,
             0x0429: self._send_bits,
             0x0443: lambda _message: self._motion.go_home(),
-            0x0448: self._move_by,
             0x0453: self._move,
             0x0465: lambda message: self._motion.stop(profiled=message.raw[3] == _PROFILED),
             0x0480: self._answer_status,
@@ -202,15 +200,8 @@ class Kdc101Emulator:
         if message.ident not in (TARGET, PORTS):
             self._motion.learn(self._stored)
 
-    def _set_counter(self, message: AptMessage) -> None:
-        self._motion.set_counter(struct.unpack("<Hi", message.data)[1])
-
     def _move(self, message: AptMessage) -> None:
         self._motion.go(struct.unpack("<Hi", message.data or self._stored[TARGET])[1])
-
-    def _move_by(self, message: AptMessage) -> None:
-        if message.data:
-            self._motion.go(self._stage.counts + struct.unpack("<Hi", message.data)[1])
 
     def _set_updates(self, message: AptMessage) -> None:
         self._updates = message.ident == 0x0011
