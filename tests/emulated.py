@@ -60,7 +60,6 @@ def emulation(
     folder: Path,
     *options: object,
     seed: int = 1,
-    device: str = "bench",
     pace: float = 0.01,
     text: str = WORLD,
     before: str = "",
@@ -71,9 +70,10 @@ def emulation(
     """
     world, bench = folder / "world.toml", folder / "bench"
     world.write_text(text)
-    paced = ("--pace", pace) if device == "bench" else ()
     process = subprocess.Popen(
-        markerseek("emulate", device, "--dir", bench, "--rig", world, "--seed", seed, *paced, *options, before=before),
+        markerseek(
+            "emulate", "bench", "--dir", bench, "--rig", world, "--seed", seed, "--pace", pace, *options, before=before
+        ),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

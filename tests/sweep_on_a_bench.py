@@ -9,7 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Event, Receiver, SearchPlan
-from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.drivers import (
+    Kdc101Settings,
+    Kdc101Stage,
+    LaserBox,
+    LaserBoxSettings,
+    SonixDaqReceiver,
+    SonixDaqSettings,
+)
 from markerseek.emulators import LIGHT_COUNTS, EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs import image_reader
@@ -36,8 +43,6 @@ class Bench:
     ``late_s``: further time that the files may take.
     """
 
-    stage_line: type[DirectPort] = DirectPort
-
     def __init__(
         self,
         folder: Path,
@@ -46,16 +51,16 @@ class Bench:
         frames: str = "triggered",
         readout_s: float = 0.3,
         late_s: float = 0.0,
-        position_triggered: bool = False,
         seed: int = 3,
     ) -> None:
         self.settings = settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
         self.emulated = EmulatedBench(settings=settings, rng=np.random.default_rng(seed), folder=folder)
         self.clock = clock = BenchClock(tick_s=2e-3)
-        self.stage_port = self.stage_line(device=self.emulated.stage, clock=clock)
+        self.stage_port = DirectPort(device=self.emulated.stage, clock=clock)
         port = DirectPort(device=self.emulated.laser_box, clock=clock)
         self.stage = self.connect()
-        self.laser = LaserBox(port=port, clock=clock, position_triggered=position_triggered, usual_light=LIGHT_COUNTS)
+        metered = LaserBoxSettings(port="", energy_from="photodiode", usual_energy=LIGHT_COUNTS)
+        self.laser = LaserBox(port=port, clock=clock, settings=metered)
         self.port = port
         self.alive = True
         clock.lead(self._beat, lambda _: port.read(0, timeout_s=0.0), self.emulated.daq.advance)

@@ -7,8 +7,7 @@ byte for byte against the emulator. `main` gives it pins, a serial line and a wa
 
 LEASE_MS = 100
 IDENTITY = "laserbox1"
-VERSION = 5
-METERED_VERSION = 6  # of a board with a light meter
+VERSION = 7
 LINE_BYTES = 80
 MAX_PULSES = 1024
 MAX_RATE_HZ = 1000
@@ -18,13 +17,12 @@ MIN_PERIOD_US = 2000  # each pulse of a sweep is reported before the next is fir
 MAX_PERIOD_US = 10000000
 MAX_COUNT = 2147483647
 MAX_PULSES_PER_MINUTE = 6000  # what 100 Hz gives without a pause; change it with the laser safety officer only
-LIGHT_LATE_US = 1000  # longest time from a trigger to its light, when the photodiode is read; from an edge to a trigger
+LIGHT_LATE_US = 1000  # longest time from a trigger to its light, when the photodiode is read
 
 PIN_LASER = 2
 PIN_ACQUISITION = 3
 PIN_PHOTODIODE = 4
 PIN_INTERLOCK = 5
-PIN_TRIGGER = 7  # trigger of the stage: each rising edge gives a pulse of a position-triggered sweep
 PIN_PROGRAM = 6  # tied to ground at power-up: no box, but a board that takes a new program
 PIN_METER = None  # 26: what the light meter says; None: the board has none
 METER_US = 30  # from the beginning of a trigger to the reading of the light meter
@@ -51,7 +49,7 @@ def line_of_bytes(data):
     return data + "*{:04X}\n".format(crc16(data)).encode()
 
 
-ARGUMENTS = {"HELLO": 0, "PERMIT": 5, "SWEEP": 4, "EDGES": 4, "TIME": 1, "BEAT": 1, "FIRE": 1, "DISARM": 0}
+ARGUMENTS = {"HELLO": 0, "PERMIT": 5, "SWEEP": 4, "TIME": 1, "BEAT": 1, "FIRE": 1, "DISARM": 0}
 
 
 def period_of(rate_hz):
@@ -78,25 +76,21 @@ class Box:
     `trigger(laser)` is called for each trigger, `photodiode()` returns the pulses seen since power-up,
     `interlock_closed()` whether it may fire, and `light()`, of a board with a light meter, the sum since power-up of
     what it read of each pulse. An interrupt sets `interlock_opened` whenever the interlock opens, so that
-    it is noticed also where it closes again before the next turn of the loop. `edges()` is how many rising edges the
-    trigger input has had since power-up, when the last of them came, and what time it is.
+    it is noticed also where it closes again before the next turn of the loop.
 
     A permit is leave for light. A train is what goes to the acquisition: it is completed at the same rate, without
     light, when the permit is taken away, so that an acquisition that counts triggers never waits for the rest.
 
-    Permit and train are a token, pulses, the time between two in us, triggers, and what gives them: None where they
-    are averaged, "SWEEP" or "EDGES" for those of a sweep, which are stamped one by one.
+    Permit and train are a token, pulses, the time between two in us, triggers, and whether they are those of a sweep,
+    which are stamped one by one; else they are averaged.
     """
 
-    def __init__(self, trigger, photodiode, interlock_closed, light=None, edges=None):
+    def __init__(self, trigger, photodiode, interlock_closed, light=None):
         self.trigger = trigger
         self.photodiode = photodiode
         self.interlock_closed = interlock_closed
-        self.light = light
-        self.edges = edges or (lambda: (0, 0, 0))
-        self.edges_before = 0  # at the beginning of the train
-        self.edges_looked = 0
-        self.edge_us = 0  # when the last of them came
+        self.metered = light is not None
+        self.light = light or (lambda: 0)
         self.now_us = 0
         self.buffer = b""
         self.too_long = False
@@ -114,7 +108,7 @@ class Box:
         self.seen_before = 0
         self.light_before = 0
         self.last_trigger_us = 0
-        self.untold = None  # stamp of the last pulse of a sweep; counts of photodiode, edges and light before it
+        self.untold = None  # stamp of the last pulse of a sweep; counts of photodiode and light before it
         self.dark_told = True
         self.fired = []  # second and pulses, of the last minute
 
@@ -151,38 +145,22 @@ class Box:
             return
         self._tell_light()
         if self.triggers < self.train[3]:
-            if self._given():
+            if self.due_us <= self.now_us:
                 self._pull()
                 self._tell_light()
         elif self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
             seen = self.photodiode() - self.seen_before
-            done = "DONE {} {} {}".format(self.train[0], self.sent, seen)
-            if self.light is not None:
-                done += " {}".format(min(self.light() - self.light_before, MAX_COUNT))
-            self.said += line_of(done)
+            light = min(self.light() - self.light_before, MAX_COUNT)
+            self.said += line_of("DONE {} {} {} {}".format(self.train[0], self.sent, seen, light))
             self.train = None
-
-    def _given(self):
-        """Whether a trigger is given now: by the box's own pace, or by the last edge as long as there may be light."""
-        if self.train[4] != "EDGES" or self.permit is None:
-            return self.due_us <= self.now_us
-        before = self.edges_looked
-        self.edges_looked, self.edge_us, now_us = self.edges()
-        if self.edges_looked == before:
-            return False
-        self.now_us = max(self.now_us, now_us)
-        # in the dark: too soon after the pulse before; or so long ago that the stage is elsewhere
-        return self.due_us <= self.edge_us and self.now_us - self.edge_us <= LIGHT_LATE_US
 
     def _tell_light(self):
         """Tell the last pulse of a sweep once its light has been seen, and once the last of all."""
         if self.untold is not None and self.now_us >= self.last_trigger_us + LIGHT_LATE_US:
-            stamp_us, before, edge, light = self.untold
+            stamp_us, before, light = self.untold
             self.untold = None
-            pulse = "PULSE {} {} {} {} {}".format(self.train[0], self.sent, stamp_us, self.photodiode() - before, edge)
-            if self.light is not None:
-                pulse += " {}".format(min(self.light() - light, MAX_COUNT))
-            self.said += line_of(pulse)
+            seen, light = self.photodiode() - before, min(self.light() - light, MAX_COUNT)
+            self.said += line_of("PULSE {} {} {} {} {}".format(self.train[0], self.sent, stamp_us, seen, light))
         if self.permit is None and self.untold is None and not self.dark_told:
             self.dark_told = True
             self.said += line_of("DARK {} {} {}".format(self.train[0], self.sent, self.photodiode() - self.seen_before))
@@ -213,8 +191,8 @@ class Box:
             return self._greet()
         if verb == "PERMIT":
             return self._take_permit(*numbers)
-        if verb in ("SWEEP", "EDGES"):
-            return self._take_sweep(verb, *numbers)
+        if verb == "SWEEP":
+            return self._take_sweep(*numbers)
         if verb == "BEAT":
             return self._renew(numbers[0])
         if verb == "FIRE":
@@ -231,10 +209,8 @@ class Box:
             return "BUSY"
         self.permit = None
         self.last_step = 0
-        version = VERSION if self.light is None else METERED_VERSION
-        self.said += line_of(
-            "OK HELLO {} {} {} {} {}".format(IDENTITY, version, LEASE_MS, self.last_token, self._seen())
-        )
+        words = IDENTITY, VERSION, LEASE_MS, self.last_token, self._seen(), int(self.metered)
+        self.said += line_of("OK HELLO {} {} {} {} {} {}".format(*words))
         return None
 
     def _renew(self, step):
@@ -254,9 +230,9 @@ class Box:
             and 1000 * triggers <= rate_hz * MAX_EXPIRY_MS
         ):
             return "FORM"
-        return self._permit("PERMIT", (token, pulses, period_of(rate_hz), triggers, None), expiry_ms)
+        return self._permit("PERMIT", (token, pulses, period_of(rate_hz), triggers, False), expiry_ms)
 
-    def _take_sweep(self, verb, token, pulses, period_us, expiry_ms):
+    def _take_sweep(self, token, pulses, period_us, expiry_ms):
         if not (
             token >= 1
             and 1 <= pulses <= MAX_SWEEP_PULSES
@@ -265,7 +241,7 @@ class Box:
             and pulses * period_us <= 1000 * MAX_EXPIRY_MS
         ):
             return "FORM"
-        return self._permit(verb, (token, pulses, period_us, pulses, verb), expiry_ms)
+        return self._permit("SWEEP", (token, pulses, period_us, pulses, True), expiry_ms)
 
     def _permit(self, verb, permit, expiry_ms):
         token, pulses = permit[:2]
@@ -298,11 +274,10 @@ class Box:
             return "TOKEN"
         self.train = self.permit
         self.triggers = self.sent = 0
-        self.dark_told = self.train[4] is None
+        self.dark_told = not self.train[4]
         self.seen_before = self.photodiode()
-        self.light_before = 0 if self.light is None else self.light()
+        self.light_before = self.light()
         self.due_us = self.now_us
-        self.edges_before = self.edges_looked = self.edges()[0]
         self._act()
         return None
 
@@ -310,11 +285,7 @@ class Box:
         _token, pulses, period_us, triggers, swept = self.train
         laser = self.permit is not None and self.triggers < pulses
         if laser and swept:
-            stamp_us, edge = self.now_us, 0
-            if swept == "EDGES":
-                stamp_us, edge = self.edge_us, self.edges_looked - self.edges_before
-            light = 0 if self.light is None else self.light()
-            self.untold = (stamp_us & MAX_COUNT, self.photodiode(), edge, light)
+            self.untold = (self.now_us & MAX_COUNT, self.photodiode(), self.light())
         self.trigger(laser)
         self.triggers += 1
         self.last_trigger_us = self.now_us
@@ -330,7 +301,7 @@ class Box:
         self.due_us = max(self.due_us + period_us, self.now_us + (period_us if swept else period_us // 2))
 
 
-def main():  # noqa: C901 - pins and interrupts, one after the other
+def main():
     """Run the box on a board with MicroPython (written for an RP2040)."""
     import select
     import sys
@@ -371,25 +342,11 @@ def main():  # noqa: C901 - pins and interrupts, one after the other
             light[0] += max(0, meter.read_u16() - rest)
 
     now_us, ticks = 0, time.ticks_us()
-    edges = [0, ticks]
-
-    def step(_pin):
-        edges[0] += 1
-        edges[1] = time.ticks_us()
-
-    def stepped():
-        held = machine.disable_irq()  # else an edge between the two would give its time to the one before
-        number, at = edges
-        machine.enable_irq(held)
-        return number, now_us + time.ticks_diff(at, ticks), now_us + time.ticks_diff(time.ticks_us(), ticks)
-
-    machine.Pin(PIN_TRIGGER, machine.Pin.IN, machine.Pin.PULL_DOWN).irq(step, machine.Pin.IRQ_RISING, hard=True)
     box = Box(
         trigger,
         lambda: seen[0],
         lambda: interlock.value() == 1,
         None if meter is None else lambda: light[0],
-        stepped,
     )
 
     def opened(_pin):

@@ -77,7 +77,9 @@ def test_inputs_that_once_did_harm_are_refused(path: Path) -> None:
 
 def test_a_laser_box_whose_tokens_are_used_up_is_refused_before_anything_is_permitted() -> None:
     greeting = laserbox.encode(
-        laserbox.Greeting(identity="box1", version=laserbox.VERSION, lease_ms=100, last_token=2**31 - 1, seen=0)
+        laserbox.Greeting(
+            identity="box1", version=laserbox.VERSION, lease_ms=100, last_token=2**31 - 1, seen=0, meter=0
+        )
     )
     with pytest.raises(NotConnectedError, match="has used the token 2147483647"):
         LaserBox(port=ScriptedPort(b"\0\0" + bytes([len(greeting)]) + greeting), clock=VirtualClock())

@@ -18,7 +18,7 @@ Shell = Callable[..., tuple[int, str, str]]
 READERS: tuple[tuple[object, ...], ...] = (
     ("search", "--no-journal", "--rig"),
     ("doctor", "--rig"),
-    ("emulate", "kdc101", "--dir", "emulated", "--rig"),
+    ("emulate", "bench", "--dir", "emulated", "--rig"),
     ("replay",),
     ("resume",),
     ("frame",),
@@ -121,13 +121,3 @@ def test_the_smallest_numbers_there_are_are_no_marker_and_no_error(shell: Shell,
     Path("scan.csv").write_text(f"angle_deg,intensity\n{rows}", encoding="utf-8")
     code, out, _ = shell("replay", "scan.csv", "--method", method, "--json")
     assert (code, json.loads(out)["found"]) == (3, False)
-
-
-@pytest.mark.parametrize("options", [("--pace", "0.5"), ("--receiver", "plus")])
-def test_options_that_an_emulated_stage_does_not_know_are_refused(
-    shell: Shell, tmp_path: Path, options: tuple[str, ...]
-) -> None:
-    code, _, error = shell("emulate", "kdc101", "--dir", tmp_path / "devices", *options)
-    assert code == 2
-    assert "does not apply to kdc101; leave it out" in error
-    assert not (tmp_path / "devices").exists()

@@ -52,7 +52,7 @@ def test_installed_drivers_are_found_by_their_names_and_a_receiver_finds_the_mar
     toy = tmp_path / "toy.toml"
     tables = '[laser]\ndriver = "simulated"\n[receiver]\ndriver = "simulated"\n'
     toy.write_text(f'kind = "bench"\n[stage]\ndriver = "toy"\nport = "{tmp_path}/none"\n{tables}')
-    # Nobody is asked to trust it: it is installed. Its keys are those of the class.
+    # Its keys are those of the class.
     done = subprocess.run(
         markerseek("doctor", "--rig", toy), env=installed, capture_output=True, text=True, check=False
     )

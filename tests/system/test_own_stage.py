@@ -74,7 +74,7 @@ def test_the_stage_of_the_page_passes_doctor_and_finds_the_marker(lab: Path) -> 
     assert set(blocks()) == {"toy_stage.py", "toy_device.py", "rig.toml", "test_toy_stage.py"}
     with pretended(lab):
         told = subprocess.run(
-            markerseek("doctor", "--rig", "rig.toml", "--trust", "--json"),
+            markerseek("doctor", "--rig", "rig.toml", "--json"),
             cwd=lab,
             capture_output=True,
             text=True,
@@ -117,7 +117,7 @@ def test_a_search_that_is_killed_leaves_the_stage_stopped_on_its_way(lab: Path) 
     changed(lab, "rig.toml", "speed_deg_s = 25.0", "speed_deg_s = 3.0")
     with pretended(lab) as printed, (lab / "said.txt").open("w") as said:
         process = subprocess.Popen(
-            markerseek("search", "--rig", "rig.toml", "--trust", "--arm", "--journal", lab / "run.journal"),
+            markerseek("search", "--rig", "rig.toml", "--arm", "--journal", lab / "run.journal"),
             cwd=lab,
             stdout=said,
             stderr=said,

@@ -1,7 +1,7 @@
 """The command line: one file per command, `app` with all of them, and `main`, which handles every error.
 
 Exit codes: 0 found (or all is well), 3 any other answer of a search, 1 a fault, 2 wrong usage or a file that cannot be
-read, 4 the rig was not armed or its driver not trusted, 70 a defect of this program, 74 the output could not be
+read, 4 the rig was not armed, 70 a defect of this program, 74 the output could not be
 written, 130 stopped by the user (129, 143: by SIGHUP, SIGTERM).
 """
 

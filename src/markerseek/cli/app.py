@@ -40,8 +40,9 @@ app = typer.Typer(
     name="markerseek",
     help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
     epilog="Try: markerseek search --seed 1 --plot\n\n"
+    "A rig file can run code: open those that you trust.\n\n"
     "Exit codes: 0 found, or all is well; 3 any other answer; 1 a fault; 2 wrong usage, or a file that cannot be read; "
-    "4 not armed, or a driver not trusted; 70 a defect of this program; 74 the output cannot be written",
+    "4 not armed; 70 a defect of this program; 74 the output cannot be written",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",

@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from markerseek import runs
 from markerseek.cli.open_rig import arm_rig, open_rig, person
-from markerseek.cli.options import Arm, AsJson, RigFile, Trust
+from markerseek.cli.options import Arm, AsJson, RigFile
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
@@ -44,7 +44,6 @@ class BModeNote:
 def command(
     out: Annotated[Path, typer.Argument(help="New file, .hdf5.")],
     rig: RigFile = None,
-    trust: Trust = False,
     step_deg: Annotated[float, typer.Option(help="Largest step in degrees.")] = 0.5,
     seed: Annotated[
         int | None,
@@ -71,7 +70,7 @@ def command(
     announce_compilation()
     taken = 0
     stopped: StoppedBySignal | None = None
-    with open_rig(rig, SimulationOptions(seed=seed), trust=trust) as (assembled, _start_deg):
+    with open_rig(rig, SimulationOptions(seed=seed)) as (assembled, _start_deg):
         angles = runs.scan_angles(assembled, step_deg=step_deg)
         view = runs.RunView(plan=SearchPlan(method="exhaustive"), facts=assembled.facts)
         arm_rig(assembled, file=rig, arm=arm, what="scan", as_json=as_json)

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from markerseek import rigs, runs, signals
 from markerseek.cli.direction import steadiness
-from markerseek.cli.options import Arm, AsJson, ProbeName, RigFile, Trust
+from markerseek.cli.options import Arm, AsJson, ProbeName, RigFile
 from markerseek.cli.report import Output, Report, table, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
@@ -69,7 +69,6 @@ def command(
     ] = False,
     rig: RigFile = None,
     arm: Arm = False,
-    trust: Trust = False,
     as_json: AsJson = False,
 ) -> None:
     """Find angle zero, face radius, trigger offset, sound speed and noise, and print the lines for rig.toml.
@@ -84,13 +83,13 @@ def command(
         raise ConfigError("name a scan of a point source, or measure the delay of a rig with --delay, and not both")
     if bank is None:
         if (probe, source_deg, zero_deg, direction, pickup_us) != (None, 0.0, 0.0, "forward", None):
-            raise ConfigError("--delay takes --rig, --arm, --trust and --json; leave the options of a scan out")
+            raise ConfigError("--delay takes --rig, --arm and --json; leave the options of a scan out")
         from markerseek.cli.delay import measure_delay
 
-        measure_delay(rig, arm=arm, trust=trust, as_json=as_json)
+        measure_delay(rig, arm=arm, as_json=as_json)
         return
-    if rig is not None or arm or trust:
-        raise ConfigError("--rig, --arm and --trust belong to --delay; a scan names no rig")
+    if rig is not None or arm:
+        raise ConfigError("--rig and --arm belong to --delay; a scan names no rig")
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
         require_range(name, angle_deg, low=-360, high=360, unit="deg")
     if pickup_us is not None and not 0 <= pickup_us[0] < pickup_us[1] <= 1000:

@@ -15,10 +15,10 @@ from markerseek.core import Asked
 from markerseek.runs import DelayRun, MeasuredDelay
 
 
-def measure_delay(rig: Path | None, *, arm: bool, trust: bool, as_json: bool) -> None:
+def measure_delay(rig: Path | None, *, arm: bool, as_json: bool) -> None:
     """Sweep a rig there and back over one marker, and print the lines for its rig file."""
     output = Output(as_json=as_json)
-    with open_rig(rig, sweeps=True, trust=trust) as (assembled, _):
+    with open_rig(rig, sweeps=True) as (assembled, _):
         run = DelayRun(assembled)
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="sweep", as_json=as_json)

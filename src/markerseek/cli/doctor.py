@@ -19,8 +19,8 @@ from rich.markup import escape
 
 from markerseek import drivers, rigs, ros
 from markerseek.cli.direction import prove_direction, require_source_deg
-from markerseek.cli.open_rig import open_rig, read_rig
-from markerseek.cli.options import AsJson, Trust
+from markerseek.cli.open_rig import open_rig
+from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, SearchPlan, described, is_absent
 from markerseek.testing import RuleCheck
@@ -79,7 +79,6 @@ def command(
         float | None,
         typer.Option(help="True angle of a point source, in degrees: search for it, to test the sense of rotation."),
     ] = None,
-    trust: Trust = False,
     arm: Annotated[bool, typer.Option("--arm", help="Arm the rig for --source-deg without being asked.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -95,8 +94,6 @@ def command(
         raise ConfigError("--arm: without --source-deg nothing moves and nothing is fired; leave it out")
     if source_deg is not None:
         require_source_deg(source_deg)
-    if rig is not None:
-        read_rig(rig, trust=trust)
     lease_s = None if rig is None else _lease_s(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if lease_s is not None:

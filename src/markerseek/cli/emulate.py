@@ -28,17 +28,14 @@ EXAMPLES = (
     "  markerseek emulate bench --dir /tmp/bench --seed 3 --pace 0.1\n\n"
     "  markerseek emulate bench --dir /tmp/bench --receiver plus\n\n"
     "  markerseek emulate bench --dir /tmp/bench --receiver vantage\n\n"
-    "  markerseek emulate bench --dir /tmp/bench --endoscope\n\n"
-    "  markerseek emulate kdc101 --dir /tmp/stage"
+    "  markerseek emulate bench --dir /tmp/bench --endoscope"
 )
-
-Device = Literal["kdc101", "bench"]
 
 
 def command(
-    device: Annotated[
-        Device,
-        typer.Argument(help="kdc101: the stage; bench: stage, laser box and receiver."),
+    _device: Annotated[
+        Literal["bench"],
+        typer.Argument(metavar="bench", help="Stage, laser box and receiver, each for any program."),
     ],
     folder: Annotated[Path, typer.Option("--dir", help="Folder for ports, channel files and rig.toml.")],
     seed: Annotated[
@@ -49,31 +46,24 @@ def command(
     ] = None,
     pace: Annotated[
         float,
-        typer.Option(help="Factor on the readout time of the settings (bench), 0.01 to 1."),
+        typer.Option(help="Factor on the readout time of the settings, 0.01 to 1."),
     ] = 1.0,
     mirrored: Annotated[
         bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage.")
     ] = False,
     receiver: Annotated[
         Literal["sonixdaq", "plus", "vantage"],
-        typer.Option(help="Emulate a SonixDAQ's folder, or on this computer a PLUS server or a Vantage (bench)."),
+        typer.Option(help="Emulate a SonixDAQ's folder, or on this computer a PLUS server or a Vantage."),
     ] = "sonixdaq",
     endoscope: Annotated[
         bool,
-        typer.Option("--endoscope", help="Write images of a stereo endoscope too; typing moves the spot (bench)."),
+        typer.Option("--endoscope", help="Write images of a stereo endoscope too; typing moves the spot."),
     ] = False,
 ) -> None:
     """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then print the true state."""
     import numpy as np
 
     require_range("--pace", pace, low=0.01, high=1)
-    for option, given in (
-        (f"--receiver {receiver}", receiver != "sonixdaq"),
-        (f"--pace {pace:g}", pace != 1.0),
-        ("--endoscope", endoscope),
-    ):
-        if given and device == "kdc101":
-            raise ConfigError(f"{option} does not apply to kdc101; leave it out")
     settings = rigs.read_simulated(rig, cure="the world behind emulated devices is of kind simulated")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -98,14 +88,13 @@ def command(
             rng=np.random.default_rng([seed, 1]),  # noqa: TID251  as above
         )
     with noted_signals() as stop:
-        _serve(emulated, device, folder, settings, pace=pace, stop=stop, images=images)
-    for line in _truth(emulated, device, images):
+        _serve(emulated, folder, settings, pace=pace, stop=stop, images=images)
+    for line in _truth(emulated, images):
         stderr.print(line)
 
 
 def _serve(
     emulated: emulators.EmulatedBench,
-    device: Device,
     folder: Path,
     settings: SimulatedSettings,
     *,
@@ -115,21 +104,17 @@ def _serve(
 ) -> None:
     """Open the ports, print how to use them, and serve until stopped."""
     real = drivers.SystemClock()
-    if device == "bench":
-        emulated.daq.warm_up()  # what it loads and computes once would hold up the lines for half a second
+    emulated.daq.warm_up()  # what it loads and computes once would hold up the lines for half a second
     with ExitStack() as opened:
-        ports = {
-            name: opened.enter_context(emulated.line(name, clock=real, link=_free(folder / name)))
-            for name in (("stage", "laser") if device == "bench" else ("stage",))
-        }
-        for name, port in ports.items():
-            stdout.print(f"{name}: {port.path}")
+        lines = []
+        for name in ("stage", "laser"):
+            lines.append(opened.enter_context(emulated.line(name, clock=real, link=_free(folder / name))))
+            stdout.print(f"{name}: {lines[-1].path}")
         opened.callback(emulated.daq.close)
-        if device == "bench":
-            stdout.print(emulated.daq.said)
-            rig_file = folder / "rig.toml"
-            write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
-            stdout.print(f"try: markerseek search --rig {quoted(rig_file)} --arm")
+        stdout.print(emulated.daq.said)
+        rig_file = folder / "rig.toml"
+        write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
+        stdout.print(f"try: markerseek search --rig {quoted(rig_file)} --arm")
         if images is not None:
             stereo = folder / "stereo.toml"
             write_rig_file(stereo, _stereo_toml(images))
@@ -147,7 +132,6 @@ def _serve(
                 stdout.print(images.type(line))
             return bool(stop)
 
-        lines = list(ports.values())
         emulators.serve(lines=lines, clock=real, pace=pace, daq=emulated.daq, until=until, images=images)
 
 
@@ -199,7 +183,6 @@ port = {json.dumps(str(place / "laser"))}
 pulses = {settings.laser.pulses}
 rate_hz = {settings.laser.rate_hz}
 answer_s = 5.0
-sweep_mode = "{settings.laser.sweep_mode}"
 {energy}
 [receiver]
 {receiver}sampling_hz = {settings.receiver.sampling_hz}
@@ -260,15 +243,12 @@ def true_marker(truth_deg: float | None) -> str:
     return "truth: there is no marker" if truth_deg is None else f"truth: the marker is at {truth_deg:.3f} deg"
 
 
-def _truth(emulated: emulators.EmulatedBench, device: Device, images: emulators.EmulatedEndoscope | None) -> list[str]:
+def _truth(emulated: emulators.EmulatedBench, images: emulators.EmulatedEndoscope | None) -> list[str]:
     """The true state of the emulated world, which no driver can read."""
     low_deg, high_deg = emulated.stage.truth_range_deg
-    truth = [f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg"]
-    if device == "bench":
-        fired = counted(len(emulated.laser_box.pulses), "pulse of light was", "pulses of light were")
-        # A spot that is moved has no one angle.
-        truth += [true_marker(emulated.truth_deg)] if images is None else []
-        truth.append(f"truth: {fired} fired")
-    if images is not None:
-        truth += ["truth: davinci_to_trus is", *matrix_lines(images.true.matrix.tolist())]
-    return truth
+    fired = counted(len(emulated.laser_box.pulses), "pulse of light was", "pulses of light were")
+    truth = [f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg", f"truth: {fired} fired"]
+    if images is None:
+        return [*truth, true_marker(emulated.truth_deg)]
+    # A spot that is moved has no one angle.
+    return [*truth, "truth: davinci_to_trus is", *matrix_lines(images.true.matrix.tolist())]

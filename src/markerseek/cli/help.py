@@ -21,7 +21,7 @@ FIRST = (
 
 PANELS = {
     "Search": (*(each.flag for each in options_of(SearchPlan)), "--prior", "--compare", "--registration"),
-    "Rig": ("--trust", "--wavelength-nm", "--pulse-energy-mj"),
+    "Rig": ("--wavelength-nm", "--pulse-energy-mj"),
     "Session": ("--images", "--tre-mm", "--markers", "--again", "--record", "--wait-s"),
     "Points": ("--target-mm", "--without", "--calibration-sigma-px"),
     "Arrays and sequences": (

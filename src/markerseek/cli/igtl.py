@@ -8,10 +8,9 @@ from typing import Annotated
 
 import typer
 
-from markerseek import bridges
+from markerseek import bridges, rigs
 from markerseek.bridges import igtl
-from markerseek.cli.open_rig import read_rig
-from markerseek.cli.options import RigFile, Trust
+from markerseek.cli.options import RigFile
 from markerseek.cli.signals import Stopped, heeded
 from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
@@ -27,7 +26,6 @@ EXAMPLES = """
 
 def command(
     rig: RigFile = None,
-    trust: Trust = False,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port; 0 takes any that is free. PLUS has 18944.")
     ] = 18945,
@@ -60,7 +58,7 @@ def command(
 
     if rig is not None:
         # A file that cannot be used is refused now, not when somebody asks for a search.
-        read_rig(rig, trust=trust)
+        rigs.read_rig_file(rig)
     source = None if registration is None else bridges.open_registration(registration)
     service = igtl.SearchService(
         bridges.SearchOptions(rig=rig, pace=pace),

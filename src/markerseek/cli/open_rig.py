@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 from rich.markup import escape
@@ -20,59 +19,11 @@ from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
 from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, SimulationOptions
 
-if TYPE_CHECKING:
-    from markerseek.sim import SimulatedSettings
-
 NOT_ARMED = 4
 """Exit code if the rig was not armed: nothing moved, nothing was fired."""
 
 _LINE_BYTES = 4096
 """Longest line of a terminal."""
-
-
-class UntrustedError(ConfigError):
-    """A module beside a rig file was not trusted; nothing was imported."""
-
-    exit_code = NOT_ARMED
-
-
-def read_rig(path: Path, *, trust: bool) -> SimulatedSettings | drivers.BenchSettings:
-    """Settings of a rig file, once a person trusts the modules beside it that are its drivers; they are imported then.
-
-    ``trust``: whether the user gave --trust; otherwise a question is asked on the terminal, once for each module.
-    """
-    settings = rigs.read_rig_file(path)
-    if isinstance(settings, drivers.BenchSettings):
-        trust_modules(settings, path, trust=trust)
-    return settings
-
-
-def trust_modules(settings: drivers.BenchSettings, path: Path, *, trust: bool) -> None:
-    """As `read_rig`, for settings that were read of ``path``."""
-    try:
-        modules = settings.modules_beside
-    except ConfigError as problem:
-        raise ConfigError(f"{path}: {problem}") from problem
-    for part, module in modules.items():
-        if module.is_trusted:
-            continue
-        first, *more = map(str, module.files)
-        brings = f"; it imports beside it: {', '.join(more)}" if more else ""
-        print_warning(
-            f"{path} has a {part} with a driver of its own, {module.name}, new or changed here: {first} would run as "
-            f"your own program{brings}"
-        )
-        name = module.files[0].name
-        if not trust and not _typed(f"Trust it? Only its name is a yes: {one_line(name)}", "name of the file", name):
-            raise UntrustedError(
-                f"{first} is not trusted, and nothing of it was run; read it, then add --trust, or type its name on a "
-                "terminal"
-            )
-        module.trust()
-    try:
-        settings.require_classes()
-    except ConfigError as problem:
-        raise ConfigError(f"{path}: {problem}") from problem
 
 
 NO_OPTIONS = SimulationOptions()
@@ -81,13 +32,13 @@ NO_OPTIONS = SimulationOptions()
 
 @contextmanager
 def open_rig(
-    path: Path | None, options: SimulationOptions = NO_OPTIONS, *, sweeps: bool = False, trust: bool = False
+    path: Path | None, options: SimulationOptions = NO_OPTIONS, *, sweeps: bool = False
 ) -> Iterator[tuple[rigs.Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     ``path``: None for the simulated rig with its defaults. ``sweeps``: whether it is to sweep: the one without a file
-    then streams its frames, and the gain of a simulated one leaves room for the noise of single pulses. ``trust``: as
-    of `read_rig`. Raises `DeviceError` if a device does not answer, or is not ready.
+    then streams its frames, and the gain of a simulated one leaves room for the noise of single pulses. Raises
+    `DeviceError` if a device does not answer, or is not ready.
     """
     from markerseek.sim import STREAMING, SimulatedSettings, with_options
 
@@ -104,8 +55,6 @@ def open_rig(
                 f"{' and '.join(options.given())}: only for a simulated rig, and {path} is one of devices (kind "
                 "bench); leave it out, or name the rig file of a simulated rig"
             )
-        assert path is not None  # noqa: S101  it was read from there
-        trust_modules(settings, path, trust=trust)
         with rigs.bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
@@ -129,14 +78,13 @@ def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float, stay:
     turns = "" if begin_deg is None else f"turns to {begin_deg:g} deg without light, then "
     way = " and ".join(f"{sweep.to_deg:g} deg{'' if sweep.back_deg is None else ' and back'}" for sweep in sweeps)
     readout_s = devices.receiver.sweep_readout_s
-    triggered = " that the stage triggers" if devices.triggering is not None else ""
     read = f", and at most {readout_s:.3g} s after each to read its frames" if readout_s > 0 else ""
     wait_deg = devices.wait_deg(sweeps[0])
     if wait_deg is not None:
         read += f" while it waits at {wait_deg:g} deg"
     stderr.print(
         f"[dim]{turns}sweeps from {first_deg:g} deg to {way} at {sweeps[0].speed_deg_s:.1f} deg/s, at most "
-        f"{1 / devices.least_period_s:.3g} frames a second{triggered}: {sum(durations_s):.1f} s at most with run-up "
+        f"{1 / devices.least_period_s:.3g} frames a second: {sum(durations_s):.1f} s at most with run-up "
         f"and braking{read}{'' if stay else ', then back to the marker'}[/]"
     )
 
@@ -171,30 +119,23 @@ def confirmed(question: str, *, name: str, asked_by: str | None = None) -> bool:
     """
     shown = printable(name).strip()
     by = f"asked by: {one_line(asked_by or f'{person()}, on this terminal')}"
-    asked = f"{by}\n{question} Only the name of the rig arms it: {one_line(shown)}"
-    if _typed(asked, "name of the rig", shown):
-        return True
+    # Only a person at a terminal is asked: "yes | markerseek" must not arm a laser. Without a standard input (<&-), its
+    # descriptor may be that of a serial line, which is a terminal too.
+    if sys.stdin is not None and sys.stdin.isatty():
+        stderr.print(f"{by}\n{question} Only the name of the rig arms it: {one_line(shown)}")
+        if _typed_line() == shown:
+            return True
     stderr.print("not armed: nothing moved and nothing was fired; add --arm, or type the rig's name on a terminal")
     return False
 
 
-def _typed(question: str, prompt: str, name: str) -> bool:
-    """Whether a person types this name on the terminal, after the question; False where there is none."""
-    # Only a person at a terminal is asked: "yes | markerseek" must not arm a laser. Without a standard input (<&-), its
-    # descriptor may be that of a serial line, which is a terminal too.
-    if sys.stdin is None or not sys.stdin.isatty():
-        return False
-    stderr.print(question)
-    return _typed_line(prompt) == name
-
-
-def _typed_line(prompt: str) -> str:
+def _typed_line() -> str:
     """The next line of the terminal, without what was typed before; empty if it ends."""
     terminal, line = sys.stdin.fileno(), b""
     try:
         # By the descriptor, because Python's own buffer may hold earlier lines too.
         termios.tcflush(terminal, termios.TCIFLUSH)
-        stderr.print(f"{prompt}: ", end="")
+        stderr.print("name of the rig: ", end="")
         sys.stderr.flush()
         while not line.endswith(b"\n"):
             piece = os.read(terminal, _LINE_BYTES)

@@ -30,12 +30,6 @@ RigFile: TypeAlias = Annotated[
 Arm: TypeAlias = Annotated[
     bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
 ]
-Trust: TypeAlias = Annotated[
-    bool,
-    typer.Option(
-        "--trust", help="Trust a module that lies beside the rig file and is its driver, without being asked."
-    ),
-]
 ProbeName: TypeAlias = Annotated[
     str | None,
     typer.Option(

@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
+from markerseek import rigs
 from markerseek.bridges import page
-from markerseek.cli.open_rig import read_rig
-from markerseek.cli.options import RigFile, Trust
+from markerseek.cli.options import RigFile
 from markerseek.cli.terminal import announce_compilation, stdout
 from markerseek.core import ConfigError
 
@@ -24,7 +24,6 @@ EXAMPLES = """
 
 def command(
     rig: RigFile = None,
-    trust: Trust = False,
     port: Annotated[int, typer.Option(help="Port; 0 takes any that is free.")] = 8765,
     host: Annotated[
         str, typer.Option(help="Address of this computer; one that other computers reach needs a certificate.")
@@ -61,7 +60,7 @@ def command(
         raise ConfigError("--cameras and --images belong together, and to a rig of devices; name all three, or neither")
     shown = page.PageRig()
     if rig is not None:
-        settings = read_rig(rig, trust=trust)
+        settings = rigs.read_rig_file(rig)
         shown = page.PageRig(file=rig, settings=settings, cameras=tuple(cameras or ()), images=images)
     browser = None
     if open_browser:

@@ -15,7 +15,7 @@ from rich.markup import escape
 
 from markerseek import drivers, registration, rigs
 from markerseek.cli.open_rig import arm_rig, open_rig, person
-from markerseek.cli.options import Arm, Trust
+from markerseek.cli.options import Arm
 from markerseek.cli.report import file_line
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_warning, progress_bar, show_view, stderr
@@ -70,7 +70,6 @@ class SessionOptions:
         float, typer.Option(help="Real seconds per second of the simulated rig; 1 is real time, 0 does not wait.")
     ] = 0.0
     arm: Arm = False
-    trust: Trust = False
     heartbeat: Heartbeat = None
 
     @property
@@ -187,7 +186,7 @@ def _room(
     stereo = registration.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
     with (
         closing(drivers.open_stereo_images(options.images, left=stereo.left, right=stereo.right)) as images,
-        open_rig(options.rig, SimulationOptions(), sweeps=options.sweep, trust=options.trust) as (rig, _),
+        open_rig(options.rig, SimulationOptions(), sweeps=options.sweep) as (rig, _),
     ):
         if rig.facts.face_radius_m is None:
             raise ConfigError(

@@ -9,8 +9,8 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs, runs
-from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions, trust_modules
-from markerseek.cli.options import AsJson, Out, Trust
+from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
+from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.cli.watched import Heartbeat, WatchOptions
@@ -31,7 +31,6 @@ def command(
     rig: Annotated[
         Path | None, typer.Option(help="Rig file (TOML); needed to resume a journal of a rig of devices.")
     ] = None,
-    trust: Trust = False,
     arm: Annotated[bool, typer.Option("--arm", help="Arm the laser and continue without being asked.")] = False,
     reset_fault: Annotated[
         bool,
@@ -67,7 +66,7 @@ def command(
             runs.tell_recorded(policy, since_started(recorded.entries))
     else:
         runs.require_reset(recorded.path, state, reset_fault=reset_fault)
-        bench = _bench_named(recorded, rig, arm=arm, trust=trust)
+        bench = _bench_named(recorded, rig, arm=arm)
         announce_compilation()
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
@@ -76,7 +75,7 @@ def command(
     conclude(view, output, name="resume", imaging=imaging, policy=policy)
 
 
-def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool, trust: bool) -> drivers.BenchSettings | None:
+def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool) -> drivers.BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
     from markerseek.cli.session import resume_command
 
@@ -104,7 +103,6 @@ def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool, trust: b
         raise ConfigError(f"{rig}: {problem}") from problem
     for difference in differences:
         print_warning(f"{rig} differs from the rig of the journal: {difference}")
-    trust_modules(named, rig, trust=trust)
     print_permissions(named)
     return named
 

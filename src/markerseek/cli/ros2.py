@@ -13,8 +13,7 @@ from markerseek import bridges, drivers, rigs
 from markerseek.bridges import ros2
 from markerseek.cli import ros2_devices
 from markerseek.cli.help import add_command
-from markerseek.cli.open_rig import read_rig
-from markerseek.cli.options import RigFile, Trust, with_values
+from markerseek.cli.options import RigFile, with_values
 from markerseek.cli.ros2_devices import ros_node
 from markerseek.cli.signals import Stopped, noted_signals
 from markerseek.cli.terminal import print_json, stderr
@@ -34,7 +33,6 @@ def search(
     plan: SearchPlan,
     simulation: SimulationOptions,
     rig: RigFile = None,
-    trust: Trust = False,
     registration: Annotated[
         Path | None,
         typer.Option(
@@ -54,8 +52,8 @@ def search(
     """
     asked = bridges.AskedSearch(plan=plan, simulation=simulation)
     if rig is not None:
-        # Asked now, not when a node calls.
-        read_rig(rig, trust=trust)
+        # A file that cannot be used is refused now, not when a node calls.
+        rigs.read_rig_file(rig)
     options = bridges.SearchOptions(rig=rig)
     with ExitStack() as open_:
         source = None if registration is None else open_.enter_context(bridges.open_registration(registration))

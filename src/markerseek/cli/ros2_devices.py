@@ -13,8 +13,7 @@ import typer
 from markerseek import drivers, rigs, ros
 from markerseek.bridges import ros2
 from markerseek.cli.emulate import true_marker, world_text, write_rig_file
-from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions, read_rig
-from markerseek.cli.options import Trust
+from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.signals import noted_signals
 from markerseek.cli.terminal import stderr, stdout
 from markerseek.core import ConfigError
@@ -69,26 +68,25 @@ _Bench = Annotated[Path, typer.Option(help="Rig file (TOML, kind bench) of the d
 _Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being asked on the terminal.")]
 
 
-def stage(ctx: typer.Context, rig: _Bench, trust: Trust = False, arm: _Arm = False) -> None:
+def stage(ctx: typer.Context, rig: _Bench, arm: _Arm = False) -> None:
     """Serve the stage of a rig to any client, under limits and a guard of its own."""
-    _serve_part("stage", rig, trust=trust, arm=arm, arguments=ctx.obj)
+    _serve_part("stage", rig, arm=arm, arguments=ctx.obj)
 
 
-def acquire(ctx: typer.Context, rig: _Bench, trust: Trust = False, arm: _Arm = False) -> None:
+def acquire(ctx: typer.Context, rig: _Bench, arm: _Arm = False) -> None:
     """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own."""
-    _serve_part("acquisition", rig, trust=trust, arm=arm, arguments=ctx.obj)
+    _serve_part("acquisition", rig, arm=arm, arguments=ctx.obj)
 
 
 def _serve_part(
     part: Literal["stage", "acquisition"],
     rig: Path,
     *,
-    trust: bool,
     arm: bool,
     arguments: list[str],
 ) -> None:
     """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
-    settings = read_rig(rig, trust=trust)
+    settings = rigs.read_rig_file(rig)
     if not isinstance(settings, drivers.BenchSettings):
         raise ConfigError(f"{rig}: its kind is simulated; serve it with: markerseek ros2 sim --rig {quoted(rig)}")
     pump = ros2.MessagePump()

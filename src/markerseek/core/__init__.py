@@ -82,7 +82,6 @@ from markerseek.core.protocols import (
     SweepingPolicy,
     SweepingReceiver,
     SweepingStage,
-    TriggeringStage,
 )
 from markerseek.core.reading import (
     MAX_ACQUISITIONS,
@@ -102,7 +101,6 @@ from markerseek.core.sweep import (
     StageReading,
     Sweep,
     SweepTiming,
-    Triggers,
 )
 
 __all__ = [
@@ -211,8 +209,6 @@ __all__ = [
     "SweepingStage",
     "Swept",
     "Tolerance",
-    "TriggeringStage",
-    "Triggers",
     "Turning",
     "UInt8",
     "Unsure",

@@ -171,7 +171,7 @@ class SearchPlan(RunPlan):
     """Whether the first sweep begins at the nearer end of the range, to which the probe turns without light, instead of
     where the probe is: one sweep instead of two, for a receiver that reads the frames of a sweep at its end."""
     sweep_turns_back: bool = False
-    """Whether such a sweep turns back in light; a stage that triggers the laser cannot."""
+    """Whether such a sweep turns back in light."""
 
     def __post_init__(self) -> None:
         # Checked before any device is opened: a plan comes from a command line or a page.

@@ -15,7 +15,7 @@ from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.permit import Permit, SweepPermit
 from markerseek.core.reading import Reading, Sample
-from markerseek.core.sweep import Pulse, StageReading, Sweep, Triggers
+from markerseek.core.sweep import Pulse, StageReading, Sweep
 
 
 @runtime_checkable
@@ -147,18 +147,6 @@ class SweepingStage(Stage, Protocol):
 
     def end_sweep(self) -> None:
         """Restore the speed of moves, once it is at rest; allowed at any time, also twice."""
-
-
-@runtime_checkable
-class TriggeringStage(SweepingStage, Protocol):
-    """A stage that gives a trigger at each of some positions while it turns."""
-
-    @property
-    def trigger_step_deg(self) -> float:
-        """Least distance between two triggers in degrees; `ConfigError` says why this stage has none."""
-
-    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
-        """Set them for the sweep that follows, at least so far apart; `end_sweep` and `stop` take them away."""
 
 
 @runtime_checkable

@@ -66,8 +66,7 @@ class SweepTiming:
     speed_deg_s
         Speed of the probe at the pulse in degrees per second, negative where the angle falls.
     delay_sigma_s
-        Standard deviation of the unknown delay between pulse and angle, in seconds; small where the stage triggers the
-        laser by its position: only that of the light after its trigger.
+        Standard deviation of the unknown delay between pulse and angle, in seconds.
     play_sigma_deg
         Standard deviation of what is not known of the backlash between encoder and probe, in degrees; 0 where the stage
         turns in the direction in which it approaches the angle of a single acquisition.
@@ -124,33 +123,13 @@ class Pulse:
         When it was fired, on the rig's clock in seconds.
     sigma_s
         Standard deviation of that, independent from pulse to pulse, in seconds.
-    edge
-        Number of the stage's trigger that gave it, of all that came since the light began, counted from 1; None where
-        the laser runs free.
     energy
         Its energy over the usual one; None where the laser does not measure it.
     """
 
     at_s: float
     sigma_s: float = 0.0
-    edge: int | None = None
     energy: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Triggers:
-    """Where a stage gives a trigger during one sweep, in the order in which it comes by.
-
-    Attributes
-    ----------
-    angles_deg
-        Readback at each trigger, in degrees.
-    sigma_deg
-        Standard deviation of that: of the encoder's count, in degrees.
-    """
-
-    angles_deg: tuple[float, ...]
-    sigma_deg: float
 
 
 MAX_AHEAD_DEG = 5.0

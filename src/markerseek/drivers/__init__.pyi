@@ -2,7 +2,17 @@ from ._stage_move import StageLogic, StageRules, StageStatus
 from .clock import LONGEST_WAIT_S, SystemClock
 from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
-from .entry import PARTS, AnyEntry, DeviceSettings, LaserSettings, Part, ReceiverSettings, StageSettings, is_emulated
+from .entry import (
+    PARTS,
+    AnyEntry,
+    DeviceSettings,
+    LaserSettings,
+    Opening,
+    Part,
+    ReceiverSettings,
+    StageSettings,
+    is_emulated,
+)
 from .exposure import exposure_line
 from .folder_images import FolderImages
 from .guided import GuidedStage, GuidedStageSettings
@@ -48,6 +58,7 @@ __all__ = [
     "LaserLogic",
     "LaserSettings",
     "Messages",
+    "Opening",
     "Part",
     "PicolasLaser",
     "PicolasSettings",

@@ -15,8 +15,7 @@ from typing import Any
 
 from markerseek.core import ConfigError, MarkerseekError, described, is_absent
 from markerseek.drivers.entry import Part
-from markerseek.drivers.trust import module_beside
-from markerseek.files import data_folder, nearest_key, setting_from
+from markerseek.files import nearest_key, setting_from
 
 METHODS: dict[Part, tuple[str, ...]] = {
     "stage": ("read", "go", "stop"),
@@ -44,25 +43,19 @@ def installed_drivers() -> dict[str, str]:
     return {each.name: each.value for each in importlib.metadata.entry_points(group=GROUP)}
 
 
-def names_of(part: Part, driver: str) -> tuple[str, str]:
-    """Names of the module and the class; `ConfigError` if it names none."""
-    module_name, _, class_name = installed_drivers().get(driver, driver).partition(":")
-    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
-    if not named or module_name.endswith(".py"):
-        raise ConfigError(
-            f'{part}.driver = "{driver}": it must be "module:Class", as in "my_stage:Stage": the name of the file '
-            "without its folder and .py, a colon, and that of the class"
-        )
-    return module_name, class_name
-
-
 def class_of(part: Part, driver: str, *, beside: str) -> type:
     """The class that a rig file names, with the methods of its part.
 
     ``beside``: folder of the rig file. Raises `ConfigError` where it is not found, fails, or lacks a method.
     """
     name = f'{part}.driver = "{driver}"'
-    module_name, class_name = names_of(part, driver)
+    module_name, _, class_name = installed_drivers().get(driver, driver).partition(":")
+    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
+    if not named or module_name.endswith(".py"):
+        raise ConfigError(
+            f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
+            ".py, a colon, and that of the class"
+        )
     if not beside:
         raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
     module = _module(module_name, beside if ":" in driver else "", name=name)
@@ -86,20 +79,15 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
 
 
 def _module(module_name: str, beside: str, *, name: str) -> Any:
-    """The module, imported; a module that lies beside the rig file must be trusted.
+    """The module, imported.
 
     ``beside``: folder of the rig file; empty: only an installed one is meant. ``name``: for messages.
     """
     file = Path(beside) / f"{module_name}.py"
-    found = module_beside(module_name, Path(beside)) if beside else None
-    if found is not None and not found.is_trusted:
-        raise ConfigError(
-            f"{name}: {found.files[0]} comes with the rig file and is not trusted yet, or has changed; read it, then "
-            "trust it by the question or --trust of: markerseek doctor --rig RIG.toml"
-        )
+    if beside and beside not in sys.path:
+        # After all that is installed: what lies there replaces no library.
+        sys.path.append(beside)
     try:
-        if found is not None:
-            _find_beside(beside)
         is_beside = bool(beside) and file.is_file()
         return _from_file(module_name, str(file)) if is_beside else importlib.import_module(module_name)
     except ModuleNotFoundError as problem:
@@ -133,14 +121,6 @@ def _from_file(name: str, path: str) -> Any:
     return module
 
 
-def _find_beside(folder: str) -> None:
-    """Let modules of the rig file's folder be found, after all that is installed: none of them can be replaced."""
-    if folder not in sys.path:
-        sys.path.append(folder)
-    # What lies in __pycache__ there is not what was trusted: Python may run it unseen in the place of the text.
-    sys.pycache_prefix = str(data_folder() / "pycache")
-
-
 def arguments_of(
     made: type, keys: Mapping[str, object], *, offered: Mapping[str, object], part: Part, driver: str
 ) -> dict[str, object]:
@@ -148,7 +128,12 @@ def arguments_of(
 
     Raises `ConfigError` if a key is unknown, missing, or of another type.
     """
-    parameters = _parameters(made, name=f'{part}.driver = "{driver}"')
+    try:
+        parameters = inspect.signature(made).parameters
+    except (ValueError, TypeError) as problem:
+        raise ConfigError(
+            f'{part}.driver = "{driver}": its arguments are not known ({problem}); derive a class with an __init__'
+        ) from problem
     takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
     named = {
         name: each for name, each in parameters.items() if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
@@ -178,23 +163,6 @@ def arguments_of(
         elif parameter.default is parameter.empty:
             raise ConfigError(f"the key {part}.{name} is missing; add it: {driver} needs it")
     return given
-
-
-def _parameters(made: type, *, name: str) -> Mapping[str, inspect.Parameter]:
-    """Arguments of the class; `ConfigError` if one cannot be given by its name."""
-    try:
-        parameters = inspect.signature(made).parameters
-    except (ValueError, TypeError) as problem:
-        raise ConfigError(
-            f"{name}: the arguments of {made.__name__} are not known ({problem}); derive a class with an __init__"
-        ) from problem
-    nameless = [each.name for each in parameters.values() if each.kind is each.POSITIONAL_ONLY]
-    if nameless:
-        raise ConfigError(
-            f"{name}: {made.__name__} takes {', '.join(nameless)} by position only, and arguments are given by name; "
-            "take the / out of its __init__"
-        )
-    return parameters
 
 
 def _hints(made: type) -> dict[str, Any]:

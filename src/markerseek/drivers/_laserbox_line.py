@@ -155,10 +155,10 @@ def _answers_disarm(reply: wire.Reply) -> TypeGuard[wire.Disarmed]:
 
 def require_known(greeting: wire.Greeting) -> None:
     """Refuse a box whose version, lease or token this program cannot use."""
-    if greeting.version not in (wire.VERSION, wire.METERED_VERSION):
+    if greeting.version != wire.VERSION:
         raise NotConnectedError(
-            f"laser box: it has version {greeting.version} of the protocol, {wire.VERSION} and "
-            f"{wire.METERED_VERSION} are known; load the firmware that came with this program"
+            f"laser box: it has version {greeting.version} of the protocol, {wire.VERSION} is known; load the firmware "
+            "that came with this program"
         )
     if not _MIN_LEASE_MS <= greeting.lease_ms <= wire.LEASE_MS:
         raise NotConnectedError(

@@ -80,8 +80,6 @@ class BoxSweep:
     clock: BoxClock = field(default_factory=BoxClock)
     asked_s: dict[int, float] = field(default_factory=dict)
     """When it was asked for its clock, by the number of the question; those that were answered are left out."""
-    edged: bool
-    """Whether it is position-triggered."""
     usual_light: float | None = None
     """What the light meter reads of a usual pulse; None: it is not used."""
     stamped: list[wire.Stamped] = field(default_factory=list)
@@ -102,9 +100,7 @@ class BoxSweep:
                 asked_s = self.asked_s.pop(number, None)
                 if asked_s is not None:
                     self.clock.add(clock_us, asked_s=asked_s, answered_s=now_s)
-            case wire.Stamped(token=self.token, number=number, photodiode=1) if number == len(
-                self.stamped
-            ) + 1 and self._follows(reply):
+            case wire.Stamped(token=self.token, number=number, photodiode=1) if number == len(self.stamped) + 1:
                 self.stamped.append(reply)
             case wire.Dark(token=self.token):
                 self.dark = reply
@@ -117,11 +113,6 @@ class BoxSweep:
                     f"laser box: {reply} came after {len(self.stamped)} pulses of the sweep {self.token}, each of "
                     "which the photodiode must see once; check laser, photodiode and trigger"
                 )
-
-    def _follows(self, pulse: wire.Stamped) -> bool:
-        """Whether a pulse has a later edge than the one before if edges give them, and none if not."""
-        last = self.stamped[-1].edge if self.stamped else 0
-        return pulse.edge > last if self.edged else pulse.edge == 0
 
     def require_light(self) -> None:
         """Refuse a sweep whose light has ended without a command, and before all its pulses."""
@@ -148,8 +139,5 @@ class BoxSweep:
         return new
 
     def _pulse(self, stamped: wire.Stamped) -> Pulse:
-        energy = None
-        if isinstance(stamped, wire.MeteredStamped) and self.usual_light is not None:
-            energy = stamped.light / self.usual_light
-        edge = stamped.edge if self.edged else None
-        return replace(self.clock.pulse(stamped.stamp_us), edge=edge, energy=energy)
+        energy = None if self.usual_light is None else stamped.light / self.usual_light
+        return replace(self.clock.pulse(stamped.stamp_us), energy=energy)

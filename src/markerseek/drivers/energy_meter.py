@@ -27,7 +27,6 @@ from markerseek.drivers.entry import LaserSettings
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.plus import PlusReceiver
 from markerseek.signals import pickup_amplitude
-from markerseek.wire import laserbox as wire
 
 
 class EnergyMeter:
@@ -135,8 +134,8 @@ def _measured_by(
             raise ConfigError(_unfit("photodiode", "laser.driver laserbox, of this rig file"))
         if not laser.metered:
             raise NotConnectedError(
-                f"laser box: its photodiode only counts pulses (version {wire.VERSION} of the protocol), and "
-                'energy_from is photodiode; load a firmware with a light meter, or set energy_from = "none"'
+                "laser box: its photodiode only counts pulses, and energy_from is photodiode; build a light meter "
+                '(firmware/laserbox), or set energy_from = "none"'
             )
         return lambda _frame: laser.light_per_pulse
     if keys.energy_from == "metadata":

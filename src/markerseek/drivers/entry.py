@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
 
 import msgspec
 
@@ -26,8 +26,6 @@ Part: TypeAlias = Literal["stage", "laser", "receiver"]
 """The tables of a rig file that name a driver."""
 
 PARTS: tuple[Part, ...] = ("stage", "laser", "receiver")
-
-OpenedT = TypeVar("OpenedT")
 
 
 class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver"):
@@ -145,7 +143,8 @@ class ReceiverSettings(DeviceSettings, frozen=True, kw_only=True):
         return False
 
 
-class Opening(Protocol):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opening:
     """What a rig has for the driver that it opens."""
 
     clock: Clock
@@ -154,30 +153,26 @@ class Opening(Protocol):
     """Angles that may be searched, and at which the probe may be."""
     pulses: int
     """Laser pulses of one acquisition, as set, and so the triggers of a dark frame."""
+    port: Port | None
+    """The device's serial line, which the supervisor holds; None where its entry names none."""
+    receiver: Receiver | None
+    """The rig's receiver, which is opened before the laser."""
+    beats: list[Callable[[], None]]
+    """Called in each wait of the clock: so the control loop's own steps renew a device's lease."""
+    enables: list[Callable[[], None]]
+    """Called when a person arms the rig."""
+    stack: ExitStack
+    """What is left when the rig is closed."""
+    node: Callable[[], RosNode]
+    """The rig's ROS 2 node, which all its devices share."""
+    simulated: Callable[[DeviceSettings], Any]
+    """A simulated device, in the world that all simulated devices of this rig share."""
 
     @property
     def line(self) -> Port:
-        """The device's serial line, which the supervisor holds; only where its entry names one."""
-
-    @property
-    def node(self) -> RosNode:
-        """The rig's ROS 2 node, which all its devices share."""
-
-    @property
-    def receiver(self) -> Receiver:
-        """The rig's receiver, which is opened before the laser."""
-
-    def beat_with(self, beat: Callable[[], None]) -> None:
-        """Call this in each wait of the clock, too: so the control loop's own steps renew a device's lease."""
-
-    def arm_with(self, enable: Callable[[], None]) -> None:
-        """Call this when a person arms the rig, too."""
-
-    def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
-        """Enter a context that is left when the rig is closed."""
-
-    def simulated(self, settings: DeviceSettings) -> Any:
-        """A simulated device, in the world that all simulated devices of this rig share."""
+        """The device's serial line; only where its entry names one."""
+        assert self.port is not None  # noqa: S101  by its entry
+        return self.port
 
 
 SettingsT = TypeVar("SettingsT", bound=DeviceSettings)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -14,7 +14,7 @@ import numpy as np
 from markerseek.core import MAX_PAIRS, AcquisitionError, ConfigError, NotConnectedError, RecordError, UInt8
 from markerseek.drivers._pair_source import PairSource
 from markerseek.drivers._pairing import Key, Pairing
-from markerseek.files import MIB, read_input
+from markerseek.files import MIB, os_reason, read_input
 from markerseek.geometry import Camera
 from markerseek.vision import SUFFIXES, decoded_image, says_its_end
 
@@ -25,12 +25,8 @@ INCOMPLETE_S = 2.0
 """Time without a change after which an incomplete file is named, and a folder that cannot be read is an error."""
 
 _EVERY_S, _SHARE = 0.04, 0.2
-"""Time between two looks into the folders, and the largest share of a processor that looking for new names may take:
-10,000 names take 3 ms."""
-
-_AGAIN_SHARE = 0.05
-"""Largest share of the time for looking at files of known names, which may be written again: 10,000 files take 50 ms,
-and are looked at every second."""
+"""Time between two looks into the folders, and the largest share of a processor that looking may take: 1,000 files take
+5 ms."""
 
 _MOST_BYTES = 64 * MIB
 """Largest image file: 16 megapixels of 4 bytes."""
@@ -45,7 +41,7 @@ class _File(NamedTuple):
     id: _Id
     name: str
     since_s: float
-    """Monotonic time of the last look at which it was not there, or was not looked at."""
+    """Monotonic time of the last look without it."""
 
     @property
     def time_s(self) -> float:
@@ -111,70 +107,43 @@ class _Folder:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        # What every name stood for when it was last looked at; None: no image file.
-        self._known: dict[str, _Id | None] = {}
-        # When new names, and when all files were looked at last; when all will be again.
-        self._look_s = self._all_s = time.monotonic()
-        self._again_s = 0.0
+        self._looked_s = time.monotonic()
         # Of before, taken, or named as incomplete.
         self._done: set[_Id] = set()
         # Since when it is as it is, in monotonic seconds, its name, and why it could not be read.
         self._waiting: dict[_Id, tuple[float, str, str]] = {}
         self._unreadable: tuple[float, str] | None = None
         self._last_key: Key | None = None
-        self._done.update(file.id for file in self._all())
+        self._done.update(file.id for file in self._files())
 
     def look(self) -> list[_File]:
         """Files that are new or not read yet, the oldest first; of many the newest."""
         now_s = time.monotonic()
         try:
-            files = self._all() if now_s >= self._again_s else self._new()
+            files = self._files()
         except OSError as problem:
             since_s = now_s if self._unreadable is None else self._unreadable[0]
-            self._unreadable = since_s, _reason(problem)
+            self._unreadable = since_s, os_reason(problem)
             return []
-        self._unreadable = None
-        self._look_s = now_s
+        self._unreadable, self._looked_s = None, now_s
+        ids = {file.id for file in files}
+        self._done &= ids
+        self._waiting = {id_: why for id_, why in self._waiting.items() if id_ in ids}
         came = sorted((file for file in files if file.id not in self._done), key=lambda file: (file.time_s, file.name))
         self._done.update(file.id for file in came[:-MAX_PAIRS])
         return came[-MAX_PAIRS:]
 
-    def _new(self) -> list[_File]:
-        """Image files of names that were not there at the last look, and those that are awaited."""
-        awaited = {name for _, name, _ in self._waiting.values()}
-        entries = [entry for entry in self._entries() if entry.name not in self._known or entry.name in awaited]
-        return [file for entry in entries if (file := self._file(entry)) is not None]
-
-    def _entries(self) -> list[os.DirEntry[str]]:
-        with os.scandir(self._path) as entries:
-            return list(entries)
-
-    def _all(self) -> list[_File]:
+    def _files(self) -> list[_File]:
         """All image files."""
-        began_s, entries = time.monotonic(), self._entries()
-        known, self._known = self._known, {}
-        files = [file for each in entries if (file := self._file(each, is_new=each.name not in known)) is not None]
-        ids = {file.id for file in files}
-        self._done &= ids
-        self._waiting = {id_: why for id_, why in self._waiting.items() if id_ in ids}
-        self._all_s, ended_s = began_s, time.monotonic()
-        self._again_s = ended_s + (ended_s - began_s) / _AGAIN_SHARE
+        files: list[_File] = []
+        with os.scandir(self._path) as entries:
+            for entry in entries:
+                name = entry.name
+                # One that was renamed or deleted since it was listed, or cannot be looked at now, comes later.
+                with suppress(OSError):
+                    if not name.startswith(".") and name.lower().endswith(SUFFIXES) and entry.is_file():
+                        files.append(_File(id=_id(entry.stat()), name=name, since_s=self._looked_s))
         return files
-
-    def _file(self, entry: os.DirEntry[str], *, is_new: bool = True) -> _File | None:
-        """An image file as it is now; None if it is none."""
-        name = entry.name
-        before = self._known.pop(name, None)
-        try:
-            is_image = not name.startswith(".") and name.lower().endswith(SUFFIXES) and entry.is_file()
-            found = _id(entry.stat()) if is_image else None
-        except OSError:  # renamed or deleted since it was listed, or not readable now
-            found, is_image = None, True
-        if found is not None or not is_image:
-            self._known[name] = found
-        if before is not None and before != found:
-            self._waiting.pop(before, None)
-        return None if found is None else _File(id=found, name=name, since_s=self._look_s if is_new else self._all_s)
 
     def read(self, file: _File) -> UInt8[np.ndarray, "rows columns"] | None:
         """Pixels of a file; None if it is not complete or cannot be opened yet, or has been deleted."""
@@ -188,7 +157,7 @@ class _Folder:
         except FileNotFoundError:
             return None
         except OSError as problem:
-            self._wait(file, f"cannot be opened ({_reason(problem)})")
+            self._wait(file, f"cannot be opened ({os_reason(problem)})")
             return None
         except (ConfigError, RecordError) as problem:
             raise AcquisitionError(f"{path}: {problem}") from problem
@@ -239,7 +208,3 @@ class _Folder:
 
 def _id(status: os.stat_result) -> _Id:
     return status.st_ino, status.st_mtime_ns, status.st_size
-
-
-def _reason(problem: OSError) -> str:
-    return f"{errno.errorcode.get(problem.errno or 0, 'error')}: {problem.strerror or problem}"

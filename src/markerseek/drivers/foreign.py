@@ -172,7 +172,7 @@ class OwnDevice:
             self.device: Any = made(
                 **arguments_of(made, settings.keys, offered=offered, part=self.part, driver=settings.driver)
             )
-        opening.keep(closing(self))
+        opening.stack.enter_context(closing(self))
 
     def close(self) -> None:
         """Close the device, where its class can."""

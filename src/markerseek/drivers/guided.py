@@ -299,10 +299,10 @@ def _open(settings: GuidedStageSettings, opening: Opening) -> Stage:
     if settings.encoder == "ros2":
         transform = settings.message == "transform"
         encoder = Ros2Encoder(
-            node=opening.node, topic=settings.topic, axis=axis if transform else None, age_s=settings.age_s
+            node=opening.node(), topic=settings.topic, axis=axis if transform else None, age_s=settings.age_s
         )
     else:
-        encoder = opening.keep(
+        encoder = opening.stack.enter_context(
             closing(
                 IgtlEncoder(
                     clock=clock,

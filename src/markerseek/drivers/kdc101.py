@@ -11,14 +11,12 @@ from typing import Annotated, Literal, TypeVar
 
 from markerseek.core import (
     Clock,
-    ConfigError,
     DeviceError,
     DeviceTimeoutError,
     Interval,
     LimitError,
     MoveError,
     NotConnectedError,
-    Triggers,
     Within,
 )
 from markerseek.drivers._approach import require_room, require_wide
@@ -31,7 +29,7 @@ from markerseek.guard import Limits
 from markerseek.wire import AptFramer, Port, apt
 
 _TRIES = 3
-_TRIGGERING = ("KDC101",)
+_WITH_PORTS = ("KDC101",)
 """Controllers with trigger ports."""
 
 _MAX_COUNTS = 2**30
@@ -172,9 +170,10 @@ class Kdc101Logic:
                 f"the stage is at {self._angle_of(status.position):.2f} deg, outside its travel {travel}; with the "
                 "probe outside the patient, turn it back by the controller's wheel, or correct zero_deg or direction"
             )
-        if self.identity.model in _TRIGGERING:
-            # First: a program that was killed may have left its triggers, or another one a port that begins moves.
-            self.end_triggers()
+        if self.identity.model in _WITH_PORTS:
+            # First: another program may have left a trigger port that begins moves.
+            ports = apt.TriggerPorts()
+            self._keep("trigger ports", ports, apt.set_trigger_ports(ports), apt.TRIGGER_PORTS)
         self.velocity = apt.Velocity(
             acceleration=apt.acceleration_word(settings.acceleration_deg_s2),
             speed=apt.speed_word(settings.speed_deg_s),
@@ -237,50 +236,9 @@ class Kdc101Logic:
         self._keep("speed and acceleration", velocity, apt.set_velocity(velocity), apt.VELOCITY)
         return speed / apt.SPEED_WORD
 
-    @property
-    def trigger_step_deg(self) -> float:
-        """One count; `ConfigError` if the controller has no triggers."""
-        if self.identity.model not in _TRIGGERING:
-            raise ConfigError(
-                f"this rig cannot sweep position-triggered: its stage's controller is a {self.identity.model}, which "
-                'gives no triggers; set laser.sweep_mode = "free-running"'
-            )
-        return 1 / apt.COUNTS_PER_DEG
-
-    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
-        """Make trigger port 1 give a pulse at each position of a row, none at its very ends; each is read back."""
-        start, way = self._counts_of(from_deg), self._counts_of(to_deg) - self._counts_of(from_deg)
-        interval = math.ceil(spacing_deg * apt.COUNTS_PER_DEG)
-        # A stage that comes to rest at its end may stay a count or two before it.
-        number = (abs(way) - 2) // interval
-        if number < 1:
-            raise ConfigError(
-                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:.2f} to "
-                f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
-            )
-        step = interval if way > 0 else -interval
-        row = apt.TriggerRow(start=start + step, interval=interval, number=number)
-        positions = apt.TriggerPositions(up=row, down=row)
-        # Off first: no port that is set still has a row while another is written.
-        self.end_triggers()
-        self._keep("trigger positions", positions, apt.set_trigger_positions(positions), apt.TRIGGER_POSITIONS)
-        # Only now: a port takes over the positions when it is set.
-        self._set_port(apt.TRIGGER_STEPS_UP if way > 0 else apt.TRIGGER_STEPS_DOWN)
-        angles_deg = tuple(self._angle_of(start + step * index) for index in range(1, number + 1))
-        return Triggers(angles_deg=angles_deg, sigma_deg=self.trigger_step_deg / math.sqrt(12))
-
-    def end_triggers(self) -> None:
-        """Give no triggers any more."""
-        self._set_port(apt.TRIGGER_OFF)
-
     def close(self) -> None:
         """Close the line; the stage stays where it is. Allowed twice."""
         self._line.close()
-
-    def _set_port(self, mode: int) -> None:
-        """Set what trigger port 1 does, and port 2 to nothing."""
-        ports = apt.TriggerPorts(first=mode)
-        self._keep("trigger ports", ports, apt.set_trigger_ports(ports), apt.TRIGGER_PORTS)
 
     def _status(self) -> apt.Status:
         return self._line.ask(apt.ask(apt.STATUS), apt.STATUS, apt.Status)
@@ -374,7 +332,7 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
 
 def _open(settings: Kdc101Settings, opening: Opening) -> Kdc101Stage:
     stage = Kdc101Stage(port=opening.line, clock=opening.clock, settings=settings, travel=opening.limits.travel)
-    opening.arm_with(stage.logic.enable)
+    opening.enables.append(stage.logic.enable)
     return stage
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Annotated, Literal
+from typing import Annotated
 
 from markerseek.core import (
     SWEEP_READING_S,
@@ -24,7 +24,6 @@ from markerseek.core import (
     Pulse,
     SweepPermit,
     Within,
-    require_range,
 )
 from markerseek.drivers._laserbox_line import POLL_S, BoxLine, cure, require_known, stray_light
 from markerseek.drivers._laserbox_sweep import BoxSweep
@@ -49,10 +48,6 @@ _LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 _TIME_S, _ROUND_TRIPS = 0.03, 6
 """Longest time for an answer of the box's clock in a sweep, in seconds, and number of questions before a sweep."""
 
-_LIGHT_SIGMA_S = 2 * wire.LIGHT_LATE_US / 1e6 / math.sqrt(3)
-"""Standard deviation of the delay from the stage's trigger to the light, in seconds: both the box's trigger and the
-light may be late by `wire.LIGHT_LATE_US`."""
-
 
 class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox"):
     """Keys of the laser box in a rig file."""
@@ -61,62 +56,43 @@ class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox")
     """Serial port of the laser box."""
     answer_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
     """Longest time for an answer of the box."""
-    sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
-    """What gives the pulses of a sweep: the box, at its own pace, or the triggers of a KDC101 at its trigger input."""
     stamp_delay_s: Annotated[float, Within(-0.1, 0.1, "s")] = 0.0
     """Time from the stamp of a pulse to its light against the stage's readings, as ``markerseek calibrate --delay``
     measures it."""
     stamp_delay_sigma_s: Annotated[float, Within(1e-4, 0.1, "s")] = 10e-3
     """Standard deviation of that time; the default is for a rig on which nobody has measured it."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.rate_hz <= wire.MAX_RATE_HZ or self.rate_hz != round(self.rate_hz):
+            raise ConfigError(
+                f"laser: rate_hz is {self.rate_hz} Hz, it must be a whole number from 1 to {wire.MAX_RATE_HZ}"
+            )
+        if not self.pulses / self.rate_hz <= wire.MAX_EXPIRY_MS / 1e3:
+            raise ConfigError(
+                f"laser: {self.pulses} pulses at {self.rate_hz} Hz take {self.pulses / self.rate_hz:g} s, the limit is "
+                f"{wire.MAX_EXPIRY_MS / 1e3:g} s; average fewer pulses, or raise rate_hz"
+            )
+
 
 class LaserBox:
     """A laser that a laser box triggers.
 
-    ``rate_hz``: pulses per second, a whole number. ``dark_triggers``: number of triggers for a dark frame, equal to
-    that of a lit frame, so that both average as many. ``answer_s``: longest time for an answer.
-    ``position_triggered``: whether edges at the box's trigger input give the pulses of a sweep. ``stamp_delay_s`` and
-    ``stamp_delay_sigma_s``: time from the stamp of a pulse to its light, and its standard deviation. ``usual_light``:
-    what its light meter reads of a usual pulse; None: the pulses of a sweep do not state their energy. Raises
-    `NotConnectedError` if no box of this protocol answers, or it keeps triggering for longer than any firing takes.
+    ``settings``: None: the defaults. Raises `NotConnectedError` if no box of this protocol answers, or it keeps
+    triggering for longer than any firing takes.
 
     ``metered``: whether its photodiode measures the light of the pulses as well. ``light_per_pulse``: mean light of a
     pulse of the last firing, in counts of the photodiode; None if it does not measure light, or there was none.
     """
 
-    def __init__(
-        self,
-        *,
-        port: Port,
-        clock: Clock,
-        rate_hz: float = 100.0,
-        dark_triggers: int = 16,
-        answer_s: float = 0.5,
-        position_triggered: bool = False,
-        stamp_delay_s: float = 0.0,
-        stamp_delay_sigma_s: float = 10e-3,
-        usual_light: float | None = None,
-    ) -> None:
-        if not 1 <= rate_hz <= wire.MAX_RATE_HZ or rate_hz != round(rate_hz):
-            raise ConfigError(
-                f"laser box: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to {wire.MAX_RATE_HZ}"
-            )
-        require_range("laser box: dark_triggers", dark_triggers, low=1, high=wire.MAX_PULSES)
-        if not dark_triggers / rate_hz <= wire.MAX_EXPIRY_MS / 1e3:
-            raise ConfigError(
-                f"laser box: {dark_triggers} triggers at {rate_hz} Hz take {dark_triggers / rate_hz:g} s, the limit is "
-                f"{wire.MAX_EXPIRY_MS / 1e3:g} s; average fewer pulses, or raise rate_hz"
-            )
-        require_range("laser box: answer_s", answer_s, low=0.1, high=5, unit="s")
-        self._line = BoxLine(port=port, clock=clock, answer_s=answer_s)
+    def __init__(self, *, port: Port, clock: Clock, settings: LaserBoxSettings | None = None) -> None:
+        self._settings = settings = settings or LaserBoxSettings(port="")
+        self._line = BoxLine(port=port, clock=clock, answer_s=settings.answer_s)
         self._clock = clock
-        self._rate_hz = round(rate_hz)
-        self._dark_triggers = dark_triggers
-        self._answer_s = answer_s
-        self.position_triggered = position_triggered
-        self.stamp_delay_s = stamp_delay_s
-        self._delay_sigma_s = stamp_delay_sigma_s
-        self._usual_light = usual_light
+        self._rate_hz = round(settings.rate_hz)
+        # As many for a dark frame as for a lit one, so that both average as many.
+        self._dark_triggers = settings.pulses
+        self._usual_light = settings.usual_energy if settings.energy_from == "photodiode" else None
         self._permits = Permits("laser box", clock)
         self._settled = False
         self._seen = 0
@@ -159,10 +135,15 @@ class LaserBox:
     @property
     def delay_sigma_s(self) -> float:
         """Standard deviation of the delay of all pulses, in seconds."""
-        return _LIGHT_SIGMA_S if self.position_triggered else self._delay_sigma_s
+        return self._settings.stamp_delay_sigma_s
+
+    @property
+    def stamp_delay_s(self) -> float:
+        """Time from the stamp of a pulse to its light, in seconds."""
+        return self._settings.stamp_delay_s
 
     def begin_sweep(self, permit: SweepPermit) -> None:
-        """Begin to fire single pulses, free-running or at the edges of the trigger input; refused as `fire` is.
+        """Begin to fire single pulses; refused as `fire` is.
 
         Raises `NotConnectedError` if the box still sends the dark triggers of the sweep before.
         """
@@ -173,20 +154,17 @@ class LaserBox:
             self._finish_sweep(within_s=0.0)
             self._token += 1
             now_s = self._clock.now_s()
-            edged = self.position_triggered
             sweep = BoxSweep(
                 token=self._token,
                 pulses=permit.pulses,
                 heard_s=now_s,
                 stepped_s=now_s,
-                edged=edged,
-                usual_light=self._usual_light,
+                usual_light=self._usual_light if self.metered else None,
             )
-            kind = wire.PermitEdges if edged else wire.PermitSweep
             for _ in range(_ROUND_TRIPS):
                 self._ask_time(sweep)
             self._use_permit(
-                kind(
+                wire.PermitSweep(
                     token=self._token,
                     pulses=permit.pulses,
                     # Rounded up: two pulses are never nearer than permitted.
@@ -231,7 +209,7 @@ class LaserBox:
             sweep.ending = True
             self._line.holds_permit = False
             self._line.send(wire.Disarm())
-            ends_s = self._clock.now_s() + self._answer_s
+            ends_s = self._clock.now_s() + self._settings.answer_s
             while not (sweep.disarmed and sweep.dark is not None):
                 if not self._clock.now_s() <= ends_s:
                     raise DeviceTimeoutError("laser box: it does not confirm the end of the light; cut its power")
@@ -290,31 +268,27 @@ class LaserBox:
             raise stray_light(self._seen, seen)
 
     def _settle(self, *, patience_s: float = _LONGEST_TRAIN_S, boot_s: float = 0.0) -> None:
-        """Wait until an earlier firing's triggers have ended, and count tokens and light from there."""
-        greeting = self._greet(patience_s=patience_s, boot_s=boot_s)
-        self.identity = greeting.identity
-        self.metered = greeting.version == wire.METERED_VERSION
-        self._token = greeting.last_token
-        self._seen = greeting.seen
-        self._settled = True
+        """Greet the box, wait until an earlier firing's triggers have ended, and count tokens and light from there.
 
-    def _greet(self, *, patience_s: float, boot_s: float) -> wire.Greeting:
-        """Answer to HELLO, once the box has ended an earlier train; `NotConnectedError` if it does not fit."""
+        Raises `NotConnectedError` if it does not answer, does not end them in time, or is none that is known.
+        """
         for _ in polls(self._clock, within_s=patience_s, every_s=_BUSY_POLL_S):
-            if isinstance(greeting := self._hello(boot_s), wire.Greeting):
-                require_known(greeting)
-                return greeting
-        raise NotConnectedError(
-            f"laser box: it still sends the triggers of an earlier firing after {patience_s:g} s; switch it off and "
-            "on, or check its firmware"
-        )
-
-    def _hello(self, within_s: float) -> wire.Greeting | wire.Refusal:
-        """Answer to HELLO, or BUSY."""
-        try:
-            return self._line.greet(within_s=within_s)
-        except DeviceTimeoutError as error:
-            raise NotConnectedError(str(error)) from error
+            try:
+                greeting = self._line.greet(within_s=boot_s)
+            except DeviceTimeoutError as error:
+                raise NotConnectedError(str(error)) from error
+            if isinstance(greeting, wire.Greeting):
+                break
+        else:
+            raise NotConnectedError(
+                f"laser box: it still sends the triggers of an earlier firing after {patience_s:g} s; switch it off "
+                "and on, or check its firmware"
+            )
+        require_known(greeting)
+        self.identity = greeting.identity
+        self.metered = bool(greeting.meter)
+        self._token, self._seen = greeting.last_token, greeting.seen
+        self._settled = True
 
     def _fire(self, pulses: int, triggers: int, *, expiry_s: float) -> int:
         self._token += 1
@@ -327,8 +301,8 @@ class LaserBox:
             triggers=triggers,
         )
         self._use_permit(ask)
-        done = self._line.next(within_s=triggers / self._rate_hz + self._answer_s, after="FIRE")
-        if not (isinstance(done, wire.Done) and done.token == self._token and self._is_measured(done)):
+        done = self._line.next(within_s=triggers / self._rate_hz + self._settings.answer_s, after="FIRE")
+        if not (isinstance(done, wire.Done) and done.token == self._token):
             raise LaserError(f"laser box: {done} answers the firing of {self._token}; {cure(done)}")
         # The photodiode's count has 31 bits and wraps around.
         self._seen = (self._seen + done.photodiode) & wire.MAX_COUNT
@@ -337,7 +311,7 @@ class LaserBox:
                 f"laser box: {pulses} pulses were permitted, {done.sent} sent and {done.photodiode} seen by the "
                 "photodiode; check lease, interlock, laser and photodiode"
             )
-        if isinstance(done, wire.MeteredDone) and pulses:
+        if self.metered and pulses:
             self.light_per_pulse = done.light / pulses
         return done.photodiode
 
@@ -346,10 +320,10 @@ class LaserBox:
         # Replies of an earlier command must not be taken for the answer to this permit.
         self._line.drop_replies()
         self._line.send(ask)
-        answer = self._line.next(within_s=self._answer_s, after=ask.head)
+        answer = self._line.next(within_s=self._settings.answer_s, after=ask.head)
         # Skip late answers to earlier questions about the clock.
         while isinstance(answer, wire.Time):
-            answer = self._line.next(within_s=self._answer_s, after=ask.head)
+            answer = self._line.next(within_s=self._settings.answer_s, after=ask.head)
         if not (isinstance(answer, wire.Permitted | wire.SweepPermitted) and answer.token == self._token):
             raise LaserError(f"laser box: {answer} answers the permit {self._token}; {cure(answer)}")
         if answer.seen != self._seen:
@@ -359,24 +333,10 @@ class LaserBox:
         self.beat()
         self._line.send(wire.Fire(token=self._token))
 
-    def _is_measured(self, done: wire.Done) -> bool:
-        """Whether the answer has the number of the light meter if the box has one, and only then."""
-        return isinstance(done, wire.MeteredDone) == self.metered
-
 
 def _open(settings: LaserBoxSettings, opening: Opening) -> LaserBox:
-    box = LaserBox(
-        port=opening.line,
-        clock=opening.clock,
-        rate_hz=settings.rate_hz,
-        dark_triggers=opening.pulses,
-        answer_s=settings.answer_s,
-        position_triggered=settings.sweep_mode == "position-triggered",
-        stamp_delay_s=settings.stamp_delay_s,
-        stamp_delay_sigma_s=settings.stamp_delay_sigma_s,
-        usual_light=settings.usual_energy if settings.energy_from == "photodiode" else None,
-    )
-    opening.beat_with(box.beat)
+    box = LaserBox(port=opening.line, clock=opening.clock, settings=settings)
+    opening.beats.append(box.beat)
     return box
 
 

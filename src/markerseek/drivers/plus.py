@@ -174,7 +174,8 @@ def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
 
 
 def _open(settings: PlusSettings, opening: Opening) -> PlusReceiver:
-    connection = opening.keep(closing(connect_plus(settings.host, settings.port, within_s=settings.connect_s)))
+    connection = connect_plus(settings.host, settings.port, within_s=settings.connect_s)
+    opening.stack.enter_context(closing(connection))
     return PlusReceiver(connection=connection, clock=opening.clock, settings=settings, dark_triggers=opening.pulses)
 
 

@@ -205,7 +205,7 @@ class Ros2Acquisition:
 
 
 def _open_receiver(settings: RosReceiver, opening: Opening) -> Ros2Acquisition:
-    return Ros2Acquisition(node=opening.node, clock=opening.clock, settings=settings)
+    return Ros2Acquisition(node=opening.node(), clock=opening.clock, settings=settings)
 
 
 def _open_laser(_settings: RosLaser, opening: Opening) -> Ros2Acquisition:

@@ -221,7 +221,7 @@ class Ros2Stage:
 
 
 def _open(settings: Ros2StageSettings, opening: Opening) -> Ros2Stage:
-    return Ros2Stage(node=opening.node, clock=opening.clock, settings=settings, travel=opening.limits.travel)
+    return Ros2Stage(node=opening.node(), clock=opening.clock, settings=settings, travel=opening.limits.travel)
 
 
 ENTRY: Entry[Ros2StageSettings, Ros2Stage] = Entry(

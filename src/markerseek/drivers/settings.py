@@ -16,11 +16,9 @@ from typing import Annotated, Any
 import msgspec
 
 from markerseek.core import ConfigError, Within, require_fields
-from markerseek.drivers._foreign_class import names_of
 from markerseek.drivers.entry import PARTS, LaserSettings, Part, ReceiverSettings, StageSettings
 from markerseek.drivers.foreign import AnyForeign, Foreign, foreign_line, require_class, split_keys
 from markerseek.drivers.table import default_driver, entry_named, entry_of
-from markerseek.drivers.trust import ForeignModule, module_beside
 from markerseek.files import Line, settings_from
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
@@ -132,24 +130,6 @@ class BenchSettings:
         return {part: getattr(self, part) for part in PARTS if isinstance(getattr(self, part), Foreign)}
 
     @property
-    def modules_beside(self) -> dict[Part, ForeignModule]:
-        """Modules of foreign drivers that lie beside the rig file: each must be trusted before it is imported.
-
-        Raises `ConfigError` if a driver names none.
-        """
-        found = {
-            part: module_beside(names_of(part, each.driver)[0], Path(each.beside))
-            for part, each in self.foreign.items()
-            if each.beside and ":" in each.driver
-        }
-        return {part: module for part, module in found.items() if module is not None}
-
-    def require_classes(self) -> None:
-        """Import the classes of foreign drivers; `ConfigError` if one is not trusted, or a key does not fit."""
-        for part, each in self.foreign.items():
-            require_class(part, each)
-
-    @property
     def foreign_lines(self) -> list[str]:
         """What a person must know of each foreign driver before arming it."""
         supervised = self.supervisor.enabled
@@ -196,8 +176,8 @@ def _serial_port(settings: object) -> str | None:
 def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> BenchSettings:
     """Settings of a rig of devices from the tables of a rig file, or from those that a journal holds.
 
-    ``beside``: folder of the rig file, in which the module of a driver may lie; empty for a journal. No driver is
-    imported. Raises `ConfigError` if a key is unknown or missing, or a value does not fit.
+    ``beside``: folder of the rig file, in which the module of a driver may lie; it is imported. Empty for a journal,
+    whose drivers are not. Raises `ConfigError` if a key is unknown or missing, or a value does not fit.
     """
     whole, kinds = dict(table), dict[str, type]()
     for part in PARTS:
@@ -214,4 +194,7 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
         # Relative to the file, so that the command works from any current folder.
         paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := given.get(key), str)}
         whole[part] = given | {key: value for key, value in paths.items() if given[key] != "none"}
-    return settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))
+    settings = settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))
+    for part, each in settings.foreign.items() if beside else ():
+        require_class(part, each)
+    return settings

@@ -11,7 +11,6 @@ of the permit; the scanner varies it where the device allows (decision 16).
 
 from __future__ import annotations
 
-import errno
 import os
 import subprocess
 import sys
@@ -40,7 +39,7 @@ from markerseek.core import (
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
 from markerseek.drivers.standard_receiver import acquired_frame, armed_for
-from markerseek.files import MIB, open_input, read_input
+from markerseek.files import MIB, open_input, os_reason, read_input
 from markerseek.wire import sonixdaq as wire
 
 _POLL_S, _EXIT_POLL_S = 0.05, 0.02
@@ -133,7 +132,7 @@ class DaqFolder:
             return str(error)
         except OSError as error:
             # On a share with Windows, a file that its writer has open cannot be opened by others.
-            return f"{name} cannot be read ({_reason(error)})"
+            return f"{name} cannot be read ({os_reason(error)})"
         return ""
 
     def read(self, names: Collection[str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
@@ -177,7 +176,7 @@ class DaqFolder:
     def _unreadable(self, error: OSError) -> NotConnectedError:
         of = "" if error.filename in (None, self._path) else f", {Path(error.filename).name}"
         return NotConnectedError(
-            f"sonixdaq: the folder {self._path} cannot be read{of} ({_reason(error)}); "
+            f"sonixdaq: the folder {self._path} cannot be read{of} ({os_reason(error)}); "
             "check its name, the rights, and the network drive"
         )
 
@@ -428,11 +427,6 @@ def run_to_its_end(command: Sequence[str], *, timeout_s: float, clock: Clock) ->
                 f"sonixdaq: the start command {command[0]!r} ended with code {process.returncode}"
                 f"{': ' + last if last else ''}; try it by hand"
             )
-
-
-def _reason(error: OSError) -> str:
-    """Name of an error of the file system, and what it says."""
-    return f"{errno.errorcode.get(error.errno or 0, 'error')}: {error.strerror or error}"
 
 
 def _open(settings: SonixDaqSettings, opening: Opening) -> SonixDaqReceiver:

@@ -17,7 +17,6 @@ from markerseek.core import (
     Interval,
     MoveError,
     StageReading,
-    Triggers,
 )
 from markerseek.drivers._approach import DOWN, UP, plan_approach, require_inside, require_wide
 from markerseek.drivers._stage_move import Move, StageLogic, StageRules
@@ -38,16 +37,6 @@ class SweepLogic(StageLogic, Protocol):
 
     def brake(self) -> None:
         """Begin to brake with the acceleration that was set; called again until the sweep is over."""
-
-    @property
-    def trigger_step_deg(self) -> float:
-        """Least distance between two triggers in degrees; `ConfigError` if it has none."""
-
-    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
-        """Give triggers in the sweep that follows."""
-
-    def end_triggers(self) -> None:
-        """Give no triggers any more."""
 
 
 LogicT = TypeVar("LogicT", bound=StageLogic)
@@ -187,7 +176,7 @@ SweepLogicT = TypeVar("SweepLogicT", bound=SweepLogic)
 
 
 class StandardSweepingStage(StandardStage[SweepLogicT]):
-    """A `markerseek.core.TriggeringStage`; as `StandardStage`.
+    """A `markerseek.core.SweepingStage`; as `StandardStage`.
 
     ``play``: backlash of the gears in degrees, by which the probe lags in a sweep away from the side of approach.
     """
@@ -199,7 +188,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         self._play_deg = play
         self._sweep: Sweep | None = None
         self._sweep_rules = rules
-        self._has_speed_of_sweep = self._has_triggers = False
+        self._has_speed_of_sweep = False
 
     @property
     def acceleration_deg_s2(self) -> float:
@@ -210,11 +199,6 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
     def fastest_sweep_deg_s(self) -> float:
         """Largest speed of a sweep, in degrees per second."""
         return self.rules.speed_deg_s
-
-    @property
-    def trigger_step_deg(self) -> float:
-        """Least distance between two triggers; `ConfigError` if the controller has none."""
-        return self.logic.trigger_step_deg
 
     def play_deg(self, forward: float) -> float:
         """Largest play in a sweep in that direction: 0 where the gears push as in the approach of a target."""
@@ -235,15 +219,6 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         # Noted first: half of a write may have reached it.
         self._has_speed_of_sweep = True
         self._sweep_rules = replace(self.rules, speed_deg_s=self.logic.set_speed(speed_deg_s))
-
-    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
-        """Give triggers in the sweep that follows, and read back that it will; none at its very ends.
-
-        They are taken away by `end_sweep`, by `stop` even where that raises, and by the next program that connects.
-        Raises as `prepare_sweep`.
-        """
-        self._has_triggers = True
-        return self.logic.set_triggers(from_deg=from_deg, to_deg=to_deg, spacing_deg=spacing_deg)
 
     def begin_sweep(self, to_deg: float) -> None:
         """Begin to turn there; refused by `LimitError` as `move_to`."""
@@ -270,34 +245,21 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
             self._sweep.brake()
 
     def end_sweep(self) -> None:
-        """Give no triggers any more, and restore the speed of moves; raises as `prepare_sweep`."""
+        """Restore the speed of moves; raises as `prepare_sweep`."""
         sweep, self._sweep, self._move = self._sweep, None, None
         if sweep is not None:
             self._rest_deg = sweep.here_deg
             pushed = abs(sweep.here_deg - sweep.start_deg) >= self.rules.approach_deg
             self._pushed = sweep.heading if pushed else None
-        # First: a speed that is not kept must leave no trigger behind.
-        self._end_triggers()
         if self._has_speed_of_sweep:
             self.logic.set_speed(None)
             self._has_speed_of_sweep = False
 
     def stop(self) -> None:
         """As of `StandardStage`; after a sweep it has the speed of moves again."""
-        try:
-            angle_deg = self._come_to_rest()
-        except DeviceError:
-            # No later move may give triggers either; the error to report is that it keeps moving.
-            with suppress(DeviceError):
-                self._end_triggers()
-            raise
+        angle_deg = self._come_to_rest()
         self.end_sweep()
         self._note_rest(angle_deg)
-
-    def _end_triggers(self) -> None:
-        if self._has_triggers:
-            self.logic.end_triggers()
-            self._has_triggers = False
 
 
 class Sweep:

@@ -183,7 +183,8 @@ class VantageReceiver(ConnectionReceiver[VantageMessages]):
 
 
 def _open(settings: VantageSettings, opening: Opening) -> VantageReceiver:
-    connection = opening.keep(closing(await_sender(settings, opening.clock)))
+    connection = await_sender(settings, opening.clock)
+    opening.stack.enter_context(closing(connection))
     return VantageReceiver(connection=connection, clock=opening.clock, settings=settings, dark_triggers=opening.pulses)
 
 

@@ -224,7 +224,7 @@ class XimcStage(StandardStage[XimcLogic]):
 
 def _open(settings: XimcSettings, opening: Opening) -> XimcStage:
     stage = XimcStage(settings=settings, clock=opening.clock, travel=opening.limits.travel)
-    opening.keep(closing(stage.logic))
+    opening.stack.enter_context(closing(stage.logic))
     return stage
 
 

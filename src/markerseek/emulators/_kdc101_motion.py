@@ -6,7 +6,6 @@ import math
 import struct
 from collections.abc import Mapping
 
-from markerseek.emulators._kdc101_triggers import TriggerOutput
 from markerseek.emulators._prm1z8 import Prm1z8
 from markerseek.emulators.faults import Faults
 from markerseek.wire import apt
@@ -21,7 +20,6 @@ VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET = 0x0413, 0x0416, 0x0423, 0x043A, 
 _BEGINS_S = 5e-3
 """Delay from the command to the beginning of a move; until then the moving bits are clear."""
 _STEP_S = 0.01
-_TRIGGER_STEP_S = 1e-3
 _TOP_SPEED_DEG_S = 25.0
 _IGNORE_LIMIT = 1
 
@@ -47,15 +45,13 @@ class MotionControl:
 
     ``fault``: its faults. ``moves``, ``largest_lead_deg``: moves that began at
     rest; largest distance of a target from the motor when it was set, in degrees. ``events``: messages to send unasked;
-    the caller clears them. ``triggers``: the edges at its trigger port. ``enabled``: whether the motor gets current;
-    else it takes moves, and does nothing.
+    the caller clears them. ``enabled``: whether the motor gets current; else it takes moves, and does nothing.
     """
 
     def __init__(self, *, stage: Prm1z8, fault: Faults) -> None:
         self.moves = 0
         self.largest_lead_deg = 0.0
         self.events: list[int] = []
-        self.triggers = TriggerOutput()
         self.enabled = True
         self._stage = stage
         self._motor = stage.motor
@@ -119,20 +115,12 @@ class MotionControl:
             if self._then_deg is not None:
                 # The return from an overshoot begins when that ends, and not at the end of a long step.
                 until_s = min(until_s, self._now_s + _STEP_S)
-            if self.triggers.armed and not self._motor.at_rest:
-                until_s = min(until_s, self._now_s + _TRIGGER_STEP_S)
             self._turn(until_s - self._now_s)
             self._now_s = until_s
-            self.look()
             if self._pending is not None and self._pending[0] <= until_s:
                 target_deg = self._pending[1]
                 self._pending = None
                 self._begin(target_deg)
-
-    def look(self) -> None:
-        """Let the trigger output see where motor and probe are."""
-        if self.triggers.armed:
-            self.triggers.look(at_s=self._now_s, counts=self._stage.exact_counts, angle_deg=self._stage.probe_deg)
 
     def go(self, counts: int) -> None:
         """Move to a position in counts: at once if it turns already, after a delay if it is at rest."""
@@ -183,10 +171,6 @@ class MotionControl:
         self._braking = not self._motor.at_rest
         if not self._braking:
             self.events.append(STOPPED)
-
-    def set_counter(self, counts: int) -> None:
-        """Set the position counter; nothing moves."""
-        self._stage.offset += counts - self._stage.counts
 
     def _fail(self) -> None:
         """Apply the faults of the mechanics that hold now."""

@@ -122,16 +122,6 @@ class Prm1z8:
         """Value of the position counter."""
         return round(self.motor.angle_deg * COUNTS_PER_DEG) + self.offset
 
-    @property
-    def exact_counts(self) -> float:
-        """The same between two counts, which no message reports."""
-        return self.motor.angle_deg * COUNTS_PER_DEG + self.offset
-
-    @property
-    def probe_deg(self) -> float:
-        """True angle of the probe, in degrees."""
-        return self._probe.angle_deg
-
     def angle_of(self, counts: int) -> float:
         """Angle of the motor at which the position counter has that value, in degrees."""
         return (counts - self.offset) / COUNTS_PER_DEG

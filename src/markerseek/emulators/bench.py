@@ -34,7 +34,7 @@ class EmulatedBench:
     """Devices that act on one world, drawn from settings as `markerseek.rigs.simulated` draws it from the same seed.
 
     ``settings``: settings of the world and of its data acquisition. ``stage``: None: its play is that of the settings.
-    ``sdk``: layout of the channel files. ``receiver``: whether channel files are written, images are sent as by a
+    ``receiver``: whether channel files are written, images are sent as by a
     PLUS server, or frames as by a Vantage.
     """
 
@@ -45,7 +45,6 @@ class EmulatedBench:
         rng: np.random.Generator,
         folder: Path,
         stage: EmulatedKdc101 | None = None,
-        sdk: Literal[5, 6] = 6,
         receiver: Literal["sonixdaq", "plus", "vantage"] = "sonixdaq",
     ) -> None:
         if settings.receiver.data != "channels":
@@ -58,26 +57,23 @@ class EmulatedBench:
         self.truth_deg = scene.marker.angle_deg if settings.marker.present else None
         self.world = scene.world(settings, rng)
         # Child generators: draws per pulse must not shift the random numbers of the world, or seeds would not compare.
-        apart, noise, light = rng.spawn(3)
+        _, noise, light = rng.spawn(3)
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or EmulatedKdc101(play_deg=settings.stage.backlash_deg), rng=noise
         )
         self.daq: EmulatedSonixDaq | EmulatedSender
         if receiver == "plus":
-            self.daq = EmulatedPlus(world=self.world, rng=apart)
+            self.daq = EmulatedPlus(world=self.world)
         elif receiver == "vantage":
-            self.daq = EmulatedVantage(world=self.world, rng=apart)
+            self.daq = EmulatedVantage(world=self.world)
         else:
-            self.daq = EmulatedSonixDaq(
-                world=self.world, folder=folder, rng=apart, readout_s=settings.receiver.readout_s, sdk=sdk
-            )
+            self.daq = EmulatedSonixDaq(world=self.world, folder=folder, readout_s=settings.receiver.readout_s)
         self.laser_box = EmulatedLaserBox(
             world=self.world,
             on_triggers=self.daq.trigger,
             laser=settings.laser,
             rng=light,
             moment=self._turned,
-            edges=self.stage.edges,
         )
         self.laser_box.faults.inject("clock drift", CLOCK_DRIFT)
 
@@ -99,7 +95,6 @@ class EmulatedBench:
         serving = ServingClock(clock)
         # The time of a pulse is the stage's: a box that was held up fires it later, where the probe is then.
         self.laser_box.moment = lambda _: self._turned(serving.real_s)
-        self.laser_box.edges = lambda _: self.stage.edges(serving.real_s)
         return PtyLine(device=self.laser_box, clock=serving, link=link)
 
 

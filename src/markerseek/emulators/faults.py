@@ -39,15 +39,11 @@ FAULTS: dict[DeviceName, dict[str, float]] = {
         "clock drift": 2e-05,  # the clock of its stamps is fast by this share
         "clock step": 5000.0,  # the clock of its stamps is ahead by this time, µs
         "double pulse": 15.0,  # the laser gives two pulses at the pulse of a sweep with this number
-        "no edges": 0.0,  # no edge reaches the trigger input
-        "lost edge": 8.0,  # the edge of a sweep with this number does not reach the trigger input
-        "double edge": 8.0,  # the edge of a sweep with this number bounces
     },
     "receiver": {
         "off": 0.0,  # nothing is written
         "late files": 9.0,  # the first file comes later by this time, s
         "part of the files": 100.0,  # only this number of files is written; the next file is written half
-        "repeats": 0.0,  # the acquisition before is written again
         "swapped channels": 0.0,  # the files of channels 5 and 6 hold the data of the other
         "garbled headers": 0.0,  # headers are noise
         "lost trigger": 3.0,  # the trigger of a sweep with this number is lost

@@ -26,8 +26,6 @@ from markerseek.emulators._kdc101_motion import (
     VELOCITY,
     MotionControl,
 )
-from markerseek.emulators._kdc101_triggers import PORTS, POSITIONS, Edge
-from markerseek.emulators._kdc101_triggers import POWER_UP as NO_TRIGGERS
 from markerseek.emulators._prm1z8 import Prm1z8, Turned
 from markerseek.emulators.faults import Faults
 from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
@@ -36,6 +34,9 @@ _UPDATES_S = 0.1
 _PROFILED = 2
 """Mode of MGMSG_MOT_MOVE_STOP in which the motor brakes with its deceleration."""
 _FIRMWARE = (4, 0, 3, 0)
+
+PORTS = 0x0523
+"""Message that sets what the trigger ports do; they are kept, and do nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,11 +137,6 @@ class Kdc101Emulator:
         """Turn the motor to where it is at that time; what the controller sends by itself waits for `advance`."""
         self._motion.advance(now_s)
 
-    def edges(self, now_s: float) -> list[Edge]:
-        """Rising edges of its trigger port 1 until that time, each once."""
-        self._motion.advance(now_s)
-        return self._motion.triggers.taken(now_s)
-
     @property
     def velocity(self) -> bytes:
         """The parameters of speed and acceleration that it holds, as they were written."""
@@ -158,7 +154,7 @@ class Kdc101Emulator:
     def _message_handlers(self) -> dict[int, Callable[[AptMessage], None]]:
         parameters = [VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET]
         if self._settings.model == "KDC101":
-            parameters += [PORTS, POSITIONS]
+            parameters.append(PORTS)
         return {
             **dict.fromkeys(parameters, self._set),
             **dict.fromkeys([ident + 1 for ident in parameters], self._send_parameter),
@@ -168,11 +164,9 @@ class Kdc101Emulator:
             0x0210: self._enable,
             0x0211: self._send_enabled,
             0x040A: self._send_counter,
-            0x0410: self._set_counter,
             0x0411: self._send_counter,
             0x0429: self._send_bits,
             0x0443: lambda _message: self._motion.go_home(),
-            0x0448: self._move_by,
             0x0453: self._move,
             0x0465: lambda message: self._motion.stop(profiled=message.raw[3] == _PROFILED),
             0x0480: self._answer_status,
@@ -180,8 +174,7 @@ class Kdc101Emulator:
         }
 
     def _power_up(self, *, homed: bool) -> None:
-        self._stored = {**POWER_UP, **NO_TRIGGERS}
-        self._motion.triggers.set(self._stored)
+        self._stored = {**POWER_UP, PORTS: struct.pack("<6H", 1, 0, 1, 0, 1, 0)}
         self._motion.wake_up(homed=homed)
         self._motion.enabled = self._settings.enabled
         self._updates = self._settings.talking
@@ -204,21 +197,11 @@ class Kdc101Emulator:
 
     def _set(self, message: AptMessage) -> None:
         self._stored[message.ident] = message.data
-        if message.ident == PORTS:
-            self._motion.triggers.set(self._stored)
-            self._motion.look()
-        elif message.ident not in (TARGET, POSITIONS):
+        if message.ident not in (TARGET, PORTS):
             self._motion.learn(self._stored)
-
-    def _set_counter(self, message: AptMessage) -> None:
-        self._motion.set_counter(struct.unpack("<Hi", message.data)[1])
 
     def _move(self, message: AptMessage) -> None:
         self._motion.go(struct.unpack("<Hi", message.data or self._stored[TARGET])[1])
-
-    def _move_by(self, message: AptMessage) -> None:
-        if message.data:
-            self._motion.go(self._stage.counts + struct.unpack("<Hi", message.data)[1])
 
     def _set_updates(self, message: AptMessage) -> None:
         self._updates = message.ident == 0x0011

@@ -7,15 +7,13 @@ holds what it fired in truth, whatever it reports.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from itertools import groupby
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from markerseek.core import require_range
-from markerseek.emulators._kdc101_triggers import Edge
 from markerseek.emulators.faults import Faults
 from markerseek.sim import LaserSettings, SimulatedWorld, vary_last_flash
 from markerseek.wire import laserbox as wire
@@ -46,20 +44,15 @@ def _period_us(train: _AnyPermit) -> int:
     return (2_000_000 + train.rate_hz) // (2 * train.rate_hz)
 
 
-def _us(edge: Edge) -> int:
-    return round(1e6 * edge.at_s)
-
-
 class EmulatedLaserBox:
     """A laser box and its laser; it reads its inputs once per turn of a loop, as the firmware does.
 
     ``on_triggers``: called at the end of a train with the number of triggers sent to the acquisition, those without
     light after a permit was taken away included. ``lease_ms``: at most `markerseek.wire.laserbox.LEASE_MS`.
     ``turn_us``: time between two turns of its loop. ``laser``: how the energy of an acquisition varies, and the noise
-    of the light meter, without which it has none. ``rng``: source of randomness for both. ``edges``: called with the
-    box's time in seconds, returns the edges at its trigger input until then; None: nothing is connected. ``moment``:
-    called with the box's time in seconds at a stamp, turns the probe to where it is then, and returns what an ideal
-    clock shows; None: the probe is there.
+    of the light meter, without which it has none. ``rng``: source of randomness for both. ``moment``: called with the
+    box's time in seconds at a stamp, turns the probe to where it is then, and returns what an ideal clock shows; None:
+    the probe is there.
     """
 
     def __init__(
@@ -71,7 +64,6 @@ class EmulatedLaserBox:
         turn_us: int = 200,
         laser: LaserSettings | None = None,
         rng: np.random.Generator | None = None,
-        edges: Callable[[float], Sequence[Edge]] | None = None,
         moment: Callable[[float], float] | None = None,
     ) -> None:
         require_range("laser box: lease_ms", lease_ms, low=1, high=wire.LEASE_MS, unit="ms")
@@ -87,7 +79,6 @@ class EmulatedLaserBox:
         self._laser = laser or LaserSettings()
         self._rng = rng
         self._boots_until_us: int | None = None
-        self.edges = edges or (lambda _now_s: ())
         self.moment = moment or float
         self.power_up()
 
@@ -103,10 +94,8 @@ class EmulatedLaserBox:
         self._train: _AnyPermit | None = None
         self._triggers = self._sent = self._seen_before = 0
         self._last_trigger_us = 0
-        self._untold: tuple[int, int, int] | None = None
-        """Stamp of the last pulse of a sweep, the photodiode's count before it, and the edge that gave it."""
-        self._edge = self._given_edges = self._edge_due_us = 0
-        """Edges of this train, those that its trigger input got, and when the next may give a pulse."""
+        self._untold: tuple[int, int] | None = None
+        """Stamp of the last pulse of a sweep, and the photodiode's count before it."""
         self._dark_told = True
         self._fired: deque[int] = deque()
         """Seconds in which pulses were sent."""
@@ -169,8 +158,7 @@ class EmulatedLaserBox:
         if self._permit is not None:
             due_us.append(min(self._ends_us, self._expires_us))
         if self._train is not None:
-            waits_us = self._now_us if self._awaits_edges else self._due_us
-            due_us.append(waits_us if self._triggers < self._given else self._last_trigger_us + wire.LIGHT_LATE_US)
+            due_us.append(self._due_us if self._triggers < self._given else self._last_trigger_us + wire.LIGHT_LATE_US)
             if self._untold is not None:
                 due_us.append(self._last_trigger_us + wire.LIGHT_LATE_US)
         if not due_us:
@@ -188,43 +176,11 @@ class EmulatedLaserBox:
             return
         self._tell_light(self._train)
         if self._triggers < self._given:
-            if self._awaits_edges:
-                self._take_edges(self._train)
-            elif self._due_us <= self._now_us:
+            if self._due_us <= self._now_us:
                 self._trigger(self._train)
                 self._tell_light(self._train)
         elif self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
             self._end_train(self._train)
-
-    @property
-    def _awaits_edges(self) -> bool:
-        """Whether edges give the triggers of the train: as long as there may be light."""
-        return isinstance(self._train, wire.PermitEdges) and self._permit is not None
-
-    def _take_edges(self, train: _AnyPermit) -> None:
-        """Give a pulse at the last edge before a turn, unless it came too early, or too long before that turn."""
-        for turn_us, seen in groupby(self._edges_in(), key=self._turn_after):
-            *before, last = seen
-            self._edge += len(before) + 1
-            at_us = _us(last)
-            if self._edge_due_us <= at_us and turn_us - at_us <= wire.LIGHT_LATE_US and self._awaits_edges:
-                self._edge_due_us = turn_us + _period_us(train)
-                # Where this process was held up, several edges come in one turn; by their own times, which are further
-                # apart, the light of the pulse before has been seen.
-                self._tell_pulse(train)
-                self._trigger(train, edge=last)
-
-    def _edges_in(self) -> Iterator[Edge]:
-        """Edges since the last turn that reached the trigger input."""
-        for edge in self.edges(self._now_us / 1e6):
-            self._given_edges += 1
-            number = self._given_edges
-            if not self.faults("no edges") and number != self.faults.amount("lost edge"):
-                yield from [edge] * (2 if number == self.faults.amount("double edge") else 1)
-
-    def _turn_after(self, edge: Edge) -> int:
-        """Time of the turn at which an edge is seen, by the edge's clock: this process may be held up, a box is not."""
-        return -(-_us(edge) // self._turn_us) * self._turn_us
 
     @property
     def _given(self) -> int:
@@ -280,15 +236,16 @@ class EmulatedLaserBox:
         self._last_step = 0
         return wire.Greeting(
             identity=wire.EMULATOR,
-            version=wire.VERSION if self._laser.energy_meter_noise is None else wire.METERED_VERSION,
+            version=wire.VERSION,
             lease_ms=self._lease_us // 1000,
             last_token=self._last_token,
             seen=self._seen & wire.MAX_COUNT,
+            meter=int(self._laser.energy_meter_noise is not None),
         )
 
-    def _clock_us(self, edge: Edge | None = None) -> int:
-        """What its own clock shows now, or at an edge."""
-        at_s = self.moment(self._now_us / 1e6) if edge is None else edge.at_s
+    def _clock_us(self) -> int:
+        """What its own clock shows now."""
+        at_s = self.moment(self._now_us / 1e6)
         return (
             round(1e6 * at_s * (1 + self.faults.amount("clock drift")) + self.faults.amount("clock step"))
             & wire.MAX_COUNT
@@ -308,8 +265,6 @@ class EmulatedLaserBox:
         self._ends_us = self._now_us + self._lease_us
         self._expires_us = self._now_us + 1000 * permit.expiry_ms
         answer = wire.SweepPermitted if isinstance(permit, wire.PermitSweep) else wire.Permitted
-        if isinstance(permit, wire.PermitEdges):
-            answer = wire.EdgesPermitted
         return answer(token=permit.token, seen=self._seen & wire.MAX_COUNT)
 
     def _pulses_of_last_minute(self) -> int:
@@ -333,13 +288,10 @@ class EmulatedLaserBox:
         self._dark_told = not isinstance(self._train, wire.PermitSweep)
         self._seen_before = self._seen
         self._due_us = self._now_us
-        self._edge = self._given_edges = self._edge_due_us = 0
-        # Those before the light count nowhere.
-        self.edges(self._now_us / 1e6)
         self._turn()
         return None
 
-    def _trigger(self, train: _AnyPermit, *, edge: Edge | None = None) -> None:
+    def _trigger(self, train: _AnyPermit) -> None:
         """Give one trigger to the acquisition, and to the laser while the permit holds and pulses are left."""
         swept = isinstance(train, wire.PermitSweep)
         lit = self._permit is not None and self._triggers < train.pulses + round(self.faults.amount("extra pulses"))
@@ -349,10 +301,10 @@ class EmulatedLaserBox:
             self._sent += 1
             self._fired.append(self._now_us // 1_000_000)
             if swept:
-                self._untold = self._clock_us(edge), self._seen, self._edge
+                self._untold = self._clock_us(), self._seen
             if not self.faults("dead lamp"):
                 if swept:
-                    self._light_world(pulses=1, angle_deg=self._world.angle_deg if edge is None else edge.angle_deg)
+                    self._light_world(pulses=1, angle_deg=self._world.angle_deg)
                 twice = swept and self._sent == self.faults.amount("double pulse")
                 self._light_us.extend([self._now_us + round(self.faults.amount("late light"))] * (1 + twice))
                 self._shine()
@@ -365,38 +317,34 @@ class EmulatedLaserBox:
             self._due_us + period_us, self._until_us + period_us if swept else self._now_us + period_us // 2
         )
 
-    def _tell_pulse(self, train: _AnyPermit) -> None:
-        """Report the last pulse of a sweep, whose light has been seen."""
-        if self._untold is not None:
-            stamp_us, before, edge = self._untold
-            self._untold = None
-            pulse = wire.Stamped(
-                token=train.token, number=self._sent, stamp_us=stamp_us, photodiode=self._seen - before, edge=edge
-            )
-            self._answer(self._with_light(pulse))
-
     def _tell_light(self, train: _AnyPermit) -> None:
         """Report the last pulse of a sweep once its light has been seen, and once the end of the light."""
-        if self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
-            self._tell_pulse(train)
+        if self._untold is not None and self._now_us >= self._last_trigger_us + wire.LIGHT_LATE_US:
+            stamp_us, before = self._untold
+            self._untold = None
+            seen = self._seen - before
+            self._answer(
+                wire.Stamped(
+                    token=train.token,
+                    number=self._sent,
+                    stamp_us=stamp_us,
+                    photodiode=seen,
+                    light=self._read_light(seen),
+                )
+            )
         if self._permit is None and self._untold is None and not self._dark_told:
             self._dark_told = True
             seen = self._seen - self._seen_before
             self._answer(wire.Dark(token=train.token, sent=self._sent, photodiode=seen))
 
-    def _with_light(self, reply: wire.Stamped | wire.Done) -> wire.Stamped | wire.Done:
-        """The reply, with what the light meter read of its pulses where there is one."""
+    def _read_light(self, photodiode: int) -> int:
+        """What the light meter read of pulses that the photodiode saw; 0 without one."""
         noise = self._laser.energy_meter_noise
-        if noise is None:
-            return reply
-        light = 0
-        if reply.photodiode:
-            energy = self._world.flashes[-1].energy if self._sent else 1.0
-            error = 0.0 if self._rng is None else noise * float(self._rng.standard_normal())
-            counts = round(LIGHT_COUNTS * reply.photodiode * energy * (1 + error))
-            light = max(0, min(counts, wire.MAX_COUNT))
-        metered = wire.MeteredStamped if isinstance(reply, wire.Stamped) else wire.MeteredDone
-        return metered(**asdict(reply), light=light)
+        if noise is None or not photodiode:
+            return 0
+        energy = self._world.flashes[-1].energy if self._sent else 1.0
+        error = 0.0 if self._rng is None else noise * float(self._rng.standard_normal())
+        return max(0, min(round(LIGHT_COUNTS * photodiode * energy * (1 + error)), wire.MAX_COUNT))
 
     def _void(self) -> None:
         """Void the permit: no light from now on; a train that has begun is completed without light."""
@@ -425,4 +373,4 @@ class EmulatedLaserBox:
             self._light_world(pulses=self._sent)
         self._on_triggers(self._triggers)
         seen = self._seen - self._seen_before
-        self._answer(self._with_light(wire.Done(token=train.token, sent=self._sent, photodiode=seen)))
+        self._answer(wire.Done(token=train.token, sent=self._sent, photodiode=seen, light=self._read_light(seen)))

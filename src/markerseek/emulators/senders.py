@@ -19,7 +19,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from markerseek.core import DeviceError, Int16
-from markerseek.emulators._trains import SweptTrain, Train, Trains
+from markerseek.emulators._trains import Train, Trains
 from markerseek.sim import SimulatedWorld
 from markerseek.wire import igtl
 from markerseek.wire import vantage as wire
@@ -34,8 +34,8 @@ _PULSE_S = 1e-3
 class EmulatedSender(ABC):
     """Sends a message for each trigger; close it at the end.
 
-    ``world``: world whose sound is recorded. ``rng``: source of randomness for the differences between pulses.
-    ``unix_s``: time of day in seconds since 1970, which the messages carry. ``port``: a free port of this computer.
+    ``world``: world whose sound is recorded. ``unix_s``: time of day in seconds since 1970, which the messages carry.
+    ``port``: a free port of this computer.
     """
 
     called: ClassVar[str]
@@ -44,12 +44,11 @@ class EmulatedSender(ABC):
         self,
         *,
         world: SimulatedWorld,
-        rng: np.random.Generator,
         unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
     ) -> None:
         self._unix_s = unix_s
-        self._trains = Trains(world=world, rng=rng)
-        self._triggered: deque[tuple[Train | SweptTrain, float]] = deque()
+        self._trains = Trains(world)
+        self._triggered: deque[tuple[Train, float]] = deque()
         self._client: socket.socket | None = None
         self.port = self._open()
 

@@ -12,12 +12,11 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from markerseek.core import ConfigError
-from markerseek.emulators._trains import SweptTrain, Train, Trains
+from markerseek.emulators._trains import Train, Trains
 from markerseek.emulators.faults import Faults
 from markerseek.sim import SimulatedWorld
 from markerseek.wire import sonixdaq as wire
@@ -37,9 +36,7 @@ class EmulatedSonixDaq:
 
     - ``world``: world whose sound is recorded; it must simulate frames.
     - ``folder``: folder of the channel files; created if missing.
-    - ``rng``: source of randomness for the differences between pulses.
     - ``readout_s``: time from the trigger to the last file: about 10 s (paper, section 4).
-    - ``sdk``: layout of the files: that of SDK 6 and later, or that of the earlier ones.
     """
 
     def __init__(
@@ -47,9 +44,7 @@ class EmulatedSonixDaq:
         *,
         world: SimulatedWorld,
         folder: Path,
-        rng: np.random.Generator,
         readout_s: float = 10.0,
-        sdk: Literal[5, 6] = 6,
     ) -> None:
         if not 0 <= readout_s < math.inf:
             raise ConfigError(f"sonixdaq: readout_s is {readout_s} s, it must be finite and not negative")
@@ -58,14 +53,11 @@ class EmulatedSonixDaq:
         except OSError as error:
             raise ConfigError(f"sonixdaq: the folder {folder} cannot be created ({error.strerror})") from error
         self.faults = Faults("receiver")
-        self._trains = Trains(world=world, rng=rng)
+        self._trains = Trains(world)
         self._folder = folder
-        self._rng = rng
         self._readout_s = readout_s
-        self._numbered = sdk == 6
         self._now_s = 0.0
-        self._triggered: deque[Train | SweptTrain] = deque()
-        self._previous: list[bytes] = []
+        self._triggered: deque[Train] = deque()
         self._queue: deque[_Writing] = deque()
 
     @property
@@ -119,31 +111,29 @@ class EmulatedSonixDaq:
         writing.written = max(due, writing.written)
         return share == 1.0
 
-    def _finish(self, train: Train | SweptTrain) -> None:
+    def _finish(self, train: Train) -> None:
         """Make the files of an acquisition, and queue them for writing."""
-        fresh = self._acquisition(train)
-        files = self._previous if self._previous and self.faults("repeats") else fresh
-        self._previous = files
+        files = self._acquisition(train)
         if not self.faults("off"):
             self._queue.append(_Writing(files=files, begins_s=self._now_s + self.faults.amount("late files")))
 
-    def _acquisition(self, train: Train | SweptTrain) -> list[bytes]:
+    def _acquisition(self, train: Train) -> list[bytes]:
         """Channel files of the triggers of a train."""
         pulses = self._trains.pulses(train)
-        if isinstance(train, SweptTrain):
+        if train.swept:
             lost, doubled = (round(self.faults.amount(f"{each} trigger")) for each in ("lost", "double"))
             pulses = np.delete(pulses, [lost - 1] if lost else [], axis=0)
             pulses = np.repeat(pulses, [1 + (number == doubled) for number in range(1, len(pulses) + 1)], axis=0)
         files = []
         for number in range(wire.CHANNELS):
             other = {5: 6, 6: 5}.get(number, number) if self.faults("swapped channels") else number
-            data = wire.encode_file(pulses[:, wire.element_of_file(other)], number=other if self._numbered else None)
-            files.append(self._rng.bytes(12) + data[12:] if self.faults("garbled headers") else data)
+            data = wire.encode_file(pulses[:, wire.element_of_file(other)], number=other)
+            files.append(b"\xff" * 12 + data[12:] if self.faults("garbled headers") else data)
         return files
 
     def _write(self, number: int, data: bytes) -> None:
         """Replace a file atomically; the driver recognises the new inode."""
-        place = self._folder / wire.file_name(number, numbered=self._numbered)
+        place = self._folder / wire.file_name(number)
         draft = place.with_suffix(".part")
         draft.write_bytes(data)
         draft.replace(place)

@@ -5,6 +5,7 @@ A pipe would block, a device would never end, and a sparse file of a few kilobyt
 
 from __future__ import annotations
 
+import errno
 import os
 import shlex
 import stat
@@ -17,6 +18,11 @@ from markerseek.core import RecordError
 
 MIB = 1 << 20
 """Bytes of a mebibyte."""
+
+
+def os_reason(problem: OSError) -> str:
+    """Name of an error of the file system, and what it says."""
+    return f"{errno.errorcode.get(problem.errno or 0, 'error')}: {problem.strerror or problem}"
 
 
 def quoted(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Where the package keeps what belongs to a user: journals, and which drivers he trusts."""
+"""Where the package keeps what belongs to a user."""
 
 from __future__ import annotations
 

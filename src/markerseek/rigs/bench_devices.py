@@ -6,11 +6,11 @@ A foreign driver is tried by the public contract as soon as it is open, without 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from markerseek.drivers import (
     BenchSettings,
     DeviceSettings,
     GuidedStageSettings,
+    Opening,
     Part,
     SerialPort,
     SimulatedLaserKeys,
@@ -26,7 +27,7 @@ from markerseek.drivers import (
     SimulatedStageKeys,
     entry_of,
 )
-from markerseek.guard import Admission, Guard, Limits
+from markerseek.guard import Admission, Guard
 from markerseek.rigs.scene import draw_scene
 from markerseek.ros import RosNode
 from markerseek.sim import SimulatedHand, SimulatedLaser, SimulatedReceiver, SimulatedSettings, SimulatedStage, World
@@ -36,8 +37,6 @@ from markerseek.wire import Port
 
 DARK_ALARM = 1e-6
 """False-alarm probability of one dark frame: a threshold of 7.3 standard deviations for an image."""
-
-OpenedT = TypeVar("OpenedT")
 
 
 class OpenDevices:
@@ -86,7 +85,19 @@ class OpenDevices:
     def _open(self, part: Part, clock: Clock, *, receiver: Receiver | None = None) -> tuple[Any, str]:
         settings = getattr(self._settings, part)
         entry = entry_of(part, settings)
-        device = entry.open(settings, _Opening(self, part, clock, receiver))
+        opening = Opening(
+            clock=clock,
+            limits=self._settings.limits,
+            pulses=self._settings.laser.pulses,
+            port=self.ports.get(part),
+            receiver=receiver,
+            beats=self.beats,
+            enables=self.enables,
+            stack=self.stack,
+            node=self._ros_node,
+            simulated=partial(self._simulated_device, clock=clock),
+        )
+        device = entry.open(settings, opening)
         self._try(part, device)
         return device, entry.describe(settings, device)
 
@@ -109,14 +120,13 @@ class OpenDevices:
         for each in self.beats:
             each()
 
-    @property
-    def node(self) -> RosNode:
+    def _ros_node(self) -> RosNode:
         """The rig's ROS 2 node, made for its first device."""
         if self._node is None:
             self._node = self.stack.enter_context(RosNode("markerseek_rig"))
         return self._node
 
-    def simulated(self, settings: DeviceSettings, clock: Clock) -> Any:
+    def _simulated_device(self, settings: DeviceSettings, *, clock: Clock) -> Any:
         """A simulated device in the world of this rig."""
         if self._simulated is None:
             self._simulated = SimulatedParts(self._settings)
@@ -132,43 +142,6 @@ class OpenDevices:
     def close(self) -> None:
         """Close the lines; a supervisor sends each line's safe command first. Allowed twice."""
         self.stack.close()
-
-
-class _Opening:
-    """What one driver gets of the rig (`markerseek.drivers.entry.Opening`)."""
-
-    def __init__(self, devices: OpenDevices, part: Part, clock: Clock, receiver: Receiver | None) -> None:
-        settings = devices._settings  # noqa: SLF001  one class in two, so that a driver sees its own line only
-        self.clock = clock
-        self.limits: Limits = settings.limits
-        self.pulses = settings.laser.pulses
-        self._devices, self._part, self._receiver = devices, part, receiver
-
-    @property
-    def line(self) -> Port:
-        return self._devices.ports[self._part]
-
-    @property
-    def node(self) -> RosNode:
-        return self._devices.node
-
-    @property
-    def receiver(self) -> Receiver:
-        if self._receiver is None:
-            raise ConfigError("a receiver is opened before the laser, and there is none")
-        return self._receiver
-
-    def beat_with(self, beat: Callable[[], None]) -> None:
-        self._devices.beats.append(beat)
-
-    def arm_with(self, enable: Callable[[], None]) -> None:
-        self._devices.enables.append(enable)
-
-    def keep(self, opened: AbstractContextManager[OpenedT]) -> OpenedT:
-        return self._devices.stack.enter_context(opened)
-
-    def simulated(self, settings: DeviceSettings) -> Any:
-        return self._devices.simulated(settings, self.clock)
 
 
 def guard_of(settings: BenchSettings) -> Guard:

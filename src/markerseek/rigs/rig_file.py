@@ -18,8 +18,8 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
 
     ``path``: TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other
     keys are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, such as no lens. A
-    receiver's folder is relative to the rig file, and the module of a foreign driver is looked for beside it; it is
-    not imported here.
+    receiver's folder is relative to the rig file, and the module of a foreign driver is looked for beside it and
+    imported: a rig file can run code.
     """
     table = read_toml(path, what="rig file")
     if "policies" in table:

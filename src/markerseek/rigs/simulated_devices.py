@@ -78,7 +78,6 @@ def rig_in_world(
         stamp_jitter_s=light.stamp_jitter_s,
         without_light=light.without_light,
         probe_deg=stage.probe_deg,
-        triggered_s=stage.triggered_s if light.sweep_mode == "position-triggered" else None,
         rng=rng,
     )
     receiver = SimulatedReceiver(

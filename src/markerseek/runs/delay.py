@@ -102,18 +102,13 @@ class DelayRun:
     Raises
     ------
     ConfigError
-        If the rig cannot sweep, the stage triggers the laser, or ``times`` is out of its range.
+        If the rig cannot sweep, or ``times`` is out of its range.
     """
 
     def __init__(self, rig: Rig, *, times: int = 9) -> None:
         if not 3 <= times <= 30:
             raise ConfigError(f"times is {times}, it must be from 3 to 30; 9 is usual")
         self._rig, self._devices = rig, rig.scanner.sweeping
-        if self._devices.triggering is not None:
-            raise ConfigError(
-                "this rig sweeps position-triggered, and has no delay of stamps; "
-                'set laser.sweep_mode = "free-running" to measure one'
-            )
         low_deg, high_deg = rig.limits.search.low_deg, rig.limits.search.high_deg
         fast = self._devices.stage.fastest_sweep_deg_s
         speeds = [fast] * times + [self._slow_deg_s(low_deg, high_deg)] * round(SLOW_SHARE * times)

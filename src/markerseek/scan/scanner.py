@@ -210,7 +210,6 @@ class Scanner:
         with self._faulting:
             devices.stage.prepare_sweep(speed_deg_s=sweep.speed_deg_s)
         with self._refusable:
-            triggers = devices.set_triggers(sweep, permit)
             devices.receiver.begin_sweep(permit)
         from_deg, now_s = self.angle_deg, self.clock.now_s()
         self.guard.redeem(permit, angle_deg=from_deg, now_s=now_s)
@@ -224,7 +223,6 @@ class Scanner:
             number=number,
             at=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
             admit_dark=self._admit_dark,
-            triggers=triggers,
             turn_away=None if wait_deg is None else partial(self._move, wait_deg),
         )
         # Closed here, and not by the garbage collector, which would print an error of the lease that ends with it.

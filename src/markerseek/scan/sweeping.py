@@ -1,7 +1,6 @@
 """One sweep: the stage turns, the laser fires single pulses, and each gives a sample at the angle where it was fired.
 
-The angle of a pulse is interpolated between two readings of the stage, never taken from a set point. Where the stage
-triggers the laser by its position, it is the encoder's at the trigger, and the interpolated one must agree with it.
+The angle of a pulse is interpolated between two readings of the stage, never taken from a set point.
 """
 
 from __future__ import annotations
@@ -22,10 +21,9 @@ from markerseek.core import (
     SweepPermit,
     SweepTiming,
     Swept,
-    Triggers,
 )
 from markerseek.guard import Guard
-from markerseek.scan._pulse_angle import TriggerCount, not_between, stamped_angle
+from markerseek.scan._pulse_angle import not_between, stamped_angle
 from markerseek.scan.sweeping_devices import TURN_DEG, SweepingDevices
 
 READ_S = 0.05
@@ -48,7 +46,7 @@ BACK_S = 0.7
 """Time within which a stage that is to turn back must have begun to; the guard ends the light a little later."""
 
 DARK_PERIODS = 3
-"""Periods of the laser, or triggers of the stage, within which at least one pulse must come."""
+"""Periods of the laser within which at least one pulse must come."""
 
 BACKLASH_ERROR = 0.5
 """Relative standard deviation of the backlash that a rig states."""
@@ -74,9 +72,8 @@ class SweepInProgress:
     """One sweep from its redeemed permit on; the guard is SWEEPING until the probe is at rest again.
 
     ``held``: holds the watchdog's lease while the probe turns. ``at``: readback and time at which the permit was used.
-    ``admit_dark``: refuses a dark frame that holds a source. ``triggers``: where the stage triggers the laser; None
-    where that runs free. ``turn_away``: turns the probe to where it waits for the frames of a burst, and returns its
-    angle; None: it stays.
+    ``admit_dark``: refuses a dark frame that holds a source. ``turn_away``: turns the probe to where it waits for the
+    frames of a burst, and returns its angle; None: it stays.
     """
 
     def __init__(
@@ -91,11 +88,9 @@ class SweepInProgress:
         number: int,
         at: StageReading,
         admit_dark: Callable[[Frame], None],
-        triggers: Triggers | None = None,
         turn_away: Callable[[], float] | None = None,
     ) -> None:
         self._devices = devices
-        self._triggers = None if triggers is None else TriggerCount(triggers)
         self._permit = permit
         self._speed_deg_s = speed_deg_s
         self._guard = guard
@@ -194,13 +189,9 @@ class SweepInProgress:
 
     def _end(self, lit: StageReading) -> int:
         """End the light that began after that reading, brake, come to rest, and return how many pulses were fired."""
-        lasted_s, last_deg = self._clock.now_s() - lit.answered_s, self._readings[-1].angle_deg
+        lasted_s = self._clock.now_s() - lit.answered_s
         fired = self._devices.laser.end_sweep()
-        due = lasted_s / self._permit.period_s
-        if self._triggers is not None:
-            low_deg, high_deg = sorted((lit.angle_deg, last_deg))
-            due = sum(low_deg < each_deg < high_deg for each_deg in self._triggers.angles_deg)
-        if fired == 0 and not due <= DARK_PERIODS:
+        if fired == 0 and not lasted_s <= DARK_PERIODS * self._permit.period_s:
             raise LaserError(f"no pulse came in {lasted_s:.2f} s of a sweep; check the laser and its trigger")
         self._take(self._devices.laser.pulses())
         self._devices.stage.brake()
@@ -232,7 +223,7 @@ class SweepInProgress:
             pulse = replace(
                 stamped,
                 at_s=stamped.at_s + laser.stamp_delay_s,
-                sigma_s=max(stamped.sigma_s, 0.0 if self._triggers else STAMP_SIGMA_S),
+                sigma_s=max(stamped.sigma_s, STAMP_SIGMA_S),
             )
             if not stamped.at_s <= latest_s + 4 * stamped.sigma_s:
                 raise LaserError(
@@ -284,13 +275,8 @@ class SweepInProgress:
     def _at(self, pulse: Pulse, frame: Frame) -> SweptFrame:
         """A frame with the angle of its pulse, and what that angle may be off by."""
         stamped = stamped_angle(pulse, self._readings)
-        angle_deg, sigma_deg = stamped.angle_deg, stamped.sigma_deg
         # A controller that answers late may do so each time: its readings are then old by the same time, all of them.
         answer_s = max(each.answered_s - each.asked_s for each in (stamped.lower, stamped.upper)) / math.sqrt(12)
-        delay_s = math.hypot(self._devices.laser.delay_sigma_s, answer_s)
-        if self._triggers is not None:
-            angle_deg, sigma_deg = self._triggers.angle_deg(pulse, stamped), self._triggers.sigma_deg
-            delay_s = self._devices.laser.delay_sigma_s
         # Of the way, and not of two readings: at rest at its end they may differ in any direction.
         turned = self._turning_s is not None and pulse.at_s >= self._turning_s
         forward = -self._permit.forward if turned else self._permit.forward
@@ -304,12 +290,12 @@ class SweepInProgress:
         return SweptFrame(
             frame=replace(frame, header=header),
             # The probe lags behind the encoder by the backlash.
-            angle_deg=angle_deg - forward * backlash_deg,
-            angle_sigma_deg=sigma_deg,
+            angle_deg=stamped.angle_deg - forward * backlash_deg,
+            angle_sigma_deg=stamped.sigma_deg,
             timing=SweepTiming(
                 number=self._number,
                 speed_deg_s=stamped.speed_deg_s,
-                delay_sigma_s=delay_s,
+                delay_sigma_s=math.hypot(self._devices.laser.delay_sigma_s, answer_s),
                 play_sigma_deg=BACKLASH_ERROR * backlash_deg,
             ),
         )

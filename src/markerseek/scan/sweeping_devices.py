@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
 
 from markerseek.core import (
     ConfigError,
@@ -16,10 +15,7 @@ from markerseek.core import (
     SweepingReceiver,
     SweepingStage,
     SweepPermit,
-    TriggeringStage,
-    Triggers,
 )
-from markerseek.scan._pulse_angle import AGREE_DEG, READ_LATE_S
 
 SLOWEST, FASTEST = 0.08, 1.25
 """Speeds between which the probe is lit, as shares of the speed of the sweep: its ramps are in the light, and a probe
@@ -36,10 +32,6 @@ LEAST_WAY_DEG = 0.5
 
 SLOWER = 1.1
 """Time of a sweep over that which the stage's own numbers give: it may be slower than it says."""
-
-TRIGGER_SPARE = 1.1
-"""Time between two triggers at the speed of the sweep, over the least between two pulses: a servo is never exact, and
-a trigger that comes too early gives no light."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,25 +55,8 @@ class SweepingDevices:
                 )
         devices = cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
         # Asked here, since a device of a kind that can may not be set up for it.
-        _ = devices.least_period_s, devices.triggering
+        _ = devices.least_period_s
         return devices
-
-    @property
-    def triggering(self) -> TriggeringStage | None:
-        """The stage, if its triggers give the pulses; None where the laser runs free.
-
-        Raises `ConfigError` if they are to, and the stage has none.
-        """
-        if not getattr(self.laser, "position_triggered", False):
-            return None
-        if not hasattr(type(self.stage), "set_triggers"):
-            raise ConfigError(
-                f"this rig cannot sweep position-triggered: its stage ({type(self.stage).__name__}) gives no triggers; "
-                'set laser.sweep_mode = "free-running"'
-            )
-        stage = cast("TriggeringStage", self.stage)
-        _ = stage.trigger_step_deg
-        return stage
 
     @property
     def least_period_s(self) -> float:
@@ -116,11 +91,8 @@ class SweepingDevices:
         # Where it turns back it is as slow as a stage is that much before rest.
         turning = math.inf if sweep.back_deg is None else 0.8 * math.sqrt(2 * self.stage.acceleration_deg_s2 * TURN_DEG)
         period_s = self.least_period_s
-        if self.triggering is None:
-            lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
-            pulses = max(math.ceil(SLOWER * lasts) + 1, math.ceil(lasts) + dark)
-        else:
-            pulses = math.ceil(way_deg / self._trigger_spacing_deg(sweep)) + dark
+        lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
+        pulses = max(math.ceil(SLOWER * lasts) + 1, math.ceil(lasts) + dark)
         return SweepPermit(
             token="",
             angle_deg=from_deg,
@@ -131,30 +103,6 @@ class SweepingDevices:
             slowest_deg_s=min(SLOWEST * min(speed, reached), turning),
             fastest_deg_s=FASTEST * speed,
             period_s=period_s,
-        )
-
-    def set_triggers(self, sweep: Sweep, permit: SweepPermit) -> Triggers | None:
-        """Have the stage give a trigger for each pulse of that sweep; None where the laser runs free."""
-        stage = self.triggering
-        if stage is None:
-            return None
-        if sweep.back_deg is not None:
-            raise ConfigError("sweep: a stage that triggers the laser triggers on one way only; leave back_deg out")
-        return stage.set_triggers(
-            from_deg=permit.angle_deg,
-            to_deg=permit.to_deg,
-            spacing_deg=self._trigger_spacing_deg(sweep),
-        )
-
-    def _trigger_spacing_deg(self, sweep: Sweep) -> float:
-        """Distance between two triggers of a sweep, on any way: their pulses must not be nearer than its period.
-
-        Half of it is never less than what a sound rig's stamps may be off by: else a late readout would pass for a lost
-        trigger.
-        """
-        return max(
-            TRIGGER_SPARE * sweep.speed_deg_s * self.least_period_s,
-            2 * (AGREE_DEG + READ_LATE_S * sweep.speed_deg_s),
         )
 
     def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:

@@ -12,11 +12,7 @@ from markerseek.core import Clock, ConfigError, LaserError, Permit, Pulse, Sweep
 from markerseek.sim.world import SimulatedWorld
 
 DELAY_SIGMA_S = 10e-3
-"""Standard deviation of the delay between the laser's stamps and the stage's readings, where nobody has measured it and
-nothing triggers one by the other."""
-
-TRIGGER_SIGMA_S = 1.2e-3
-"""Standard deviation of the delay from the stage's trigger to the light: within two milliseconds, as of a laser box."""
+"""Standard deviation of the delay between the laser's stamps and the stage's readings, where nobody has measured it."""
 
 CLOCK_DRIFT = 20e-6
 """By how much the clock of the stamps is fast, where it is compared with the rig's at the beginning of a sweep."""
@@ -30,8 +26,6 @@ class SimulatedLaser:
     the stamp of a pulse to its light. ``delay_sigma_s``: standard deviation to which the rig knows it; None: nobody has
     measured it. ``stamp_jitter_s``: standard deviation of a stamp by itself. ``without_light``: share of the pulses
     that give no light. ``probe_deg``: true angle of the probe at a time of a sweep; None: at rest.
-    ``triggered_s``: times of the stage's triggers until a time, each once, which then give the pulses of a sweep; None:
-    it runs free.
     """
 
     def __init__(
@@ -47,7 +41,6 @@ class SimulatedLaser:
         stamp_jitter_s: float = 0.0,
         without_light: float = 0.0,
         probe_deg: Callable[[float], float] | None = None,
-        triggered_s: Callable[[float], Sequence[float]] | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
         if max(energy_spread, stamp_jitter_s, without_light, delay_sigma_s or 0.0) > 0 and rng is None:
@@ -69,12 +62,10 @@ class SimulatedLaser:
         if rng is not None and delay_sigma_s is not None:
             self.stamp_delay_s = true_delay_s + delay_sigma_s * float(rng.standard_normal())
         self._probe_deg = probe_deg
-        self._triggered_s = triggered_s
         self._rng = rng
         self._used: set[str] = set()
         self._sweep: SweepPermit | None = None
-        self._began_s, self._fired, self._edges = 0.0, 0, 0
-        self._last_s = -math.inf
+        self._began_s, self._fired = 0.0, 0
         self._untold: list[Pulse] = []
 
     def fire(self, permit: Permit) -> int:
@@ -97,23 +88,12 @@ class SimulatedLaser:
     @property
     def delay_sigma_s(self) -> float:
         """Standard deviation of the unknown delay of all pulses, in seconds."""
-        if self.position_triggered:
-            return TRIGGER_SIGMA_S
         return DELAY_SIGMA_S if self._delay_sigma_s is None else self._delay_sigma_s
-
-    @property
-    def position_triggered(self) -> bool:
-        """Whether the stage's triggers give the pulses of a sweep."""
-        return self._triggered_s is not None
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire single pulses; refused as by `fire`."""
         self._use(permit)
         self._sweep, self._began_s, self._fired, self._untold = permit, self._clock.now_s(), 0, []
-        self._edges, self._last_s = 0, -math.inf
-        if self._triggered_s is not None:
-            # Those before the light count nowhere.
-            self._triggered_s(self._began_s)
 
     def pulses(self) -> Sequence[Pulse]:
         """Pulses since the last call; they are fired here, at their times that have gone by."""
@@ -145,25 +125,17 @@ class SimulatedLaser:
         if sweep is None:
             return
         until_s = min(now_s, sweep.expires_s)
-        if self._triggered_s is None:
-            while self._fired < sweep.pulses and (at_s := self._began_s + self._fired * sweep.period_s) <= until_s:
-                self._fire_one(at_s)
-            return
-        for at_s in self._triggered_s(until_s):
-            self._edges += 1
-            # One that comes too early is counted, and gives no light.
-            if self._fired < sweep.pulses and at_s >= self._last_s + sweep.period_s:
-                self._last_s = at_s
-                self._fire_one(at_s, edge=self._edges)
+        while self._fired < sweep.pulses and (at_s := self._began_s + self._fired * sweep.period_s) <= until_s:
+            self._fire_one(at_s)
 
-    def _fire_one(self, at_s: float, *, edge: int | None = None) -> None:
+    def _fire_one(self, at_s: float) -> None:
         """One pulse of a sweep, and its stamp."""
         self._flash(1, at_s, angle_deg=None if self._probe_deg is None else self._probe_deg(at_s))
         self._fired += 1
         stamp_s = at_s - self._true_delay_s + CLOCK_DRIFT * (at_s - self._began_s)
         if self._rng is not None and self._stamp_jitter_s > 0:
             stamp_s += self._stamp_jitter_s * float(self._rng.standard_normal())
-        self._untold.append(Pulse(at_s=stamp_s, edge=edge))
+        self._untold.append(Pulse(at_s=stamp_s))
 
     def _flash(self, pulses: int, at_s: float, *, angle_deg: float | None) -> None:
         """Light the tissue with the energy that the laser has then."""

@@ -60,8 +60,6 @@ class LaserSettings:
     """Standard deviation of the stamp of one pulse by itself."""
     without_light: Annotated[float, Within(0, 0.5)] = 0.0
     """Share of the pulses that give no light."""
-    sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
-    """What gives the pulses of a sweep: the laser, at its own pace, or the stage's triggers by position."""
     energy_meter_noise: Annotated[float | None, Within(0, 0.3)] = None
     """Relative standard deviation of an energy meter, whose value stands in the header of each frame."""
 
@@ -182,7 +180,7 @@ def with_options(settings: SimulatedSettings, options: SimulationOptions) -> Sim
 
 _NEWER_RECEIVER = ("data", "receive_focus_m", "b_mode", "frame_period_s", "single_pulses")
 _NEWER_LASER = (
-    *("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s", "sweep_mode"),
+    *("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s"),
     *("stamp_delay_sigma_s", "stamp_jitter_s", "without_light"),
 )
 

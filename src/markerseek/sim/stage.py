@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
 from markerseek.core import (
     Clock,
-    ConfigError,
     Interval,
     LimitError,
     StageReading,
-    Triggers,
     Within,
     require_fields,
 )
@@ -72,7 +69,6 @@ class SimulatedStage:
         self._sweep_deg_s = motion.speed_deg_s
         self._sweep_from_deg = self._sweep_to_deg = 0.0
         self._legs: list[Leg] = []
-        self._triggers: list[float] = []
 
     @property
     def seen_deg(self) -> float:
@@ -124,37 +120,6 @@ class SimulatedStage:
         """Set the speed of a sweep."""
         self._sweep_deg_s = speed_deg_s
 
-    @property
-    def trigger_step_deg(self) -> float:
-        """Least distance between two triggers: one count."""
-        return 1 / self._motion.counts_per_deg
-
-    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
-        """Trigger at whole counts in the sweep that follows, until it ends; none at its very ends."""
-        start, end = (round(each * self._motion.counts_per_deg) for each in (from_deg, to_deg))
-        step = math.ceil(spacing_deg * self._motion.counts_per_deg)
-        number = (abs(end - start) - 1) // step
-        if number < 1:
-            raise ConfigError(
-                f"sweep: two triggers are {spacing_deg:.2f} deg apart, which leaves none from {from_deg:.2f} to "
-                f'{to_deg:g} deg; widen the search range, or set laser.sweep_mode = "free-running"'
-            )
-        step = step if end > start else -step
-        angles_deg = tuple((start + step * each) / self._motion.counts_per_deg for each in range(1, number + 1))
-        self._triggers = list(angles_deg)
-        return Triggers(angles_deg=angles_deg, sigma_deg=self.trigger_step_deg / math.sqrt(12))
-
-    def triggered_s(self, until_s: float) -> Sequence[float]:
-        """Times at which it has given a trigger, until then, each once."""
-        times_s: list[float] = []
-        ends_s = [*(leg.began_s for leg in self._legs[1:]), math.inf]
-        for leg, end_s in zip(self._legs, ends_s, strict=False):
-            there_deg = leg.at(min(end_s, until_s))[0]
-            low_deg, high_deg = min(leg.start_deg, there_deg), max(leg.start_deg, there_deg)
-            while self._triggers and low_deg <= self._triggers[0] <= high_deg:
-                times_s.append(leg.time_s(self._triggers.pop(0)))
-        return times_s
-
     def begin_sweep(self, to_deg: float) -> None:
         """Begin to turn to an angle; `LimitError` if it is outside the travel range."""
         self._require_inside(to_deg)
@@ -179,9 +144,8 @@ class SimulatedStage:
             self._legs.append(self._leg(here_deg, speed_deg_s))
 
     def end_sweep(self) -> None:
-        """Come to rest, and give no more triggers; moves have their own speed here."""
+        """Come to rest; moves have their own speed here."""
         self._come_to_rest()
-        self._triggers = []
 
     def _come_to_rest(self) -> None:
         if self._legs:

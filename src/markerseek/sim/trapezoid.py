@@ -61,14 +61,3 @@ class Leg:
             if left_s <= 0:
                 return here_deg, speed
         return self.target_deg, 0.0
-
-    def time_s(self, angle_deg: float) -> float:
-        """When it comes by an angle of its way."""
-        # Loaded here: scipy takes a while, and most rigs trigger nothing.
-        from scipy.optimize import brentq
-
-        even_s = abs(self.target_deg - self.start_deg) / self.top_deg_s
-        ramp_s = self.top_deg_s / self.acceleration_deg_s2
-        # Twice the longest that it can take.
-        ends_s = self.began_s + 2 * (even_s + 2 * ramp_s)
-        return float(brentq(lambda at_s: self.at(at_s)[0] - angle_deg, self.began_s, ends_s, xtol=1e-9))

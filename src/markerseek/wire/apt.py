@@ -47,7 +47,7 @@ EMULATOR = "simulated by markerseek"
 """Notes in the identity of an emulated controller."""
 
 INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS = 0x0006, 0x0415, 0x043C, 0x0425, 0x0452, 0x0491
-TRIGGER_PORTS, TRIGGER_POSITIONS, CHANNEL_STATE = 0x0525, 0x0528, 0x0212
+TRIGGER_PORTS, CHANNEL_STATE = 0x0525, 0x0212
 """Identities of the answers that `decode` knows."""
 
 _DATA = {
@@ -58,18 +58,11 @@ _DATA = {
     TARGET: struct.Struct("<Hi"),
     STATUS: struct.Struct("<HihHI"),
     TRIGGER_PORTS: struct.Struct("<5H2x"),
-    TRIGGER_POSITIONS: struct.Struct("<H8i"),
 }
 """Data of those answers, and of the messages that set the same: channel first, but of the identity."""
 
-TRIGGER_OFF, TRIGGER_STEPS_UP, TRIGGER_STEPS_DOWN = 0x00, 0x0D, 0x0E
-"""Modes of a trigger port: nothing, or a pulse at each position while the counts rise, or fall.
-
-0x0B is high while it moves, and 0x0C while it turns at its full speed: either would give one edge a sweep.
-"""
-
-TRIGGER_US = 50
-"""Length of a trigger pulse, in microseconds: the box counts its rising edge by an interrupt."""
+TRIGGER_OFF = 0x00
+"""Mode of a trigger port that does nothing."""
 
 _ACTIVE_HIGH = 1
 
@@ -159,33 +152,12 @@ class Channel:
 class TriggerPorts:
     """Modes of the two trigger ports; an active output is high."""
 
-    first: int
+    first: int = TRIGGER_OFF
     second: int = TRIGGER_OFF
     polarities: tuple[int, int] = (_ACTIVE_HIGH, _ACTIVE_HIGH)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TriggerRow:
-    """Positions at which a port gives pulses while the stage turns one way, in counts."""
-
-    start: int
-    interval: int
-    """Distance from one to the next, positive in either direction."""
-    number: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TriggerPositions:
-    """Where the ports give pulses: while the counts rise, and while they fall."""
-
-    up: TriggerRow
-    down: TriggerRow
-    pulse_us: int = TRIGGER_US
-    cycles: int = 1
-    """How often both rows may be run through."""
-
-
-Answer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts | TriggerPositions | Channel
+Answer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts | Channel
 
 
 def counts_of(angle_deg: float) -> int:
@@ -257,13 +229,6 @@ def set_limits(limits: SoftLimits) -> bytes:
 def set_target(counts: int) -> bytes:
     """Store a target; nothing moves yet."""
     return _set(TARGET, counts)
-
-
-def set_trigger_positions(positions: TriggerPositions) -> bytes:
-    """Set where a port gives pulses; it does so from the next `set_trigger_ports` on."""
-    up, down = positions.up, positions.down
-    rows = (up.start, up.interval, up.number, down.start, down.interval, down.number)
-    return _set(TRIGGER_POSITIONS, *rows, positions.pulse_us, positions.cycles)
 
 
 def set_trigger_ports(ports: TriggerPorts) -> bytes:
@@ -342,10 +307,4 @@ _CONTENTS: dict[int, Callable[[list[int]], Answer]] = {
     TARGET: lambda words: Counts(counts=words[0]),
     STATUS: lambda words: _status(words[0], words[3]),
     TRIGGER_PORTS: lambda words: TriggerPorts(first=words[0], second=words[2], polarities=(words[1], words[3])),
-    TRIGGER_POSITIONS: lambda words: TriggerPositions(
-        up=TriggerRow(start=words[0], interval=words[1], number=words[2]),
-        down=TriggerRow(start=words[3], interval=words[4], number=words[5]),
-        pulse_us=words[6],
-        cycles=words[7],
-    ),
 }

@@ -6,18 +6,17 @@ A line is words separated by one space, a star, and the CRC-16/CCITT-FALSE of al
 ======================================================  ==========================================================
 host to box                                             box to host
 ======================================================  ==========================================================
-``HELLO``                                               ``OK HELLO id version lease_ms last_token seen``
+``HELLO``                                               ``OK HELLO id version lease_ms last_token seen meter``
 ``PERMIT token pulses rate_hz expiry_ms triggers``      ``OK PERMIT token seen``
 ``BEAT step``                                           nothing
-``FIRE token``                                          ``DONE token sent photodiode`` when the train has ended,
-                                                        from a box with a light meter one number more: ``light``
+``FIRE token``                                          ``DONE token sent photodiode light`` when the train has
+                                                        ended
 ``DISARM``                                              ``OK DISARM``
 ``SWEEP token pulses period_us expiry_ms``              ``OK SWEEP token seen``
-after its ``FIRE``                                      ``PULSE token number stamp_us photodiode edge`` for each pulse,
-                                                        from a box with a light meter one number more: ``light``,
+after its ``FIRE``                                      ``PULSE token number stamp_us photodiode light`` for
+                                                        each pulse,
                                                         ``DARK token sent photodiode`` when its light has ended, and
                                                         ``DONE`` as above when the train has
-``EDGES token pulses period_us expiry_ms``              ``OK EDGES token seen``; after its ``FIRE`` as SWEEP
 ``TIME number``                                         ``OK TIME number clock_us``
 anything that is refused                                ``ERR reason``
 ======================================================  ==========================================================
@@ -35,8 +34,8 @@ until DONE is sent, HELLO and PERMIT are refused as ``BUSY``. DONE is sent `LIGH
 ``seen`` is the photodiode's count since power-up: if it rises outside of firings, there was light without a permit.
 Within any minute a box sends `MAX_PULSES_PER_MINUTE` pulses at most (refusal ``BUDGET``).
 
-A box whose photodiode also measures is of version 6, any other of version 5: ``light`` of DONE is the sum over the lit
-pulses of what the meter read of each, in counts of its own, and ``light`` of PULSE what it read of that one.
+``meter`` is 1 of a box whose photodiode also measures: ``light`` of DONE is the sum over the lit pulses of what it read
+of each, in counts of its own, and ``light`` of PULSE what it read of that one. Of any other box they are 0.
 
 **Sweeps** (fly-scan). SWEEP is a permit for single pulses, void by all that voids the other, whose train runs free with
 ``period_us`` between two pulses at least: one that comes late puts off all others. Each pulse is stamped by the box's
@@ -45,13 +44,6 @@ with what the photodiode saw since, and ``DARK`` follows the last of them at onc
 without light, up to as many triggers as pulses were permitted: an acquisition that counts them ends, and its last
 frames are dark. TIME is answered at any time: the host knows by the time of question and answer what its own clock
 showed, and so does with each stamp.
-
-**Position-triggered sweeps.** EDGES is as SWEEP, but each pulse is given at a rising edge at the box's trigger input,
-that of a stage which triggers by its position. Edges are counted from FIRE on. One that comes sooner than ``period_us``
-after the last pulse is counted and gives nothing, neither light nor a trigger of the acquisition; nor does one that the
-box sees more than `LIGHT_LATE_US` later, or of several that it sees at once any but the last. The stamp is the time of
-the edge. Once the light has ended, edges count no more: the train is completed at ``period_us``. ``edge`` of PULSE is
-the number of the edge that gave it, 0 where none did.
 """
 
 from __future__ import annotations
@@ -64,9 +56,8 @@ import msgspec
 
 from markerseek.core import ConfigError, LaserError
 
-VERSION, METERED_VERSION = 5, 6
-"""Version of the protocol: of a box that only counts pulses, and of one that measures their light too; lower numbers
-are those of boxes that were never released."""
+VERSION = 7
+"""Version of the protocol; lower numbers are those of boxes that were never released."""
 
 EMULATOR = "emulator"
 """Identity of an emulated box."""
@@ -91,8 +82,7 @@ probe in between (16 to 128 pulses an acquisition, a few thousand a minute at mo
 """
 
 LIGHT_LATE_US = 1000
-"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE sent, after it. Also the
-longest from an edge of the stage to its trigger."""
+"""Longest time from a trigger to its light, in microseconds: the photodiode is read, and DONE sent, after it."""
 
 RefusalReason: TypeAlias = Literal[
     "CRC",  # the line came damaged
@@ -157,13 +147,6 @@ class PermitSweep:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PermitEdges(PermitSweep):
-    """Permits single pulses, one at each rising edge of the trigger input, as `PermitSweep`."""
-
-    head: ClassVar[str] = "EDGES"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class AskTime:
     """Asks what the box's clock shows; the number comes back with the answer."""
 
@@ -182,7 +165,7 @@ class Disarm:
 class Greeting:
     """Answer to `Hello`: identity, version of the protocol, lease in milliseconds, and the last token used.
 
-    ``seen`` is how many pulses of light the photodiode has seen since power-up.
+    ``seen`` is how many pulses of light the photodiode has seen since power-up; ``meter`` is 1 if it measures light.
     """
 
     head: ClassVar[str] = "OK HELLO"
@@ -191,6 +174,7 @@ class Greeting:
     lease_ms: Count
     last_token: Count
     seen: Count
+    meter: Annotated[int, msgspec.Meta(ge=0, le=1)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,18 +188,12 @@ class Permitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """A train has ended: pulses sent to the laser, and pulses that the photodiode saw."""
+    """A train has ended: pulses sent to the laser, pulses that the photodiode saw, and the sum of their light."""
 
     head: ClassVar[str] = "DONE"
     token: Count
     sent: Count
     photodiode: Count
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeteredDone(Done):
-    """`Done` of a box with a light meter: ``light`` is the sum of what it read of the pulses, in its own counts."""
-
     light: Count
 
 
@@ -229,31 +207,14 @@ class SweepPermitted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EdgesPermitted(SweepPermitted):
-    """Answer to `PermitEdges`, as `Permitted`."""
-
-    head: ClassVar[str] = "OK EDGES"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Stamped:
-    """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw of it.
-
-    ``edge`` is the number of the edge that gave it, 0 if none did.
-    """
+    """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw and read of it."""
 
     head: ClassVar[str] = "PULSE"
     token: Count
     number: Count
     stamp_us: Count
     photodiode: Count
-    edge: Count
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeteredStamped(Stamped):
-    """`Stamped` of a box with a light meter: ``light`` is what it read of the pulse, in counts of its own."""
-
     light: Count
 
 
@@ -291,21 +252,8 @@ class Refusal:
     reason: RefusalReason
 
 
-Command: TypeAlias = Hello | PermitPulses | PermitSweep | PermitEdges | AskTime | Beat | Fire | Disarm
-Reply: TypeAlias = (
-    Greeting
-    | Permitted
-    | SweepPermitted
-    | EdgesPermitted
-    | Stamped
-    | MeteredStamped
-    | Dark
-    | Time
-    | Done
-    | MeteredDone
-    | Disarmed
-    | Refusal
-)
+Command: TypeAlias = Hello | PermitPulses | PermitSweep | AskTime | Beat | Fire | Disarm
+Reply: TypeAlias = Greeting | Permitted | SweepPermitted | Stamped | Dark | Time | Done | Disarmed | Refusal
 
 
 def crc16(data: bytes) -> int:

@@ -57,9 +57,9 @@ def file_number(name: str) -> int | None:
     return int(match[1])
 
 
-def file_name(number: int, *, numbered: bool) -> str:
-    """Name of the channel file k as SDK 6 and later give it, with numbered headers, or as earlier ones do."""
-    return f"CH{number:03d}.daq" if numbered else f"CH{number:03d}-0000.daq"
+def file_name(number: int) -> str:
+    """Name of the channel file k as SDK 6 and later give it; earlier ones write CH000-0000.daq."""
+    return f"CH{number:03d}.daq"
 
 
 def element_of_file(number: int) -> int:

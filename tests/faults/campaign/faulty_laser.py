@@ -19,9 +19,6 @@ from .world import WatchedWorld
 DARK_S = 1.0
 """Time in light after which a sweep without a pulse is refused, in seconds, with some room."""
 
-EDGE_AGAIN_S = 1e-3
-"""Time after which a trigger that comes twice comes again, in seconds: too soon to give light."""
-
 
 class FaultyLaser(Faulty):
     """A laser box as its driver shows it."""
@@ -48,7 +45,6 @@ class FaultyLaser(Faulty):
         self.due: tuple[float, Permit] | None = None
         self.sweeps: list[tuple[SweepPermit, float]] = []
         self._dark: Fault | None = None
-        self._edges, self._edge_until, self._edge_broken_s = 0, 0, math.inf
 
     def _take(self, permit: Permit | SweepPermit) -> None:
         """A permit comes, to an energy that may have dropped."""
@@ -104,20 +100,13 @@ class FaultyLaser(Faulty):
     def stamp_delay_s(self) -> float:
         return self._inner.stamp_delay_s
 
-    @property
-    def position_triggered(self) -> bool:
-        return self._inner.position_triggered
-
     def begin_sweep(self, permit: SweepPermit) -> None:
         self._take(permit)
         self.sweeps.append((permit, self._clock.now_s()))
         self._until, self._step_s, self._more = int(self._rng.integers(2, 60)), 0.0, 0
         self._dark = self.has("dead lamp", silently=True)
-        self._edges, self._edge_until, self._edge_broken_s = 0, 0, math.inf
         if self._dark is None:
             self._inner.begin_sweep(permit)
-        # Those before the light count nowhere.
-        self._edges, self._edge_until = 0, self._until
         if (late := self.has("late answer")) is not None:
             self._clock.wait(late.amount)
             raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
@@ -132,24 +121,8 @@ class FaultyLaser(Faulty):
             self._until -= 1
             if self._until == 0:
                 self._break_sweep()
-            # Only later pulses are taken for those of other triggers.
-            if told[each].at_s > self._edge_broken_s + EDGE_AGAIN_S:
-                for name in ("edge lost", "edge doubled"):
-                    self.has(name)
             told[each] = replace(told[each], at_s=told[each].at_s + self._step_s)
         return told
-
-    def edges(self, times_s: Sequence[float]) -> Sequence[float]:
-        """Triggers of the stage, as they reach it."""
-        reached_s: list[float] = []
-        for at_s in times_s:
-            self._edges += 1
-            broken = self._edges == self._edge_until
-            lost, doubled = (broken and self.has(f"edge {what}", silently=True) for what in ("lost", "doubled"))
-            reached_s += [] if lost else [at_s, at_s + EDGE_AGAIN_S] if doubled else [at_s]
-            if lost or doubled:
-                self._edge_broken_s = at_s
-        return reached_s
 
     def _break_sweep(self) -> None:
         """What goes wrong at one pulse of a sweep, once, and is not told."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import DeviceTimeoutError, Interval, MoveError, StageReading, Triggers
+from markerseek.core import DeviceTimeoutError, Interval, MoveError, StageReading
 from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
 
 from .fault import Fault
@@ -124,13 +124,6 @@ class FaultyStage(Faulty):
             if slow.amount > TOO_SLOW:
                 self.act(slow)
         self._inner.prepare_sweep(speed_deg_s=speed_deg_s)
-
-    @property
-    def trigger_step_deg(self) -> float:
-        return self._inner.trigger_step_deg
-
-    def set_triggers(self, *, from_deg: float, to_deg: float, spacing_deg: float) -> Triggers:
-        return self._inner.set_triggers(from_deg=from_deg, to_deg=to_deg, spacing_deg=spacing_deg)
 
     def begin_sweep(self, to_deg: float) -> None:
         self._before_deg = self._inner.angle_deg

@@ -239,13 +239,7 @@ class Campaign:
             turning=lambda: laser.stage_moves(),  # noqa: PLW0108  it is made below
         )
         laser = FaultyLaser(
-            SimulatedLaser(
-                world=world,
-                clock=clock,
-                probe_deg=turned.probe_deg,
-                # Every second run, so that nothing else of a plan depends on it.
-                triggered_s=(lambda until_s: laser.edges(turned.triggered_s(until_s))) if plan.number % 2 else None,
-            ),
+            SimulatedLaser(world=world, clock=clock, probe_deg=turned.probe_deg),
             world,
             clock,
             of["laser"],
@@ -355,9 +349,7 @@ def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
     if plan.method in ("endless", "wild"):
         return Unruly(plan)
     if plan.method == SWEEPS:
-        devices = rig.scanner.sweeping
-        fastest_deg_s = devices.stage.fastest_sweep_deg_s
-        return Sweeps(plan, fastest_deg_s=fastest_deg_s, turns_back=devices.triggering is None)
+        return Sweeps(plan, fastest_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s)
     return build(
         SearchPlan(method=plan.method, acquisitions=plan.acquisitions, start_deg=plan.start_deg), limits=limits
     )
@@ -366,9 +358,9 @@ def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
 class Sweeps:
     """A policy that asks for some sweeps and angles, and ends a sweep when it likes."""
 
-    def __init__(self, plan: Plan, *, fastest_deg_s: float, turns_back: bool) -> None:
+    def __init__(self, plan: Plan, *, fastest_deg_s: float) -> None:
         self._rng = np.random.default_rng([plan.seed, plan.number, 2])
-        self._limits, self._fastest_deg_s, self._may_turn_back = plan.limits.search, fastest_deg_s, turns_back
+        self._limits, self._fastest_deg_s = plan.limits.search, fastest_deg_s
         self._left = int(self._rng.integers(1, 5))
         self._ended = False
         self._next = self._drawn(plan.start_deg)
@@ -410,7 +402,7 @@ class Sweeps:
         wait_deg = float(rng.uniform(low_deg, high_deg)) if rng.random() < 0.5 else None
         # Back at least as far as it needs to be lit on its way.
         back_deg = to_deg + rng.uniform(0.1, 1.0) * (from_deg - to_deg)
-        turns_back = self._may_turn_back and rng.random() < 0.5
+        turns_back = rng.random() < 0.5
         return Sweep(
             to_deg=to_deg,
             speed_deg_s=speed_deg_s,

@@ -62,8 +62,6 @@ _ALL = (
     _fault("stage", "fast", WRONG, "it turns this many times as fast in a sweep", amounts=(1.5, 4)),
     _fault("stage", "late readings", DELAYED, "each reading of a sweep takes so long, s", amounts=(0.25, 3)),
     _fault("laser", "clock step", WRONG, "its clock jumps in mid-sweep by so much, s", amounts=(-3, 3)),
-    _fault("laser", "edge lost", WRONG, "a trigger of the stage does not reach it in a sweep"),
-    _fault("laser", "edge doubled", WRONG, "a trigger of the stage reaches it twice in a sweep"),
     _fault("receiver", "trigger lost", WRONG, "a frame of a sweep is missing, and was not counted"),
     _fault("receiver", "trigger doubled", WRONG, "a frame of a sweep comes twice, and was counted twice"),
     _fault("laser", "silent", OFF, "it fires and says nothing"),
@@ -151,10 +149,8 @@ _ALL = (
     ),
 )  # fmt: skip
 
-IN_SWEEPS = frozenset(
-    {"fast", "late readings", "clock step", "edge lost", "edge doubled", "trigger lost", "trigger doubled"}
-)
-"""Faults of a sweep only; those of an edge act in a position-triggered one only."""
+IN_SWEEPS = frozenset({"fast", "late readings", "clock step", "trigger lost", "trigger doubled"})
+"""Faults of a sweep only."""
 
 FAULTS: dict[tuple[DeviceName, str], Injected] = {(each.fault.device, each.fault.name): each for each in _ALL}
 """By device and name."""

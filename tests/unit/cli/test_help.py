@@ -26,7 +26,7 @@ def test_examples_and_the_ten_most_used_options_of_a_search_fit_one_screen() -> 
     assert first[:-1] == [option for option in FIRST if option in first]
     assert len(first[:-1]) == 10
     panels = [line.split()[1] for line in lines if line.startswith("╭─")]
-    assert panels == ["Options", "Search", "Rig", "Simulation", "Output"]
+    assert panels == ["Options", "Search", "Simulation", "Output"]
 
 
 def test_every_option_of_a_command_with_many_has_a_panel() -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from markerseek.core import FrameHeader, Permit, ReadingFrame
-from markerseek.drivers import LaserBox
+from markerseek.drivers import LaserBox, LaserBoxSettings
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash, VirtualClock
 from markerseek.wire import laserbox as wire
@@ -44,7 +44,8 @@ class Bench:
         self.port = DirectPort(device=self.box, clock=self.clock)
 
     def driver(self, *, rate_hz: float = 100.0) -> LaserBox:
-        return LaserBox(port=self.port, clock=self.clock, rate_hz=rate_hz, dark_triggers=16)
+        settings = LaserBoxSettings(port="", rate_hz=rate_hz)
+        return LaserBox(port=self.port, clock=self.clock, settings=settings)
 
     def say(self, *messages: wire.Command, at_s: float | None = None) -> list[wire.Reply]:
         """Talk to the box without a driver."""

@@ -96,7 +96,7 @@ def test_a_box_without_a_light_meter_is_used_and_is_no_energy_meter(tmp_path: Pa
     counting = replace(STEADY, energy_meter_noise=None)
     _, found = found_on(tmp_path / "counting", counting, changed_keys(KEYS, energy_from=None))
     assert found.mean_deg == pytest.approx(-8.0, abs=0.5)
-    with pytest.raises(NotConnectedError, match=r"only counts pulses .*load a firmware with a light meter"):
+    with pytest.raises(NotConnectedError, match=r"only counts pulses, .*build a light meter"):
         found_on(tmp_path / "asked", counting, KEYS)
 
 

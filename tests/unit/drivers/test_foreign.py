@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from markerseek.cli.open_rig import trust_modules
 from markerseek.core import ConfigError, DeviceError, NotConnectedError
 from markerseek.drivers import BenchSettings, StandardStage, bench_settings_from
 from markerseek.rigs import BenchRecipe, bench, fingerprint, read_rig_file
@@ -78,9 +77,6 @@ class Text(Stage):
 class Parity(Stage):
     safe_command, parity = b"STOP\\n", "even"
 
-class ByPosition(Stage):
-    def __init__(self, travel, /): ...
-
 class Derived(Stage, SimulatedStage):
     emulated = False
     def __init__(self):
@@ -105,13 +101,12 @@ driver = "simulated"
 
 
 @pytest.fixture
-def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
+def rig(tmp_path: Path) -> Callable[..., Path]:
     """Writes a rig file that names a class of `STAGE`, which lies beside it."""
     (tmp_path / "lab_stage.py").write_text(STAGE)
     (tmp_path / "helper_of_this_lab.py").write_text("SPEED = 20.0\n")
     (tmp_path / "broken_stage.py").write_text("1 / 0\n")
     (tmp_path / "leaving_stage.py").write_text("import sys\nsys.exit(3)\n")
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     (tmp_path / "needs_stage.py").write_text("import no_such_library_at_all\n")
 
     def written(driver: str = "lab_stage:Stage", keys: str = "zero_deg = 1") -> Path:
@@ -125,7 +120,6 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
 def read(path: Path) -> BenchSettings:
     settings = read_rig_file(path)
     assert isinstance(settings, BenchSettings)
-    trust_modules(settings, path, trust=True)
     return settings
 
 
@@ -136,7 +130,6 @@ def read(path: Path) -> BenchSettings:
         ("lab_stage:", "", 'it must be "module:Class"'),
         ("../lab_stage:Stage", "", 'it must be "module:Class"'),
         ("leaving_stage:Stage", "", "importing leaving_stage failed: SystemExit: 3; correct it"),
-        ("lab_stage:ByPosition", "", "ByPosition takes travel by position only"),
         (
             "lab_stage:Parity",
             'port = "a"\nzero_deg = 0.0',
@@ -181,6 +174,10 @@ def test_a_file_beside_the_rig_file_is_found_and_replaces_nothing_installed(
     rig: Callable[..., Path], tmp_path: Path
 ) -> None:
     (tmp_path / "json.py").write_text(STAGE)
+    (tmp_path / "of_this_lab").mkdir()
+    (tmp_path / "of_this_lab" / "stages.py").write_text(STAGE)
+    with bench(read(rig("of_this_lab.stages:Stage"))) as opened:
+        assert isinstance(opened.stage, StandardStage)
     with bench(read(rig("json:Stage"))) as opened:
         assert isinstance(opened.stage, StandardStage)
         assert opened.scanner.angle_deg == 0.0

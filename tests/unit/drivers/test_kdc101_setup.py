@@ -48,7 +48,7 @@ def test_what_cannot_be_used_is_refused_at_connect(
 @pytest.mark.parametrize("swallowed", [0x0413, 0x043A, 0x0423, 0x0523])
 def test_parameters_that_are_not_kept_are_refused(swallowed: int) -> None:
     rig = bench()
-    rig.port.write(apt.set_trigger_ports(apt.TriggerPorts(first=apt.TRIGGER_STEPS_UP)))
+    rig.port.write(apt.set_trigger_ports(apt.TriggerPorts(first=0x0D)))
     rig.port.swallowed = swallowed
     with pytest.raises(MoveError, match="does not keep its"):
         rig.stage()

@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 from markerseek.core import (
-    ConfigError,
     DeviceError,
     Interval,
     LimitError,
-    MoveError,
     StageReading,
     SweepingStage,
-    TriggeringStage,
 )
 from markerseek.drivers import Kdc101Stage
 from markerseek.wire import AptFramer, apt
@@ -205,108 +202,15 @@ def test_a_sweep_out_of_the_travel_range_does_not_begin() -> None:
     assert it.probe.angle_deg == 0.0
 
 
-@pytest.mark.parametrize(("to_deg", "direction"), [(35.0, "forward"), (-35.0, "forward"), (-35.0, "reverse")])
-def test_it_triggers_where_it_says_and_no_more_after_the_sweep(to_deg: float, direction: str) -> None:
-    it = bench(start_deg=np.copysign(20.0, -to_deg), mirrored=direction == "reverse", play_deg=0.0)
-    stage = it.stage(**KEYS, direction=direction)
-    assert isinstance(stage, TriggeringStage)
-    stage.prepare_sweep(speed_deg_s=12.0)
-    it.port.said.clear()
-    triggers = stage.set_triggers(from_deg=stage.angle_deg, to_deg=to_deg, spacing_deg=0.7)
-    # The port off, the positions, then the port, which takes them over; each is asked for again.
-    ports = [0x0523, 0x0524]
-    assert [ident for ident in it.port.said if ident >= 0x0500] == [*ports, 0x0526, 0x0527, *ports]
-    assert abs(triggers.angles_deg[1] - triggers.angles_deg[0]) == pytest.approx(0.7, abs=1e-3)
-    stage.begin_sweep(to_deg)
-    readings(it, stage, 6.0)
-    edges = it.emulator.edges(it.clock.now_s())
-    assert [edge.angle_deg for edge in edges] == pytest.approx(triggers.angles_deg, abs=2 * triggers.sigma_deg)
-    assert len(edges) > 70
-    stage.end_sweep()
-    stage.move_to(0.0)
-    assert it.emulator.edges(it.clock.now_s()) == []
-
-
-def test_a_stop_takes_the_triggers_away_and_a_line_that_loses_them_is_named() -> None:
-    it = bench(start_deg=-35.0)
-    stage = it.stage(**KEYS)
-    stage.prepare_sweep(speed_deg_s=12.0)
-    stage.set_triggers(from_deg=-35.0, to_deg=35.0, spacing_deg=0.7)
-    stage.stop()
-    stage.move_to(-20.0)
-    assert it.emulator.edges(it.clock.now_s()) == []
-    for ident, what in ((0x0526, "trigger positions"), (0x0523, "trigger ports")):
-        it.port.swallowed = ident
-        with pytest.raises(DeviceError, match=f"does not keep its {what}"):
-            stage.set_triggers(from_deg=-20.0, to_deg=35.0, spacing_deg=0.9)
-    it.port.swallowed = None
-
-
-def triggering(it: Bench, *, speed_deg_s: float = 12.0) -> Kdc101Stage:
-    """A stage with a row of triggers before it."""
-    stage = it.stage(**KEYS)
-    stage.prepare_sweep(speed_deg_s=speed_deg_s)
-    stage.set_triggers(from_deg=-35.0, to_deg=35.0, spacing_deg=0.7)
-    return stage
-
-
-def edges_of_a_move(it: Bench, *, duration_s: float = 4.0) -> int:
-    """Edges of a move through the row that no driver made."""
-    it.port.write(apt.set_target(apt.counts_of(-20.0)) + apt.move())
-    it.let_be(duration_s)
-    assert it.probe.angle_deg > -21.0
-    return len(it.emulator.edges(it.clock.now_s()))
-
-
-def test_a_row_is_there_until_it_is_taken_away() -> None:
-    it = bench(start_deg=-35.0)
-    triggering(it)
-    assert edges_of_a_move(it) > 10
-
-
-@pytest.mark.parametrize("name", ["end_sweep", "stop"])
-def test_a_speed_that_is_not_kept_leaves_no_triggers(name: str) -> None:
-    it = bench(start_deg=-35.0)
-    stage = triggering(it)
-    it.port.swallowed = 0x0413
-    with pytest.raises(MoveError, match="does not keep its speed"):
-        getattr(stage, name)()
-    assert edges_of_a_move(it) == 0
-
-
-@pytest.mark.parametrize(
-    ("swallowed", "words"), [(0x0465, "keeps moving; cut its power"), (0x0490, "no answer")], ids=["stop", "status"]
-)
-def test_a_stop_that_fails_leaves_no_triggers(swallowed: int, words: str) -> None:
-    it = bench(start_deg=-35.0)
-    stage = triggering(it, speed_deg_s=2.0)
-    stage.begin_sweep(35.0)
-    readings(it, stage, 0.1)
-    it.port.swallowed = swallowed
-    with pytest.raises(DeviceError, match=words):
-        stage.stop()
-    it.emulator.edges(it.clock.now_s())
-    assert edges_of_a_move(it, duration_s=12.0) == 0
-
-
-@pytest.mark.parametrize("mode", [apt.TRIGGER_STEPS_UP, 0x02])
-def test_a_port_that_another_program_left_as_output_or_input_is_off_after_the_start(mode: int) -> None:
-    it = bench(start_deg=-35.0)
-    triggering(it)
-    it.port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
-    it.stage()
-    it.port.read(4096, timeout_s=0.0)
-    it.port.write(apt.ask(apt.TRIGGER_PORTS))
-    answers = [apt.decode(message) for message in AptFramer().feed(it.port.read(4096, timeout_s=0.0))]
-    assert answers == [apt.TriggerPorts(first=apt.TRIGGER_OFF)]
-    assert edges_of_a_move(it) == 0
-
-
-def test_triggers_that_no_controller_or_no_sweep_can_give_are_refused() -> None:
-    with pytest.raises(ConfigError, match="its stage's controller is a TDC001, which gives no triggers"):
-        _ = bench(model="TDC001").stage().trigger_step_deg
-    with pytest.raises(ConfigError, match="leaves none"):
-        bench().stage().set_triggers(from_deg=0.0, to_deg=0.5, spacing_deg=0.7)
+def test_a_port_that_another_program_left_as_output_or_input_is_off_after_the_start() -> None:
+    for mode in (0x0D, 0x02):
+        it = bench()
+        it.port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
+        it.stage()
+        it.port.read(4096, timeout_s=0.0)
+        it.port.write(apt.ask(apt.TRIGGER_PORTS))
+        answers = [apt.decode(message) for message in AptFramer().feed(it.port.read(4096, timeout_s=0.0))]
+        assert answers == [apt.TriggerPorts(first=apt.TRIGGER_OFF)]
 
 
 def test_what_a_sweep_may_be_follows_from_its_keys() -> None:

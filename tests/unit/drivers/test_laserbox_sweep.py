@@ -21,7 +21,6 @@ from markerseek.core import (
 )
 from markerseek.drivers import LaserBox
 from markerseek.drivers._laserbox_sweep import BoxSweep
-from markerseek.emulators._kdc101_triggers import Edge
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.emulators.lines import ByteDevice
 from markerseek.sim import LaserSettings
@@ -164,38 +163,6 @@ def test_a_loop_that_does_not_come_by_any_more_has_no_light(still_beats: bool) -
         bench.driver.pulses()
 
 
-def test_pulses_of_a_position_triggered_sweep_say_which_edge_gave_them() -> None:
-    bench = Bench()
-    edges = [Edge(at_s=at_s, angle_deg=0.0) for at_s in (0.2, 0.3, 0.32, 0.4, 0.5)]
-
-    def taken(now_s: float) -> list[Edge]:
-        return [edges.pop(0) for edge in list(edges) if edge.at_s <= now_s]
-
-    bench.box.edges = taken
-    driver = LaserBox(port=bench.port, clock=bench.clock, position_triggered=True)
-    bench.driver = driver
-    driver.begin_sweep(permit(pulses=4))
-    pulses = bench.turn(1.0)
-    # The third came too early: it was counted, and gave no light.
-    assert [pulse.edge for pulse in pulses] == [1, 2, 4, 5]
-    assert [pulse.at_s for pulse in pulses] == pytest.approx([0.2, 0.3, 0.4, 0.5], abs=1e-3)
-    assert driver.end_sweep() == len(bench.box.pulses) == 4
-
-
-def test_a_box_that_names_edges_where_none_were_asked_for_is_refused() -> None:
-    now_s = 0.0
-    for edged, edges in ((False, [1]), (True, [0]), (True, [2, 2]), (True, [3, 2])):
-        sweep = BoxSweep(token=1, pulses=4, heard_s=now_s, stepped_s=now_s, edged=edged)
-        *before, last = (
-            wire.Stamped(token=1, number=number, stamp_us=number, photodiode=1, edge=edge)
-            for number, edge in enumerate(edges, 1)
-        )
-        for each in before:
-            sweep.hear(each, now_s=now_s)
-        with pytest.raises(LaserError, match="each of which the photodiode must see once"):
-            sweep.hear(last, now_s=now_s)
-
-
 def silent(bench: Bench) -> None:
     bench.box.faults.inject("silent")
 
@@ -300,11 +267,11 @@ REPLIES = st.one_of(
         number=st.integers(1, 4),
         stamp_us=COUNTS,
         photodiode=st.just(1),
-        edge=st.just(0),
+        light=COUNTS,
     ),
-    st.builds(wire.Stamped, token=COUNTS, number=COUNTS, stamp_us=COUNTS, photodiode=COUNTS, edge=COUNTS),
+    st.builds(wire.Stamped, token=COUNTS, number=COUNTS, stamp_us=COUNTS, photodiode=COUNTS, light=COUNTS),
     st.builds(wire.Dark, token=COUNTS, sent=COUNTS, photodiode=COUNTS),
-    st.builds(wire.Done, token=COUNTS, sent=COUNTS, photodiode=COUNTS),
+    st.builds(wire.Done, token=COUNTS, sent=COUNTS, photodiode=COUNTS, light=COUNTS),
     st.just(wire.Disarmed()),
     st.just(wire.Refusal(reason="STEP")),
 )
@@ -313,9 +280,7 @@ REPLIES = st.one_of(
 @given(st.lists(st.tuples(REPLIES, st.floats(0.0, 0.1)), max_size=30))
 def test_whatever_a_box_says_a_pulse_has_a_time_or_there_is_none(said: list[tuple[wire.Reply, float]]) -> None:
     now_s = 10.0
-    sweep = BoxSweep(
-        token=1, pulses=4, heard_s=now_s, stepped_s=now_s, edged=False, asked_s=dict.fromkeys(range(1, 6), now_s)
-    )
+    sweep = BoxSweep(token=1, pulses=4, heard_s=now_s, stepped_s=now_s, asked_s=dict.fromkeys(range(1, 6), now_s))
     pulses: list[Pulse] = []
     try:
         for reply, later_s in said:

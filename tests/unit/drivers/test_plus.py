@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import socket
 from collections.abc import Mapping
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -23,7 +22,6 @@ from markerseek.core import (
     Receiver,
 )
 from markerseek.drivers import LaserBoxSettings, PlusReceiver, PlusSettings, connect_plus, metered
-from markerseek.rigs import read_rig_file
 from markerseek.sim import VirtualClock
 from markerseek.testing import ReceiverContract
 from markerseek.wire import igtl
@@ -187,15 +185,3 @@ def test_no_server_is_a_sentence() -> None:
 def test_a_device_has_a_name() -> None:
     with pytest.raises(ConfigError, match="device is ''"):
         PlusSettings(device="")
-
-
-def test_a_rig_file_names_a_plus_server(tmp_path: Path) -> None:
-    path = tmp_path / "rig.toml"
-    path.write_text(
-        'kind = "bench"\n[stage]\nport = "a"\nzero_deg = 0.0\n[laser]\nport = "b"\n'
-        f'[receiver]\ndriver = "plus"\ndevice = "{DEVICE}"\nport = 18950\n'
-    )
-    settings = read_rig_file(path)
-    assert settings.receiver == PlusSettings(device=DEVICE, port=18950)
-    # Images are counted, so that their number is a watermark.
-    assert len(set(settings.pulses)) == 3

@@ -63,6 +63,9 @@ def test_the_required_settings_suffice_and_folders_lie_beside_the_file(tmp_path:
     assert settings.supervisor.enabled
     other = read(tmp_path, 'kind = "bench"\n' + MINIMAL.replace('"daq"', '"/data/daq"\nstart_command = ["go", "now"]'))
     assert (other.receiver.folder, other.receiver.start_command) == ("/data/daq", ("go", "now"))
+    # A number of pulses that varies is a watermark, where the receiver records as many as it is triggered.
+    varied = read(tmp_path, 'kind = "bench"\n' + MINIMAL + 'frames = "triggered"\n')
+    assert (settings.pulses, varied.pulses) == ((16,), (17, 15, 16))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, DeviceTimeoutError, Permit, SweepPermit
+from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, Permit, SweepPermit
 from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings
 from tests.unit.drivers.test_sonixdaq import Bench as RestBench
 
@@ -28,8 +28,8 @@ SWEEP = SweepPermit(
 class Bench(RestBench):
     """A folder of bursts: each pulse has a frame of its own."""
 
-    def __init__(self, folder: Path, *, frames: str = "triggered", sdk: int = 6) -> None:
-        super().__init__(folder, sdk=sdk, white_sigma=30.0, start_deg=-35.0, averaged=16)
+    def __init__(self, folder: Path, *, frames: str = "triggered") -> None:
+        super().__init__(folder, white_sigma=30.0, start_deg=-35.0, averaged=16)
         settings = SonixDaqSettings(folder=str(folder), timeout_s=3.0, frames=frames)  # type: ignore[arg-type]
         self.receiver = SonixDaqReceiver(settings=settings, clock=self.clock, dark_triggers=2)
 
@@ -44,9 +44,8 @@ class Bench(RestBench):
         return [frame for frame in frames if isinstance(frame, ChannelFrame)]
 
 
-@pytest.mark.parametrize("sdk", [5, 6])
-def test_each_pulse_is_a_frame_and_the_last_dark_triggers_are_one(tmp_path: Path, sdk: int) -> None:
-    bench = Bench(tmp_path, sdk=sdk)
+def test_each_pulse_is_a_frame_and_the_last_dark_triggers_are_one(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
     *frames, dark = bench.sweep()
     assert bench.angles_deg[:7] == [-35.0 + number for number in range(7)]
     for frame, samples in zip(frames, bench.received[:7], strict=True):
@@ -95,13 +94,6 @@ def test_a_trigger_that_is_lost_or_doubled_refuses_the_sweep_whole(tmp_path: Pat
     # and no part of it can be asked for again
     with pytest.raises(AcquisitionError, match="was not armed for a sweep"):
         bench.receiver.end_sweep(pulses=7)
-
-
-def test_files_that_do_not_come_end_in_time(tmp_path: Path) -> None:
-    bench = Bench(tmp_path)
-    bench.daq.faults.inject("part of the files", 100)
-    with pytest.raises(DeviceTimeoutError, match=r"100 of 128 channel files|101 of 128 channel files"):
-        bench.sweep()
 
 
 def test_a_device_that_records_a_fixed_number_says_why_it_cannot_sweep(tmp_path: Path) -> None:

@@ -166,6 +166,12 @@ def test_a_sender_that_sends_without_triggers_is_refused_when_armed(sender: Send
         sender.receiver.arm(permit())
 
 
+def test_frames_that_nobody_asked_for_are_said_when_it_settles(sender: Sender) -> None:
+    sender.send(2)
+    with pytest.raises(AcquisitionError, match="2 frames came although nothing was triggered; they are not used"):
+        sender.receiver.settle()
+
+
 def header(*numbers: int, mark: bytes = b"MSV1", time_s: float = 0.0, probe: bytes = b"L11-5v") -> bytes:
     return struct.pack("<4sIIIId20s", mark, *numbers, time_s, probe)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from markerseek.core import (
     DeviceError,
     Found,
     Measured,
+    Sample,
+    Sweep,
     Swept,
     is_finite,
 )
@@ -54,6 +57,18 @@ def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
     assert all(is_finite(sample.angle_sigma_deg) and sample.angle_sigma_deg < 0.05 for sample in samples)
     assert swept.angle_deg == pytest.approx(waits_deg, abs=0.02)
     assert bench.speed_deg_s == pytest.approx(20.0, rel=1e-4)
+
+
+def test_the_light_meter_measures_each_pulse_of_a_sweep(tmp_path: Path) -> None:
+    light = replace(SETTINGS.laser, energy_meter_noise=0.01, energy_spread=0.1)
+    bench = Bench(tmp_path, settings=replace(SETTINGS, laser=light))
+    outcomes = bench.scanner.take(Sweep(to_deg=-20.0, speed_deg_s=12.0), number=1, goes_on=lambda: True)
+    frames = [outcome.frame for outcome in outcomes if isinstance(outcome, Sample)]
+    measured = [frame.header.energy for frame in frames if frame is not None]
+    truth = [flash.energy for flash in bench.emulated.world.flashes]
+    assert np.std(truth) > 0.05
+    assert len(measured) == len(truth) > 15
+    assert measured == pytest.approx(truth, rel=0.05)
 
 
 class Killed(BaseException):

@@ -2,51 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators._prm1z8 import Motor
-from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import StageMotion
-from markerseek.wire import AptFramer, AptMessage, apt
 from tests.sizes import examples
-
-HOME = bytes.fromhex("43 04 01 00 50 01")
-
-
-class Talk:
-    """Sends messages to an emulated stage and keeps its answers."""
-
-    def __init__(self, *, start_deg: float = 0.0, **fields: object) -> None:
-        self.probe = SimpleNamespace(angle_deg=start_deg)
-        self.emulator = Kdc101Emulator(probe=self.probe, settings=EmulatedKdc101(**fields))  # type: ignore[arg-type]
-        self.now_s = 0.0
-        self._framer = AptFramer()
-
-    def say(self, *messages: bytes) -> list[AptMessage]:
-        return self._framer.feed(b"".join(self.emulator.feed(message) for message in messages))
-
-    def let_be(self, duration_s: float) -> list[AptMessage]:
-        self.now_s += duration_s
-        return self._framer.feed(self.emulator.advance(self.now_s))
-
-    def status(self) -> apt.Status:
-        (message,) = self.say(apt.ask(apt.STATUS))
-        said = apt.decode(message)
-        assert isinstance(said, apt.Status)
-        return said
-
-    def go(self, angle_deg: float) -> None:
-        self.say(apt.set_target(apt.counts_of(angle_deg)), apt.move())
-
-    def quiet(self) -> None:
-        """The usual speed, and no backlash correction."""
-        velocity = apt.Velocity(acceleration=apt.acceleration_word(10), speed=apt.speed_word(10))
-        self.say(apt.set_velocity(velocity), apt.set_backlash(0))
 
 
 @given(

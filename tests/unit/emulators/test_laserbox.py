@@ -7,7 +7,6 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.emulators._kdc101_triggers import Edge
 from markerseek.wire import laserbox as wire
 from tests.unit.drivers.laserbox_bench import Bench, pulses_of
 
@@ -18,7 +17,7 @@ def test_a_second_program_that_asks_for_a_permit_while_it_fires_stops_it() -> No
     assert bench.say(pulses_of(2), at_s=0.025) == [wire.Refusal(reason="BUSY")]
     assert not bench.box.permitted
     assert bench.say(wire.Hello(), at_s=0.490) == [wire.Refusal(reason="BUSY")]
-    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=3, photodiode=3)]
+    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=3, photodiode=3, light=0)]
     assert bench.say(pulses_of(2)) == [wire.Permitted(token=2, seen=3)]
 
 
@@ -29,7 +28,7 @@ def test_a_train_that_is_cut_is_completed_without_light_at_the_same_rate() -> No
         bench.say(cut, at_s=0.025)
         bench.say(at_s=0.490)
         assert bench.triggers == []
-        assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=3, photodiode=3)]
+        assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=3, photodiode=3, light=0)]
         assert bench.triggers == [50]
         assert [pulse.at_s for pulse in bench.box.pulses] == [0.0, 0.01, 0.02]
         assert [flash.pulses for flash in bench.world.flashes] == [3]
@@ -39,23 +38,8 @@ def test_light_that_comes_later_than_the_photodiode_is_read_is_not_of_the_firing
     bench = Bench()
     bench.faults.inject("late light", 1500)
     bench.say(pulses_of(1, pulses=3), wire.Fire(token=1), at_s=0.0)
-    assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=2)]
+    assert bench.say(at_s=0.09) == [wire.Done(token=1, sent=3, photodiode=2, light=0)]
     assert bench.say(pulses_of(2)) == [wire.Permitted(token=2, seen=3)]
-
-
-def test_each_of_several_edges_that_a_process_that_was_held_up_takes_at_once_has_its_line() -> None:
-    bench = Bench()
-    due = [Edge(at_s=at_s, angle_deg=0.0) for at_s in (0.01, 0.07, 0.13)]
-    bench.box.edges = lambda now_s: [due.pop(0) for _ in due[:]] if now_s > 0 else []
-    permit = wire.PermitEdges(token=1, pulses=10, period_us=50_000, expiry_ms=5000)
-    bench.say(permit, wire.Fire(token=1), at_s=0.0)
-    # The box's own time stood still meanwhile, and its lease with it.
-    told = bench.say(at_s=0.005)
-    assert [(each.number, each.edge, each.photodiode) for each in told if isinstance(each, wire.Stamped)] == [
-        (1, 1, 1),
-        (2, 2, 1),
-        (3, 3, 1),
-    ]
 
 
 def test_a_beat_that_does_not_count_up_takes_the_permit_away() -> None:
@@ -63,14 +47,14 @@ def test_a_beat_that_does_not_count_up_takes_the_permit_away() -> None:
         bench = Bench()
         bench.say(wire.Beat(step=5), pulses_of(1), wire.Fire(token=1), at_s=0.0)
         assert bench.say(wire.Beat(step=step), at_s=0.035) == [wire.Refusal(reason="STEP")]
-        assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=4, photodiode=4)]
+        assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=4, photodiode=4, light=0)]
 
 
 def test_a_permit_is_void_after_its_expiry_however_long_the_lease_lasts() -> None:
     bench = Bench()
     bench.say(pulses_of(1, expiry_ms=55), wire.Fire(token=1), at_s=0.0)
     bench.say(wire.Beat(step=1), at_s=0.04)
-    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=6, photodiode=6)]
+    assert bench.say(at_s=0.5) == [wire.Done(token=1, sent=6, photodiode=6, light=0)]
 
 
 def test_power_up_clears_the_permit_and_a_damaged_line_revokes_it() -> None:

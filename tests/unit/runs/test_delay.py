@@ -60,8 +60,6 @@ def test_a_rig_that_cannot_is_refused_before_it_moves() -> None:
     for times in (2, 31):
         with pytest.raises(ConfigError, match=f"times is {times}, it must be from 3 to 30"):
             DelayRun(rig_with(SETTINGS), times=times)
-    with pytest.raises(ConfigError, match="sweeps position-triggered, and has no delay of stamps"):
-        DelayRun(rig_with(replace(SETTINGS, laser=replace(SETTINGS.laser, sweep_mode="position-triggered"))))
 
 
 def test_without_a_marker_nothing_is_measured() -> None:

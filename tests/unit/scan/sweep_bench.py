@@ -6,7 +6,7 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 from markerseek import rigs
 from markerseek.core import (
@@ -74,13 +74,12 @@ class SweepBench:
     start_deg: float = -35.0
     delay_s: float = 0.0
     jitter: float = 0.1
-    sweep_mode: Literal["free-running", "position-triggered"] = "free-running"
     light: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         settings = SimulatedSettings(start_deg=self.start_deg, stage=self.motion)
         light = replace(settings.laser, rate_hz=self.rate_hz, energy_jitter=self.jitter, stamp_delay_s=self.delay_s)
-        light = replace(light, sweep_mode=self.sweep_mode, **self.light)
+        light = replace(light, **self.light)
         receiver = replace(settings.receiver, readout_s=self.readout_s, frame_period_s=max(self.readout_s, 1e-3))
         if self.readout_s > 0.1:
             receiver = replace(receiver, frame_period_s=0.05)
@@ -282,9 +281,9 @@ class Pausing(SimulatedLaser):
         if not 1.0 < now_s - self._began_s < 1.6:
             super()._fire_until(now_s)
 
-    def _fire_one(self, at_s: float, *, edge: int | None = None) -> None:
+    def _fire_one(self, at_s: float) -> None:
         since_s = at_s - self._began_s - 1.0
-        super()._fire_one(at_s + 0.5 - since_s * 5 / 6 if 0 < since_s < 0.6 else at_s, edge=edge)
+        super()._fire_one(at_s + 0.5 - since_s * 5 / 6 if 0 < since_s < 0.6 else at_s)
 
 
 class Silent(SimulatedLaser):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -258,7 +257,6 @@ def test_a_policy_that_knows_enough_ends_a_sweep_and_no_pulse_is_lost(readout_s:
         assert swept.angle_deg == pytest.approx(35.0, abs=0.01)
 
 
-@pytest.mark.parametrize("sweep_mode", ["free-running", "position-triggered"])
 @pytest.mark.parametrize(
     ("way_deg", "rate_hz", "speed_deg_s", "acceleration_deg_s2"),
     [(1.6, 20.0, 8.6, 10.0), (3.46, 1000.0, 8.6, 10.0), (6.0, 100.0, 12.5, 25.0), (12.0, 20.0, 12.5, 25.0)],
@@ -268,18 +266,14 @@ def test_most_of_a_way_is_lit_on_which_the_probe_does_not_reach_its_speed(
     speed_deg_s: float,
     acceleration_deg_s2: float,
     rate_hz: float,
-    sweep_mode: Literal["free-running", "position-triggered"],
 ) -> None:
     motion = StageMotion(speed_deg_s=speed_deg_s, acceleration_deg_s2=acceleration_deg_s2)
-    bench = SweepBench(motion=motion, rate_hz=rate_hz, sweep_mode=sweep_mode)
+    bench = SweepBench(motion=motion, rate_hz=rate_hz)
     samples = samples_of(bench, Sweep(to_deg=-35.0 + way_deg, speed_deg_s=speed_deg_s))
     angles_deg = [sample.angle_deg for sample in samples]
     apart_deg = float(np.diff(angles_deg).max())
-    # Three quarters of the way, but for what is left before the first pulse and after the last, and, where the next
-    # trigger is further on, for the time to the reading that shows that the probe is fast enough.
-    triggered = sweep_mode == "position-triggered"
-    unread_deg = 0.05 * math.sqrt(way_deg * acceleration_deg_s2) / 2 if triggered else 0.0
-    assert max(angles_deg) - min(angles_deg) >= 0.75 * way_deg - 2 * apart_deg - unread_deg
+    # Three quarters of the way, but for what is left before the first pulse and after the last.
+    assert max(angles_deg) - min(angles_deg) >= 0.75 * way_deg - 2 * apart_deg
     assert apart_deg < 0.7
     bench.require_permitted()
 
@@ -290,14 +284,13 @@ def test_a_sweep_to_where_the_probe_is_gets_no_permit() -> None:
         SweepBench().scanner.sweeping.permit(sweep, from_deg=-35.0)
 
 
-@pytest.mark.parametrize("sweep_mode", ["free-running", "position-triggered"])
 @pytest.mark.parametrize(
     ("readout_s", "there_deg", "lasts_s"), [(10.0, -5.0, 10.0), (2.0, 35.0, 2.0), (0.0, 35.0, 0.15)]
 )
 def test_the_probe_turns_without_light_while_its_frames_are_read_if_there_is_time(
-    readout_s: float, there_deg: float, lasts_s: float, sweep_mode: Literal["free-running", "position-triggered"]
+    readout_s: float, there_deg: float, lasts_s: float
 ) -> None:
-    bench = SweepBench(readout_s=readout_s, sweep_mode=sweep_mode)
+    bench = SweepBench(readout_s=readout_s)
     events = list(bench.run(Sweeps(replace(TO_END, wait_deg=-5.0))))
     (swept,) = (event for event in events if isinstance(event, Swept))
     assert swept.angle_deg == pytest.approx(there_deg, abs=0.02)

@@ -38,9 +38,6 @@ def test_captured_frames_are_what_is_sent() -> None:
     assert apt.set_backlash(apt.counts_of(1.0)) == BACKLASH
 
 
-ROW = apt.TriggerRow(start=-67195, interval=384, number=12)
-BACK = apt.TriggerRow(start=67195, interval=384, number=11)
-
 # As thorlabs-apt-protocol 29.0.0 packs them, a program that shares nothing with this one.
 PACKED = {
     "12 00 00 00 50 01": apt.stop_updates(),
@@ -60,12 +57,7 @@ PACKED = {
     "24 04 01 00 50 01": apt.ask(apt.LIMITS),
     "50 04 06 00 d0 01 01 00 8d f9 fe ff": apt.set_target(-67187),
     "51 04 01 00 50 01": apt.ask(apt.TARGET),
-    "26 05 22 00 d0 01 01 00 85 f9 fe ff 80 01 00 00 0c 00 00 00 7b 06 01 00 80 01 00 00 0b 00 00 00 "
-    "32 00 00 00 01 00 00 00": apt.set_trigger_positions(apt.TriggerPositions(up=ROW, down=BACK)),
-    "27 05 01 00 50 01": apt.ask(apt.TRIGGER_POSITIONS),
-    "23 05 0c 00 d0 01 01 00 0d 00 01 00 00 00 01 00 00 00": apt.set_trigger_ports(
-        apt.TriggerPorts(first=apt.TRIGGER_STEPS_UP)
-    ),
+    "23 05 0c 00 d0 01 01 00 0d 00 01 00 00 00 01 00 00 00": apt.set_trigger_ports(apt.TriggerPorts(first=0x0D)),
     "24 05 01 00 50 01": apt.ask(apt.TRIGGER_PORTS),
     "53 04 01 00 50 01": apt.move(),
     "65 04 01 01 50 01": apt.stop(),

@@ -36,13 +36,6 @@ COMMANDS = st.one_of(
         period_us=st.integers(box.MIN_PERIOD_US, box.MAX_PERIOD_US),
         expiry_ms=st.integers(1, box.MAX_EXPIRY_MS),
     ),
-    st.builds(
-        box.PermitEdges,
-        token=st.integers(1, box.MAX_COUNT),
-        pulses=st.integers(1, 6),
-        period_us=st.integers(box.MIN_PERIOD_US, box.MAX_PERIOD_US),
-        expiry_ms=st.integers(1, box.MAX_EXPIRY_MS),
-    ),
     st.just(box.Disarm()),
 )
 REPLIES = st.one_of(
@@ -53,16 +46,14 @@ REPLIES = st.one_of(
         lease_ms=COUNT,
         last_token=COUNT,
         seen=COUNT,
+        meter=st.integers(0, 1),
     ),
     st.builds(box.Permitted, token=COUNT, seen=COUNT),
     st.builds(box.SweepPermitted, token=COUNT, seen=COUNT),
-    st.builds(box.EdgesPermitted, token=COUNT, seen=COUNT),
-    st.builds(box.Stamped, token=COUNT, number=COUNT, stamp_us=COUNT, photodiode=COUNT, edge=COUNT),
-    st.builds(box.MeteredStamped, token=COUNT, number=COUNT, stamp_us=COUNT, photodiode=COUNT, edge=COUNT, light=COUNT),
+    st.builds(box.Stamped, token=COUNT, number=COUNT, stamp_us=COUNT, photodiode=COUNT, light=COUNT),
     st.builds(box.Dark, token=COUNT, sent=COUNT, photodiode=COUNT),
     st.builds(box.Time, number=COUNT, clock_us=COUNT),
-    st.builds(box.Done, token=COUNT, sent=COUNT, photodiode=COUNT),
-    st.builds(box.MeteredDone, token=COUNT, sent=COUNT, photodiode=COUNT, light=COUNT),
+    st.builds(box.Done, token=COUNT, sent=COUNT, photodiode=COUNT, light=COUNT),
     st.just(box.Disarmed()),
     st.sampled_from(["CRC", "FORM", "TOKEN", "STEP", "INTERLOCK", "BUSY", "BUDGET"]).map(
         lambda reason: box.Refusal(reason=reason)
@@ -180,8 +171,8 @@ def test_what_is_no_command_is_refused_by_form(text: str) -> None:
         box.Beat(step=-1),
         box.Fire(token=box.MAX_COUNT + 1),
         box.PermitPulses(token=1, pulses=2, rate_hz=100, expiry_ms=10, triggers=1),
-        box.Greeting(identity="two words", version=1, lease_ms=100, last_token=0, seen=0),
-        box.Greeting(identity="", version=1, lease_ms=100, last_token=0, seen=0),
+        box.Greeting(identity="two words", version=1, lease_ms=100, last_token=0, seen=0, meter=0),
+        box.Greeting(identity="", version=1, lease_ms=100, last_token=0, seen=0, meter=0),
     ],
 )
 def test_what_the_other_end_would_refuse_is_not_sent(message: box.Command | box.Reply) -> None:
