@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -74,15 +75,13 @@ def test_a_frame_that_has_changed_is_found_by_every_command_and_nothing_is_left_
     ):
         code, out, err = shell(*words)
         assert (code, out, err.count("error:")) == (2, "", 1)
-        assert "deg has changed since it was written, its checksum differs" in " ".join(err.split())
+        assert re.search(
+            "no frame at .* deg that can be read: .*; it has changed since it was written",
+            " ".join(err.split()),
+        )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["damaged.hdf5"]
-    code, out, _ = shell("bank", "verify", damaged, "--json")
-    report = json.loads(out)
-    assert (code, report["ok"], report["frames"], report["checksums"], len(report["faults"])) == (1, False, 18, True, 2)
-    code, out, _ = shell("bank", "verify", scan)
-    assert (code, "18 of 18 frames are as they were written" in out) == (0, True)
     (tmp_path / "damaged.hdf5").write_bytes(scan.read_bytes()[:9999])
-    code, _, err = shell("bank", "verify", damaged)
+    code, _, err = shell("bank", "info", damaged)
     assert (code, err.count("error:")) == (2, 1)
 
 

@@ -1,8 +1,8 @@
-"""Reads a bank from a file or folder of any format, by its suffix; and every frame of it once, to find damaged ones."""
+"""Reads a bank from a file or folder of any format, by its suffix."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,29 +125,10 @@ def walk_hdf5(path: Path) -> None:
         walk_bank(path)
 
 
-def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
-    """Fault of each frame, dark ones last; None for a frame without one.
-
-    Opening a bank has already checked its numbers and read the first frame. Frames are compared with their checksums
-    where the file has any.
-
-    Yields the fault in words, for each frame that the bank should hold; nothing for a bank of intensities.
-    """
-    if isinstance(bank, IntensityBank):
-        return
-    readers = ((bank.frame, len(bank.angles_deg)), (bank.dark_frame, bank.dark_frames))
-    for read, count in readers:
-        for index in range(count):
-            try:
-                read(index)
-            except RecordError as problem:
-                yield str(problem)
-            else:
-                yield None
-
-
 def require_whole(bank: IntensityBank | FrameBank) -> None:
     """Refuse a bank in IPASC HDF5 with a frame that cannot be read or has changed; other banks are read anyway."""
-    for fault in frame_faults(bank) if isinstance(bank, IpascBank) else ():
-        if fault is not None:
-            raise RecordError(fault)
+    if isinstance(bank, IpascBank):
+        for index in range(len(bank.angles_deg)):
+            bank.frame(index)
+        for index in range(bank.dark_frames):
+            bank.dark_frame(index)
