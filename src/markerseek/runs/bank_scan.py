@@ -10,6 +10,7 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
+from typing import cast
 
 import msgspec
 
@@ -279,13 +280,11 @@ class JournalBank(FrameBank):
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, with the recorded header."""
-        return _channels(self.samples[index])
+        return cast("ChannelFrame", self.samples[index].frame)
 
     def dark_frame(self, index: int) -> ChannelFrame:
-        """One frame without laser, counted from 0; `RecordError` where there is none."""
-        if not 0 <= index < self.dark_frames:
-            raise RecordError(f"there is no dark frame {index + 1}, the journal holds {self.dark_frames}")
-        return _channels(self.dark[index])
+        """One frame without laser, counted from 0."""
+        return cast("ChannelFrame", self.dark[index].frame)
 
 
 def journal_bank(path: Path) -> IntensityBank | JournalBank:
@@ -323,8 +322,6 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
         dark_frames=len(dark),
         samples=lit,
         dark=dark,
-        started_s=tuple(each.frame.header.started_s for each in lit if each.frame is not None),
-        pulses=tuple(each.frame.header.pulses for each in lit if each.frame is not None),
     )
 
 
@@ -341,8 +338,3 @@ def _clock_zero_unix_s(recorded: RecordedRun) -> float:
     """Unix time at which the clock of the run read 0, from the date of its first entry."""
     first = recorded.entries[0]
     return datetime.fromisoformat(first.written).timestamp() - first.clock_s
-
-
-def _channels(sample: Sample) -> ChannelFrame:
-    assert isinstance(sample.frame, ChannelFrame)  # noqa: S101 - only such samples are put into a bank of frames
-    return sample.frame

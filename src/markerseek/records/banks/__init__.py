@@ -22,7 +22,7 @@ from markerseek.records.banks.layout import angles_in
 from markerseek.records.banks.reading import read_bank, require_whole
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, write_bank
-from markerseek.records.banks.ultrasonix import UltrasonixFile, open_ultrasonix
+from markerseek.records.banks.ultrasonix import open_ultrasonix
 
 __all__ = [
     "DEFAULT_FORMAT",
@@ -35,7 +35,6 @@ __all__ = [
     "IntensityBank",
     "IpascBank",
     "TableFormat",
-    "UltrasonixFile",
     "angles_in",
     "is_sequence",
     "load_frame",
