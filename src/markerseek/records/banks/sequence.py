@@ -60,6 +60,7 @@ _LARGEST_BYTES = 1 << 42
 _HEADER_BYTES, _LINE_BYTES = 64 * MIB, 64 * 1024
 _MOST_FRAME_BYTES = 64 * MIB
 _MOST_FRAMES = 100_000
+_PIECE_BYTES = 64 * 1024
 _MOST_PER_BYTE = 1032
 """DEFLATE cannot make more of a byte."""
 
@@ -366,25 +367,17 @@ def _spacing(words: list[str]) -> tuple[float, float]:
 def _unpacked(path: Path, file: BinaryIO, size: int, count: int, *, packed: bool) -> Iterator[bytes]:
     """So many pieces of one size; `RecordError` where there are fewer, or where packed ones hold more."""
     # 47: zlib, as in a MetaImage, or gzip, as in a NRRD.
-    inflate = zlib.decompressobj(wbits=47)
+    inflate, held = zlib.decompressobj(wbits=47), bytearray()
     try:
         for _ in range(count):
-            piece = bytearray() if packed else bytearray(file.read(size))
-            while packed and len(piece) < size:
-                piece += inflate.decompress(inflate.unconsumed_tail, size - len(piece))
-                if len(piece) < size and not inflate.unconsumed_tail:
-                    more = file.read(MIB)
-                    if not more or inflate.eof:
-                        break
-                    piece += inflate.decompress(more, size - len(piece))
-            if len(piece) != size:
+            while len(held) < size and (more := file.read(_PIECE_BYTES)):
+                held += inflate.decompress(more) if packed else more
+            if len(held) < size:
                 raise RecordError(f"{path}: its pixels end too early; it is cut off: fetch or save it again")
-            yield bytes(piece)
-        more = inflate.unconsumed_tail or file.read(MIB) if packed else b""
-        if packed and inflate.decompress(more, 1):
-            raise RecordError(f"{path}: it unpacks to more than its header says; it is damaged: save it again")
-        if packed and not inflate.eof:
-            raise RecordError(f"{path}: its pixels have no end; it is cut off: fetch or save it again")
+            yield bytes(held[:size])
+            del held[:size]
+        if packed and (held or inflate.decompress(file.read(_PIECE_BYTES)) or not inflate.eof):
+            raise RecordError(f"{path}: its pixels do not end where its header says; it is damaged: save it again")
     except zlib.error as problem:
         raise RecordError(f"{path}: its pixels cannot be unpacked: {problem}; fetch or save it again") from problem
 
