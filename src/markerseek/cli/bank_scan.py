@@ -49,6 +49,8 @@ def command(
 
     If stopped early, the file has all acquisitions so far. A scan that was killed goes on with --continue.
     """
+    from markerseek.records.banks import read_bank, record_of
+
     runs.require_new_scan(out, goes_on=goes_on)
     wavelength_m = scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000)
     pulse_energy_j = scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000)
@@ -90,13 +92,12 @@ def command(
                 _print_what_is_left(out, planned=angles)
         if stopped is not None:
             # One or two angles make no bank, and a second stop may end its making: then their record is kept.
-            from markerseek.records.banks import record_of
-
             kept = next((path for path in (out, record_of(out)) if path.exists()), None)
             end_stopped(stopped, as_json=as_json, kept=kept)
     facts = assembled.facts
     # Of a scan that went on, with the acquisitions of before.
-    taken, dark = _held(out)
+    held = read_bank(out)
+    taken, dark = len(held.angles_deg), held.dark_frames
     values = with_version(
         path=str(out),
         rig=facts.description,
@@ -110,14 +111,6 @@ def command(
     )
     shown = [f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}"]
     Output(as_json=as_json).show(Report(values=values, shown=shown))
-
-
-def _held(path: Path) -> tuple[int, int]:
-    """Angles and dark frames of a bank."""
-    from markerseek.records.banks import FrameBank, read_bank
-
-    bank = read_bank(path)
-    return len(bank.angles_deg), bank.dark_frames if isinstance(bank, FrameBank) else 0
 
 
 def _print_what_is_left(path: Path, *, planned: int) -> None:

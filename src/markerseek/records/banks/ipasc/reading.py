@@ -341,21 +341,14 @@ def row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> Elemen
     # The sign of the regression slope: robust against positions that are out of order by rounding.
     falling = bool(np.dot(numbers - numbers.mean(), along_m) < 0)
     pitch_m = float(np.ptp(along_m)) / (elements - 1)
-    if pitch_m == 0:
-        raise RecordError(
-            f"{path}: all elements have the same coordinate along x1, {along_m[0]:g} m; "
-            "only a straight row of elements along x1 can be imaged"
-        )
     # The median, so that one wrong element is reported itself and does not shift the row.
     row_m = np.tile(np.median(positions_m, axis=0), (elements, 1))
     row_m[:, 0] = along_m.max() - pitch_m * numbers if falling else along_m.min() + pitch_m * numbers
     off_m = np.linalg.norm(positions_m - row_m, axis=1)
     worst = int(off_m.argmax())
-    if not off_m[worst] <= TOLERANCE * pitch_m:
-        x1_mm, x2_mm, x3_mm = 1e3 * positions_m[worst]
+    if not off_m[worst] <= TOLERANCE * pitch_m or pitch_m == 0:
         raise RecordError(
-            f"{path}: element {worst + 1} of {elements} is at ({x1_mm:.4g}, {x2_mm:.4g}, {x3_mm:.4g}) mm, "
-            f"{off_m[worst] * 1e3:.3g} mm from its place in a straight row of pitch {pitch_m * 1e3:.4g} mm along "
-            f"x1; at most {TOLERANCE:g} of the pitch is allowed: only such rows can be imaged"
+            f"{path}: element {worst + 1} of {elements} is {off_m[worst] * 1e3:.3g} mm from its place in a straight row "
+            f"of pitch {pitch_m * 1e3:.4g} mm along x1; only such rows can be imaged"
         )
     return ElementRow(pitch_m=pitch_m, falling=falling)
