@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek._closing import Closing
-from markerseek.core import Float64, RecordError, needs_package
+from markerseek.core import Float64, RecordError, described, needs_package
 from markerseek.files import natural
 from markerseek.records.child import MAX_PER_BYTE
 
@@ -181,6 +181,8 @@ def as_record_error(path: Path, *, what: str, cure: str) -> Iterator[None]:
         yield
     except RecordError:
         raise
+    except ImportError as problem:
+        raise RecordError(f"{path}: it cannot be read, because of a library: {described(problem)}") from problem
     except Exception as problem:
-        reason = str(problem).strip("'\"") or type(problem).__name__
+        reason = " ".join(str(problem).split()).strip("'\"") or type(problem).__name__
         raise RecordError(f"{path}: no {what} that can be read: {reason}; {cure}") from problem

@@ -155,9 +155,6 @@ def scan_bank(
     on disk.
     """
     angles = scan_angles(rig, step_deg=step_deg)
-    for name, value, unit in (("wavelength_m", wavelength_m, "m"), ("pulse_energy_j", pulse_energy_j, "J")):
-        if value is not None and not 0 < value < math.inf:
-            raise ConfigError(f"{name} is {value:g} {unit}, it must be positive and finite")
     facts = _facts_from_rig(
         rig.facts,
         description=f"{rig.facts.rig_name}: {rig.facts.description}",

@@ -275,15 +275,11 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
                 "(a CSV: --unit mrad or rad)"
             )
     for low_deg, high_deg in pairwise(angles_deg):
-        if low_deg == high_deg:
-            raise RecordError(f"{path}: the angle {low_deg:g} deg appears twice; average repeated angles")
-        if low_deg < high_deg < low_deg + MIN_STEP_DEG:
+        if high_deg - low_deg < MIN_STEP_DEG:
             raise RecordError(
-                f"{path}: the angles {low_deg!r} and {high_deg!r} deg are nearer to one another than "
-                f"{MIN_STEP_DEG:g} deg; average repeated angles"
+                f"{path}: the angle {low_deg:g} deg appears twice, or nearer than {MIN_STEP_DEG:g} deg; average "
+                "repeated angles"
             )
-        if not low_deg < high_deg:
-            raise RecordError(f"{path}: the angle {high_deg:g} deg follows {low_deg:g} deg; sort them in rising order")
     if len(angles_deg) < MIN_ANGLES:
         raise RecordError(
             f"{path}: it holds {counted(len(angles_deg), 'angle')}, at least {MIN_ANGLES} are needed for a search"

@@ -122,14 +122,10 @@ class Journal:
         with as_record_error(self.path, verb="written"):
             status = os.fstat(self._descriptor)
         self._lost = status.st_size != self._end or (status.st_nlink == 0 and self.kept)
-        if status.st_size != self._end:
-            raise RecordError(
-                f"{self.path}: another program changed it while the run was written: it has {status.st_size} bytes, "
-                f"{self._end} were written; 'markerseek journal show' prints as much of it as is whole"
-            )
         if self._lost:
             raise RecordError(
-                f"{self.path}: it was removed or replaced while the run was written; what it held is gone"
+                f"{self.path}: it was changed, removed or replaced while the run was written; 'markerseek journal "
+                "show' prints as much of it as is whole"
             )
 
     def interrupt(self, reason: str) -> None:

@@ -348,7 +348,7 @@ def row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> Elemen
     worst = int(off_m.argmax())
     if not off_m[worst] <= TOLERANCE * pitch_m or pitch_m == 0:
         raise RecordError(
-            f"{path}: element {worst + 1} of {elements} is {off_m[worst] * 1e3:.3g} mm from its place in a straight row "
-            f"of pitch {pitch_m * 1e3:.4g} mm along x1; only such rows can be imaged"
+            f"{path}: element {worst + 1} of {elements} is {off_m[worst] * 1e3:.3g} mm from its place in a straight "
+            f"row of pitch {pitch_m * 1e3:.4g} mm along x1; only such rows can be imaged"
         )
     return ElementRow(pitch_m=pitch_m, falling=falling)

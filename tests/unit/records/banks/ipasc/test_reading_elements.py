@@ -109,5 +109,5 @@ def test_a_row_is_taken_up_to_the_tolerance_and_not_beyond(elements, pitch_m, fa
     positions_m[which] += 0.9 * TOLERANCE * pitch_m * direction
     assert row_of(positions_m, elements=elements).pitch_m == pytest.approx(pitch_m)
     positions_m[which] += 0.2 * TOLERANCE * pitch_m * direction
-    with pytest.raises(RecordError, match=f"element {which + 1} of {elements} is at"):
+    with pytest.raises(RecordError, match=f"element {which + 1} of {elements} is "):
         row_of(positions_m, elements=elements)
