@@ -7,7 +7,7 @@ bytes can also make it crash or hang, so that `markerseek.records.child` tries a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -102,6 +102,28 @@ class CheckedHdf5(Closing):
         if not reference:
             raise ValueError(f"{name} refers to nothing")
         return self.checked(self.opened[reference], name=name)
+
+    def scalars(self, references: Iterable[h5py.Reference], *, name: str) -> Float64[np.ndarray, " references"] | None:
+        """The single numbers that many references point to; None where one of them points to more.
+
+        Read by the low-level interface of h5py, which takes a tenth of the time. Raises `ValueError` or `TypeError`.
+        """
+        import h5py
+
+        values = []
+        for reference in references:
+            item = h5py.h5r.dereference(reference, self.opened.id) if reference else None
+            if not isinstance(item, h5py.h5d.DatasetID):
+                raise TypeError(f"{name} refers to nothing, or to no dataset")
+            plan = item.get_create_plist()
+            # In one piece within the file: nothing is unpacked, and no other file is read.
+            whole = plan.get_layout() in (h5py.h5d.COMPACT, h5py.h5d.CONTIGUOUS) and not plan.get_external_count()
+            if not whole or item.get_space().get_simple_extent_npoints() != 1:
+                return None
+            value = np.empty(1)
+            item.read(h5py.h5s.ALL, h5py.h5s.ALL, value)
+            values.append(value[0])
+        return np.array(values)
 
     def checked(self, item: object, *, name: str) -> h5py.Dataset:
         """The item, if it is a dataset as `dataset` returns it."""

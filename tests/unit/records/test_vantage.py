@@ -146,7 +146,7 @@ def every(field, value):
         (emptied("Trans/Connector"), "Trans.Connector is missing; save Trans too"),
         (loops, "no MATLAB file|numbers are expected"),
         (refers_to_a_group, "RcvData is no dataset"),
-        (refers_to_nothing, "Receive.framenum refers to nothing"),
+        (refers_to_nothing, "Receive.framenum refers to nothing, or to no dataset"),
         (leads_elsewhere, "Trans is a link to another place"),
         (huge, "huge|bytes|fill frames|is expected"),
     ],
