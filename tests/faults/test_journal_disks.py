@@ -38,7 +38,7 @@ def fill(path: Path) -> int:
                 journal.commit(measured(index, counts=counts(32, 520, seed=index)), clock_s=float(index))
                 acknowledged.append(index)
 
-    with pytest.raises(RecordError, match=r"cannot be written.*make room on the disk"):
+    with pytest.raises(RecordError, match=r"cannot be written.*the room on the disk"):
         commit_for_ever()
     return len(acknowledged)
 
@@ -99,7 +99,7 @@ def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_di
     policy, rig = begin()
     path = small_disk / "run.journal"
     (small_disk / "ballast").write_bytes(b"0" * (1012 << 10))
-    with pytest.raises(RecordError, match="make room on the disk"), Journal.create(path, configuration()) as journal:
+    with pytest.raises(RecordError, match="the room on the disk"), Journal.create(path, configuration()) as journal:
         for _ in journalled(policy, rig, journal):
             pass
     assert rig.scanner.guard.state is State.DISARMED
@@ -117,7 +117,7 @@ def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_di
 def test_a_journal_that_cannot_be_begun_leaves_no_file(small_disk: Path) -> None:
     """Or the same command, with room again, would find a file of this name that is none of its own."""
     (small_disk / "ballast").write_bytes(b"0" * (1 << 20))
-    with pytest.raises(RecordError, match=r"cannot be written: .*make room on the disk"):
+    with pytest.raises(RecordError, match=r"cannot be written: .*the room on the disk"):
         Journal.create(small_disk / "run.journal", configuration())
     assert [each.name for each in small_disk.iterdir()] == ["ballast"]
     (small_disk / "ballast").unlink()

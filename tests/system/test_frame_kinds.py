@@ -77,6 +77,7 @@ def test_a_rig_with_both_shows_the_marker_on_the_surface_of_the_tissue():
     assert b_mode.geometry.pixel(lateral_m=lateral_m, depth_m=deep_m) == pytest.approx((row, column), abs=2)
 
 
+@pytest.mark.filterwarnings("always")
 def test_b_mode_images_beside_channel_data_are_kept_replayed_and_drawn(shell, tmp_path):
     rig = tmp_path / "rig.toml"
     rig.write_text('kind = "simulated"\n[receiver]\nb_mode = true\n[b_mode]\npixel_m = 5e-4\n')

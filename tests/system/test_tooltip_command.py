@@ -152,7 +152,7 @@ def test_folders_and_files_that_hold_no_series_are_a_sentence(shell, tmp_path, i
         (one, "1 image, at least 2 are needed"),
         (mixed, "image 2 has 100 ×"),
         (broken, "it is damaged"),
-        (tmp_path / "a.dcm", "a.dcm: it cannot be read"),
+        (tmp_path / "a.dcm", "a.dcm: no image that can be read"),
         (tmp_path / "a.txt", "export the images as one of these"),
         (tmp_path / "nothing.png", "check the name"),
     ):

@@ -16,29 +16,13 @@ from markerseek.cli.options import Arm, AsJson, RigFile
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
-from markerseek.core import ChannelFrame, MarkerseekError, Measured, RFFrame, Sample, SearchPlan, SimulationOptions
+from markerseek.core import MarkerseekError, Measured, SearchPlan, SimulationOptions
 
 EXAMPLES = """
     markerseek bank scan scan.hdf5 --seed 1
     markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25
     markerseek bank scan --continue scan.hdf5 --seed 1
 """
-
-
-class BModeNote:
-    """Says once that a bank keeps no B-mode images."""
-
-    def __init__(self) -> None:
-        self._said = False
-
-    def meet(self, sample: Sample) -> None:
-        """Say it with the first frame that has one."""
-        if not self._said and isinstance(sample.frame, ChannelFrame | RFFrame) and sample.frame.b_mode is not None:
-            self._said = True
-            stderr.print(
-                "[yellow]the B-mode images are left out: a bank in IPASC HDF5 has no place for them, the journal of a "
-                "search keeps them[/]"
-            )
 
 
 def command(
@@ -64,6 +48,8 @@ def command(
 
     If stopped early, the file has all acquisitions so far. A scan that was killed goes on with --continue.
     """
+    from markerseek.records.banks import read_bank, record_of
+
     runs.require_new_scan(out, goes_on=goes_on)
     wavelength_m = scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000)
     pulse_energy_j = scaled("--pulse-energy-mj", pulse_energy_mj, 1e-3, most=10_000)
@@ -89,11 +75,9 @@ def command(
                 progress_bar(angles, what="scanning") as progress,
                 closing(scan),
             ):
-                b_mode = BModeNote()
                 for event in scan:
                     seen = event
                     if isinstance(event, Measured):
-                        b_mode.meet(event.sample)
                         # The counts of a frame have half a megabyte.
                         seen = replace(event, sample=replace(event.sample, frame=None))
                         taken = event.index if event.role == "search" else taken
@@ -107,13 +91,12 @@ def command(
                 _print_what_is_left(out, planned=angles)
         if stopped is not None:
             # One or two angles make no bank, and a second stop may end its making: then their record is kept.
-            from markerseek.records.banks import record_of
-
             kept = next((path for path in (out, record_of(out)) if path.exists()), None)
             end_stopped(stopped, as_json=as_json, kept=kept)
     facts = assembled.facts
     # Of a scan that went on, with the acquisitions of before.
-    taken, dark = _held(out)
+    held = read_bank(out)
+    taken, dark = len(held.angles_deg), held.dark_frames
     values = with_version(
         path=str(out),
         rig=facts.description,
@@ -127,14 +110,6 @@ def command(
     )
     shown = [f"{taken} angles and {dark} dark frames of a {facts.rig_name} in {escape(str(out))}"]
     Output(as_json=as_json).show(Report(values=values, shown=shown))
-
-
-def _held(path: Path) -> tuple[int, int]:
-    """Angles and dark frames of a bank."""
-    from markerseek.records.banks import FrameBank, read_bank
-
-    bank = read_bank(path)
-    return len(bank.angles_deg), bank.dark_frames if isinstance(bank, FrameBank) else 0
 
 
 def _print_what_is_left(path: Path, *, planned: int) -> None:

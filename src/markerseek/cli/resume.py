@@ -14,7 +14,7 @@ from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.cli.watched import Heartbeat, WatchOptions
-from markerseek.core import ConfigError, Sweep, counted
+from markerseek.core import ConfigError, counted
 
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
@@ -139,40 +139,26 @@ def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> boo
 
 
 def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool) -> None:
-    """Print the state of the run: acquisitions, next angle, the angle to measure again, and how to continue."""
+    """Print the state of the run, and how to continue."""
     from markerseek.cli.session import resume_command
-    from markerseek.records.journal import run_state, since_started
+    from markerseek.records.journal import run_state
 
-    state, entries = run_state(recorded.entries), since_started(recorded.entries)
-    policy, strongest = runs.rebuild_policy(recorded.configuration), runs.strongest_of(entries)
-    runs.tell_recorded(policy, entries)
-    asked = policy.ask()
-    next_deg = asked.to_deg if isinstance(asked, Sweep) else asked
-    check_deg = None if strongest is None else strongest.angle_deg
+    state = run_state(recorded.entries)
     if as_json:
         print_json(
             {
                 "state": state.state,
                 "armed": False,
                 "acquisitions": state.acquisitions,
-                "next_deg": next_deg,
-                "check_deg": check_deg,
                 "journal": str(recorded.path),
                 "rig_file_needed": rig_file_needed,
             }
         )
         return
     kept = counted(state.acquisitions, "acquisition is", "acquisitions are")
-    lines = [
-        f"{recorded.configuration.plan.method} on a {recorded.configuration.facts.rig_name}: {kept} kept; "
-        + ("only the end is left" if next_deg is None else f"the next is at {next_deg:.3f}°")
-    ]
-    if check_deg is not None:
-        lines.append(f"before it, {check_deg:.3f}° will be measured again")
+    plan, facts = recorded.configuration.plan, recorded.configuration.facts
+    stdout.print(escape(f"{plan.method} on a {facts.rig_name}: {kept} kept, the strongest is measured again"))
     if rig_file_needed:
-        lines.append(
-            "not armed: nothing moved and nothing was fired; the rig file is needed; continue with: "
-            f"{resume_command(recorded.path, Path('RIG.toml'))} --arm"
-        )
-    for line in lines:
-        stdout.print(escape(line))
+        cure = f"{resume_command(recorded.path, Path('RIG.toml'))} --arm"
+        said = f"not armed: nothing moved and nothing was fired; the rig file is needed; continue with: {cure}"
+        stdout.print(escape(said))

@@ -1,4 +1,4 @@
-"""Reads text and JSON that users name; an error says which kind of file is expected, and which kind this one is."""
+"""Reads text and JSON that users name; an error says which kind of file is expected."""
 
 from __future__ import annotations
 
@@ -15,20 +15,6 @@ from markerseek.files.inputs import as_read_error, read_input
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
-_KINDS = {
-    b"\x89PNG": "a PNG image",
-    b"\xff\xd8\xff": "a JPEG image",
-    b"\x89HDF": "an HDF5 file",
-    b"MATLAB 5.0 MAT-file": "a MATLAB file",
-    b"MATLAB 7.3 MAT-file": "a MATLAB file",
-    b"\x93NUMPY": "a NumPy array",
-    b"\x89MCAP": "an MCAP file",
-    b"%PDF": "a PDF document",
-    b"PK\x03\x04": "a ZIP archive, as .xlsx and .docx are",
-    b"\x1f\x8b": "a gzip archive",
-}
-"""Kinds of files that are no text, by their first bytes."""
-
 Content = TypeVar("Content")
 
 
@@ -40,17 +26,14 @@ def read_text(path: Path, *, most_bytes: int, what: str, cure: str, also: Sequen
     """
     with as_read_error(path):
         data = read_input(path, most_bytes=most_bytes)
-    kind = next((kind for start, kind in _KINDS.items() if data.startswith(start)), None)
-    if kind is None:
-        # Excel and Notepad write a byte order mark, which is no part of the text.
-        for encoding in ["utf-16"] if data.startswith(_UTF_16) else ["utf-8-sig", *also]:
-            with suppress(UnicodeDecodeError):
-                text = data.decode(encoding)
-                # Of UTF-16 without its mark, each second byte is 0.
-                if "\0" not in text:
-                    return text
-        kind = "no text in UTF-8"
-    raise RecordError(f"{path}: this is {kind}, and {what} is expected; {cure}")
+    # Excel and Notepad write a byte order mark, which is no part of the text.
+    for encoding in ["utf-16"] if data.startswith(_UTF_16) else ["utf-8-sig", *also]:
+        with suppress(UnicodeDecodeError):
+            text = data.decode(encoding)
+            # Of binary files, also a spreadsheet or an image, and of UTF-16 without its mark.
+            if not {"\0", "\x03"} & set(text):
+                return text
+    raise RecordError(f"{path}: this is no text in UTF-8 but another kind of file, and {what} is expected; {cure}")
 
 
 def read_json(path: Path, content: type[Content], *, most_bytes: int, what: str, cure: str) -> Content:

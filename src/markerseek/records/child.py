@@ -37,8 +37,13 @@ _ROOM_BYTES = 1 << 29
 _OUT_OF_MEMORY = 3
 """Exit code."""
 
-_PROCESSOR_TIME_OVER = 24
+_TIME_OVER = 24
 """Number of SIGXCPU, which Windows does not have."""
+
+_REASONS = {
+    _OUT_OF_MEMORY: "reading it takes far more memory than it has bytes",
+    -_TIME_OVER: "reading it takes far more time than its size explains, or its disk does not answer",
+}
 
 _tried: set[tuple[str, Path, int, int]] = set()
 """Readers and the files that they lived through, with size in bytes and time of change in nanoseconds."""
@@ -54,7 +59,6 @@ def try_files(reader: Reader, paths: Sequence[Path]) -> None:
     left = [key for key in keys if key not in _tried]
     if not left:
         return
-    reason = "the library that reads such files breaks down on it; it is damaged: scan, or save it, again"
     try:
         # Our own program.
         done = subprocess.run(  # noqa: S603
@@ -63,24 +67,18 @@ def try_files(reader: Reader, paths: Sequence[Path]) -> None:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             # RLIMIT_CPU does not count a read that blocks, on a network disk for example.
-            timeout=sum(LIMIT_S + _more_s(size) for _, _, size, _ in left),
+            timeout=sum(LIMIT_S + size // _LEAST_BYTES_PER_S for _, _, size, _ in left),
             # Each thread of the linear algebra would ask for memory, and there is nothing to compute.
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
             check=False,
         )
-        survived = len(done.stdout)
-        if done.returncode == _OUT_OF_MEMORY:
-            reason = "reading it takes far more memory than it has bytes; it is damaged"
-        elif done.returncode == -_PROCESSOR_TIME_OVER:
-            reason = "reading it takes far more time than its size explains; it is damaged: scan, or save it, again"
+        survived, code = len(done.stdout), done.returncode
     except subprocess.TimeoutExpired as problem:
-        survived = len(problem.stdout or b"")
-        reason = f"reading it takes more than {problem.timeout:g} s; it is damaged, or its disk does not answer"
-    except OSError as problem:
-        survived, reason = 0, f"it cannot be read, no process can be started: {problem.strerror}"
+        survived, code = len(problem.stdout or b""), -_TIME_OVER
     _tried.update(left[:survived])
     if survived < len(left):
-        raise RecordError(f"{paths[keys.index(left[survived])]}: {reason}")
+        reason = _REASONS.get(code, "the library that reads such files breaks down on it")
+        raise RecordError(f"{paths[keys.index(left[survived])]}: {reason}; it is damaged: scan, or save it, again")
 
 
 def _serve(name: str) -> None:
@@ -104,11 +102,6 @@ def _serve(name: str) -> None:
         os.write(answers, b".")
 
 
-def _more_s(size_bytes: int) -> int:
-    """Time in seconds that a file may take for its size."""
-    return size_bytes // _LEAST_BYTES_PER_S
-
-
 def _limit(size_bytes: int) -> None:
     """Limit memory and processor time for a file, beyond what is used already."""
     try:
@@ -119,7 +112,7 @@ def _limit(size_bytes: int) -> None:
     except (ImportError, OSError, ValueError):
         return
     memory_bytes = pages * resource.getpagesize() + MAX_PER_BYTE * size_bytes + _ROOM_BYTES
-    seconds = int(time.process_time()) + PROCESSOR_LIMIT_S + _more_s(size_bytes)
+    seconds = int(time.process_time()) + PROCESSOR_LIMIT_S + size_bytes // _LEAST_BYTES_PER_S
     for kind, limit in ((resource.RLIMIT_AS, memory_bytes), (resource.RLIMIT_CPU, seconds)):
         _, hard = resource.getrlimit(kind)
         # The soft limit alone: it is raised for the next file.

@@ -10,12 +10,12 @@ import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from markerseek._closing import Closing
-from markerseek.core import Float64, RecordError, needs_package
+from markerseek.core import Float64, RecordError, described, needs_package
 from markerseek.files import natural
 from markerseek.records.child import MAX_PER_BYTE
 
@@ -60,10 +60,6 @@ class CheckedHdf5(Closing):
         """Close the file; allowed twice."""
         self.opened.close()
 
-    def __reduce__(self) -> tuple[type[Self], tuple[Path]]:
-        """A copy in another process opens the file again."""
-        return type(self), (self._path,)
-
     def datasets(self) -> list[str]:
         """Names of the datasets at the top level of the file."""
         import h5py
@@ -91,7 +87,7 @@ class CheckedHdf5(Closing):
         return sorted(item, key=natural) if isinstance(item, h5py.Group) else []
 
     def dataset(self, name: str) -> h5py.Dataset:
-        """Dataset of that name, whose largest chunk fits into memory.
+        """Dataset of that name, which fits into memory.
 
         Raises `TypeError` or `ValueError` if it is missing, is a link to another file, or needs much more memory than
         the file has bytes.
@@ -142,22 +138,16 @@ class CheckedHdf5(Closing):
         if not {plan.get_filter(number)[0] for number in range(plan.get_nfilters())} <= _FILTERS:
             raise ValueError(f"{name} is compressed by a filter other than gzip and lzf")
         # The library unpacks a whole chunk for a single number of it.
-        chunk = math.prod(item.chunks or (1,)) * item.dtype.itemsize
-        if chunk > self._most:
-            raise ValueError(f"{name} unpacks to {chunk} bytes at a time, more than {MAX_PER_BYTE} times the file")
+        size = max(math.prod(item.shape or ()), math.prod(item.chunks or ())) * item.dtype.itemsize
+        if size > self._most:
+            raise ValueError(f"{name} unpacks to {size} bytes, more than {MAX_PER_BYTE} times the file")
         return item
-
-    def require_room(self, count: int, *, name: str) -> None:
-        """Refuse to read more bytes at once than `MAX_PER_BYTE` times the file."""
-        if count > self._most:
-            raise ValueError(f"{name} unpacks to {count} bytes, more than {MAX_PER_BYTE} times the file")
 
     def numbers(self, name: str) -> Float64[np.ndarray, " values"]:
         """All numbers of a dataset, flattened."""
         item = self.dataset(name)
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
             raise ValueError(f"{name} is {item.dtype}, numbers are expected")
-        self.require_room(8 * math.prod(item.shape), name=name)
         return np.atleast_1d(np.asarray(item[()], dtype=np.float64)).ravel()
 
     def number(self, name: str) -> float | None:
@@ -213,6 +203,8 @@ def as_record_error(path: Path, *, what: str, cure: str) -> Iterator[None]:
         yield
     except RecordError:
         raise
+    except ImportError as problem:
+        raise RecordError(f"{path}: it cannot be read, because of a library: {described(problem)}") from problem
     except Exception as problem:
-        reason = str(problem).strip("'\"") or type(problem).__name__
+        reason = " ".join(str(problem).split()).strip("'\"") or type(problem).__name__
         raise RecordError(f"{path}: no {what} that can be read: {reason}; {cure}") from problem

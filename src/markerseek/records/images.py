@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import importlib.util
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from markerseek.core import MissingExtraError, RecordError, UInt8, described
+from markerseek.core import MissingExtraError, RecordError, UInt8
 from markerseek.files import MIB, as_read_error, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
 from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
+from markerseek.records.hdf5 import as_record_error
 
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 """Suffixes of files with B-mode images; DICOM files without a suffix need one."""
@@ -87,12 +86,11 @@ def read_image_sequence(
     *,
     angles: bool = True,
     angle_field: str | None = None,
-    angle_transform: str | None = None,
     pixel_m: tuple[float, float] | None = None,
 ) -> ImageSeries:
     """B-mode images of a sequence, the first at each angle; a warning names those that are left out.
 
-    ``angles``: whether an angle is needed; otherwise all valid images. ``angle_field``, ``angle_transform``: as of
+    ``angles``: whether an angle is needed; otherwise all valid images. ``angle_field``: as of
     `markerseek.records.banks.sequence.angles_of`. ``pixel_m``: as of `read_images`.
     """
     sequence = open_sequence(path)
@@ -104,7 +102,7 @@ def read_image_sequence(
             f"{path}: {count} images of {columns} × {rows}, at most {MAX_IMAGES} images or {MAX_PIXELS} pixels are "
             "read; give the images of one scan"
         )
-    placed = angles_of(sequence, angle_field=angle_field, angle_transform=angle_transform) if angles else {}
+    placed = angles_of(sequence, angle_field=angle_field) if angles else {}
     firsts = {angle_deg: number for number, angle_deg in reversed(placed.items())}
     if len(firsts) < len(placed):
         warnings.warn(
@@ -204,7 +202,7 @@ def _read_png(path: Path) -> np.ndarray:
     data = np.fromfile(path, np.uint8)
     # Width and height stand first in every PNG; memory is taken for what they say.
     width, height = (int.from_bytes(data[start : start + 4].tobytes(), "big") for start in (16, 20))
-    with _as_image_error(path):
+    with warnings.catch_warnings(action="ignore"), as_record_error(path, **_DAMAGED):
         import cv2
 
         if data[12:16].tobytes() == b"IHDR" and width * height > _LARGEST:
@@ -215,22 +213,8 @@ def _read_png(path: Path) -> np.ndarray:
         return np.asarray(image)
 
 
-@contextmanager
-def _as_image_error(path: Path) -> Iterator[None]:
-    """Errors of the libraries, which are of any kind, as `RecordError`; their warnings are not shown."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            yield
-        except RecordError:
-            raise
-        except ImportError as problem:
-            raise RecordError(f"{path}: it cannot be read, because of a library: {described(problem)}") from problem
-        except Exception as problem:
-            reason = " ".join(str(problem).split()).strip("'\"") or type(problem).__name__
-            raise RecordError(
-                f"{path}: it cannot be read as an image: {reason}; it is damaged: export it again"
-            ) from problem
+_DAMAGED = {"what": "image", "cure": "it is damaged: export it again"}
+"""Of files of which a library makes no image."""
 
 
 def _read_dicom(path: Path) -> dict[str, np.ndarray]:
@@ -239,7 +223,7 @@ def _read_dicom(path: Path) -> dict[str, np.ndarray]:
     ``regions``: first row and column, last row and column, and height and width of a pixel in metres of each region
     that is an image. ``pixel_m``: height and width by ``PixelSpacing``.
     """
-    with _as_image_error(path):
+    with warnings.catch_warnings(action="ignore"), as_record_error(path, **_DAMAGED):
         import pydicom
 
         file = pydicom.dcmread(path)

@@ -55,7 +55,6 @@ def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     data = workspace.buffer(receives.buffer)
     columns = workspace.columns(data.shape[-2])
     numbers = workspace.frame_numbers(receives, data)
-    file.require_room(2 * len(numbers) * len(columns) * receives.samples, name=FRAMES)
     frames = np.stack(
         [np.rint(_averaged(data, number, receives, columns)).astype(np.int16) for number in numbers.tolist()]
     )

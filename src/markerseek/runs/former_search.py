@@ -7,10 +7,10 @@ from typing import TypeVar
 
 import msgspec
 
-from markerseek.core import ConfigError, Finished, Found, MarkerCurve, MarkerPosition, RecordError, SearchError
+from markerseek.core import ConfigError, MarkerCurve, MarkerPosition, RecordError, SearchError
 from markerseek.files import MIB, as_read_error, read_json
 from markerseek.records import SearchResult
-from markerseek.records.journal import RecordedRun, is_journal, read_journal
+from markerseek.records.journal import is_journal, read_journal
 from markerseek.runs.run_view import RunView
 
 _MAX_BYTES = 16 * MIB
@@ -31,12 +31,7 @@ def former_curve(path: Path) -> MarkerCurve:
 
     ``path``: the result of the search, as printed with --json, or its journal.
     """
-    former = _search(path, _Result)
-    if isinstance(former, RecordedRun):
-        answers = (entry.event.estimate for entry in former.entries if isinstance(entry.event, Finished))
-        curve = next((answer.curve for answer in answers if isinstance(answer, Found)), None)
-    else:
-        curve = former.curve
+    curve = _result_of(path, _Result).curve
     if curve is None:
         raise RecordError(f"{path}: it found no marker whose curve it knows; name the result of a posterior that did")
     return curve
@@ -47,11 +42,7 @@ def read_marker(path: Path) -> MarkerPosition:
 
     ``path``: journal of the search, or its result as JSON.
     """
-    former = _search(path, SearchResult)
-    try:
-        result = RunView.of(former).result() if isinstance(former, RecordedRun) else former
-    except SearchError as problem:
-        raise RecordError(f"{path}: {problem}") from problem
+    result = _result_of(path, SearchResult)
     # An uncertain angle counts less, by its sigma. If it is uncertain which source the angle is of, it is not taken.
     if not (result.found or result.doubt == "width"):
         raise RecordError(
@@ -66,18 +57,18 @@ def read_marker(path: Path) -> MarkerPosition:
     return MarkerPosition(position_m=result.marker_trus_m, sigma_m=result.marker_sigma_m)
 
 
-def _search(path: Path, result: type[_Kind]) -> RecordedRun | _Kind:
-    """The run of a journal, without its frames, or a result."""
+def _result_of(path: Path, kind: type[_Kind]) -> SearchResult | _Kind:
+    """Result of a journal, or what is read of a result."""
     try:
         with as_read_error(path):
             if is_journal(path):
-                return read_journal(path, frames=False)
+                return RunView.of(read_journal(path, frames=False)).result()
         return read_json(
             path,
-            result,
+            kind,
             most_bytes=_MAX_BYTES,
             what="the journal of a search or its result as JSON",
             cure="make one with 'markerseek search --json > result.json'",
         )
-    except ConfigError as problem:
+    except (ConfigError, SearchError) as problem:
         raise RecordError(f"{path}: {problem}") from problem

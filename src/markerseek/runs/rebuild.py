@@ -47,19 +47,12 @@ def rebuild_rig(recorded: RecordedRun, *, bench_settings: BenchSettings | None =
         raise RecordError("the journal does not say how to put its rig together; resume it from Python, with the rig")
     if isinstance(recipe, BenchRecipe):
         if bench_settings is None:
-            raise ConfigError(
-                "the journal is of a rig of devices, which is not taken from a journal; name the rig file: "
-                "markerseek resume FILE --rig RIG.toml --arm"
-            )
+            raise ConfigError(f"{recorded.path}: it is of a rig of devices, which is not taken from a journal; name it")
         from markerseek.rigs import bench
 
         # Before the devices are connected, which would already start a supervisor.
         require_same_measurement(configuration, recipe.settings, bench_settings)
         return _require_as_emulated(bench(bench_settings), configuration)
-    if bench_settings is not None:
-        raise ConfigError(
-            f"the journal is of a {configuration.facts.kind} rig and describes it in full; leave --rig out"
-        )
     if isinstance(recipe, SimulatedRecipe):
         return simulated(
             seed=recipe.seed, settings=recipe.settings, pace=recipe.pace, resumed_after=len(recorded.entries)

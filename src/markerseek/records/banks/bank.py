@@ -25,7 +25,6 @@ from markerseek.core import (
     counted,
     needs_package,
 )
-from markerseek.records.curve_svg import DrawnCurve, Mark, as_html
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -111,25 +110,6 @@ class Bank:
         held = {"intensity": ("angle_deg", np.array(self.intensities))} if self.intensities else {}
         known = {name: value for name, value in asdict(self.facts).items() if value is not None}
         return xr.Dataset(held, coords={"angle_deg": np.array(self.angles_deg)}, attrs=known)
-
-    def _repr_html_(self) -> str:
-        """What is in it, and the intensities where they are known, for a notebook."""
-        known, finite = self.facts, np.isfinite(self.intensities)
-        rows = [
-            ("scanned", known.description or None),
-            ("angles", f"{len(self.angles_deg)}, {self.angles_deg[0]:g}° to {self.angles_deg[-1]:g}°"),
-            ("simulated", "yes" if known.simulated else None),
-            ("probe", known.probe),
-            ("reference", None if known.reference_angle_deg is None else f"{known.reference_angle_deg:.3f}°"),
-        ]
-        if not finite.any():
-            return as_html(type(self).__name__, [*rows, ("intensities", "not known before its frames are imaged")], "")
-        angles_deg, intensities = np.array(self.angles_deg)[finite], np.array(self.intensities)[finite]
-        largest_deg = float(angles_deg[np.argmax(intensities)])
-        rows.append(("largest intensity", f"{intensities.max():.4g} at {largest_deg:g}°"))
-        marks = [Mark(angle_deg=at, intensity=each, radius=2) for at, each in zip(angles_deg, intensities, strict=True)]
-        curve = DrawnCurve(marks=marks, answer_deg=largest_deg)
-        return as_html(type(self).__name__, rows, curve.svg())
 
     @property
     def range(self) -> Interval:
@@ -295,15 +275,11 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
                 "(a CSV: --unit mrad or rad)"
             )
     for low_deg, high_deg in pairwise(angles_deg):
-        if low_deg == high_deg:
-            raise RecordError(f"{path}: the angle {low_deg:g} deg appears twice; average repeated angles")
-        if low_deg < high_deg < low_deg + MIN_STEP_DEG:
+        if high_deg - low_deg < MIN_STEP_DEG:
             raise RecordError(
-                f"{path}: the angles {low_deg!r} and {high_deg!r} deg are nearer to one another than "
-                f"{MIN_STEP_DEG:g} deg; average repeated angles"
+                f"{path}: the angle {low_deg:g} deg appears twice, or nearer than {MIN_STEP_DEG:g} deg; average "
+                "repeated angles"
             )
-        if not low_deg < high_deg:
-            raise RecordError(f"{path}: the angle {high_deg:g} deg follows {low_deg:g} deg; sort them in rising order")
     if len(angles_deg) < MIN_ANGLES:
         raise RecordError(
             f"{path}: it holds {counted(len(angles_deg), 'angle')}, at least {MIN_ANGLES} are needed for a search"

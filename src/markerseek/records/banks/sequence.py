@@ -60,6 +60,7 @@ _LARGEST_BYTES = 1 << 42
 _HEADER_BYTES, _LINE_BYTES = 64 * MIB, 64 * 1024
 _MOST_FRAME_BYTES = 64 * MIB
 _MOST_FRAMES = 100_000
+_PIECE_BYTES = 64 * 1024
 _MOST_PER_BYTE = 1032
 """DEFLATE cannot make more of a byte."""
 
@@ -196,17 +197,15 @@ def open_sequence(path: Path) -> ImageSequence:
     return sequence
 
 
-def angles_of(
-    sequence: ImageSequence, *, angle_field: str | None = None, angle_transform: str | None = None
-) -> dict[int, float]:
+def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dict[int, float]:
     """Angle in degrees of each frame with a valid image and angle, by its number; a warning names the others.
 
-    ``angle_field``, ``angle_transform``: name of the field or transform, one of them at most; None: the first of
-    `ANGLE_FIELDS` and `ANGLE_TRANSFORMS` that the sequence has.
+    ``angle_field``: name of the field or transform; None: the first of `ANGLE_FIELDS` and `ANGLE_TRANSFORMS` that the
+    sequence has.
     """
     path, frames = sequence.path, sequence.frame_fields
     names = {name for fields in frames for name in fields}
-    chosen = _field_of_angles(path, names, angle_field, angle_transform)
+    chosen = _field_of_angles(path, names, angle_field)
     turns = chosen.endswith("Transform")
     status = f"{chosen}Status" if turns else _STEPPER.get(chosen, f"{chosen}Status")
     usual = "missing" if turns or status in names else "OK"
@@ -232,30 +231,27 @@ def angles_of(
     return dict(zip(kept, unwrapped(path, np.array(angles_deg)).tolist(), strict=True))
 
 
-def _field_of_angles(path: Path, names: set[str], angle_field: str | None, angle_transform: str | None) -> str:
+def _field_of_angles(path: Path, names: set[str], angle_field: str | None) -> str:
     """Name of the field that has the angles."""
     if angle_field in _NO_ANGLES:
         raise RecordError(
-            f"{path}: {angle_field} counts time or frames, and is no angle; name another field, or a transform: "
-            "--angle-transform"
+            f"{path}: {angle_field} counts time or frames, and is no angle; name another field, or a transform"
         )
     if angle_field is not None:
-        wanted: tuple[str, ...] = (angle_field,)
-    elif angle_transform is not None:
-        wanted = (f"{angle_transform.removesuffix('Transform')}Transform",)
+        wanted: tuple[str, ...] = (angle_field, f"{angle_field.removesuffix('Transform')}Transform")
     else:
         wanted = (*ANGLE_FIELDS, *(f"{name}Transform" for name in ANGLE_TRANSFORMS))
     chosen = next((name for name in wanted if name in names), None)
     if chosen is None:
         held = ", ".join(sorted(each for each in names if not each.endswith("Status"))[:8]) or "none"
         raise RecordError(
-            f"{path}: no frame has {' or '.join(wanted)}; its fields are {held}; name the one with the angle: "
-            "--angle-field or --angle-transform of 'markerseek bank import' and 'markerseek tooltip'"
+            f"{path}: no frame has {angle_field or ' or '.join(wanted)}; its fields are {held}; name the one with the "
+            "angle: --angle-field"
         )
     return chosen
 
 
-def read_sequence(path: Path, *, angle_field: str | None = None, angle_transform: str | None = None) -> IntensityBank:
+def read_sequence(path: Path, *, angle_field: str | None = None) -> IntensityBank:
     """Bank of the intensities of a sequence, with the times of its frames; arguments as of `angles_of`.
 
     Images of one angle are averaged, with a warning. B-mode images are refused.
@@ -267,7 +263,7 @@ def read_sequence(path: Path, *, angle_field: str | None = None, angle_transform
             f"{path}: it holds {len(sequence.frame_fields)} B-mode images of {columns} × {rows} pixels: these are "
             f"echoes, and show no photoacoustic marker; find an instrument's tip: 'markerseek tooltip {quoted(path)}'"
         )
-    angles = angles_of(sequence, angle_field=angle_field, angle_transform=angle_transform)
+    angles = angles_of(sequence, angle_field=angle_field)
     frames = enumerate(sequence.frames())
     found = {number: _intensity(frame, sequence.kind) for number, frame in frames if number in angles}
     dark = [number for number, value in found.items() if not math.isfinite(value)]
@@ -371,25 +367,17 @@ def _spacing(words: list[str]) -> tuple[float, float]:
 def _unpacked(path: Path, file: BinaryIO, size: int, count: int, *, packed: bool) -> Iterator[bytes]:
     """So many pieces of one size; `RecordError` where there are fewer, or where packed ones hold more."""
     # 47: zlib, as in a MetaImage, or gzip, as in a NRRD.
-    inflate = zlib.decompressobj(wbits=47)
+    inflate, held = zlib.decompressobj(wbits=47), bytearray()
     try:
         for _ in range(count):
-            piece = bytearray() if packed else bytearray(file.read(size))
-            while packed and len(piece) < size:
-                piece += inflate.decompress(inflate.unconsumed_tail, size - len(piece))
-                if len(piece) < size and not inflate.unconsumed_tail:
-                    more = file.read(MIB)
-                    if not more or inflate.eof:
-                        break
-                    piece += inflate.decompress(more, size - len(piece))
-            if len(piece) != size:
+            while len(held) < size and (more := file.read(_PIECE_BYTES)):
+                held += inflate.decompress(more) if packed else more
+            if len(held) < size:
                 raise RecordError(f"{path}: its pixels end too early; it is cut off: fetch or save it again")
-            yield bytes(piece)
-        more = inflate.unconsumed_tail or file.read(MIB) if packed else b""
-        if packed and inflate.decompress(more, 1):
-            raise RecordError(f"{path}: it unpacks to more than its header says; it is damaged: save it again")
-        if packed and not inflate.eof:
-            raise RecordError(f"{path}: its pixels have no end; it is cut off: fetch or save it again")
+            yield bytes(held[:size])
+            del held[:size]
+        if packed and (held or inflate.decompress(file.read(_PIECE_BYTES)) or not inflate.eof):
+            raise RecordError(f"{path}: its pixels do not end where its header says; it is damaged: save it again")
     except zlib.error as problem:
         raise RecordError(f"{path}: its pixels cannot be unpacked: {problem}; fetch or save it again") from problem
 
@@ -413,14 +401,14 @@ def _twists(path: Path, name: str, stacked: Float64[np.ndarray, "frames 3 3"]) -
     off = np.abs(stacked @ stacked.transpose(0, 2, 1) - np.eye(3)).max()
     # Six digits are usual.
     if off > 1e-3 or np.linalg.det(stacked).min() < 0:
-        raise RecordError(f"{path}: {name} is no rotation in each frame; name another: --angle-transform")
+        raise RecordError(f"{path}: {name} is no rotation in each frame; name another: --angle-field")
     third = int(np.argmax(np.min(stacked.diagonal(axis1=1, axis2=2), axis=0)))
     tilt_deg = np.degrees(np.arccos(np.clip(stacked[:, third, third].min(), -1, 1)))
     if tilt_deg > _MOST_TILT_DEG:
         raise RecordError(
             f"{path}: {name} tilts the axis {'xyz'[third]} by up to {tilt_deg:.3g} deg, at most {_MOST_TILT_DEG:g} deg "
             "are expected of a probe that turns about its axis; name a transform to the probe's frame at 0 deg: "
-            "--angle-transform ProbeToProbeHome"
+            "--angle-field ProbeToProbeHome"
         )
     first, second = (third + 1) % 3, (third + 2) % 3
     sine = stacked[:, second, first] - stacked[:, first, second]

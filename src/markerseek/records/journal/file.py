@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import os
 import time
@@ -110,18 +109,7 @@ def as_record_error(path: Path, *, verb: str) -> Iterator[None]:
         raise RecordError(f"{path}: another markerseek writes this journal; wait until that is over") from problem
     except OSError as problem:
         reason = problem.strerror or problem
-        raise RecordError(f"{path}: the journal cannot be {verb}: {reason}; {_cure(problem, path)}") from problem
-
-
-def _cure(problem: OSError, path: Path) -> str:
-    match problem.errno:
-        case errno.ENOENT:
-            return f"there is no folder {path.parent}; make it, or name another place"
-        case errno.ENOTDIR:
-            return f"{path.parent} is no folder; name another place"
-        case errno.ENOSPC | errno.EDQUOT | errno.EIO | errno.EFBIG:
-            return "make room on the disk or name another place; what was committed before stays readable"
-        case errno.ENAMETOOLONG:
-            return "name it shorter"
-        case _:
-            return "check the folder and the rights, or name another place"
+        raise RecordError(
+            f"{path}: the journal cannot be {verb}: {reason}; check the folder, the rights, and the room on the "
+            "disk, or name another place; what was committed before stays readable"
+        ) from problem

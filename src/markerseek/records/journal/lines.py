@@ -45,14 +45,6 @@ class UnfinishedError(RecordError):
     """A journal without its first line: its run was never begun."""
 
 
-class _First(msgspec.Struct, frozen=True):
-    configuration: msgspec.Raw
-    record: int = 0
-    """Version of the format, from 2 on."""
-    journal: int = 0
-    """Version of the format in files of version 1."""
-
-
 def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
     """A configuration as it is written now: journals of version 0.3 have one value for both tolerances of the plan."""
     values = msgspec.json.decode(configuration)
@@ -63,14 +55,24 @@ def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
     return msgspec.json.encode(values)
 
 
+_NOTHING = msgspec.Raw(b"null")
+
+
 class _Line(msgspec.Struct, frozen=True, kw_only=True):
+    """An entry, or line 0: the configuration and the version of the format."""
+
     number: int = 0
     block: int = 0
     block_crc: str = ""
-    kind: str
-    written: str
-    clock_s: float
-    body: msgspec.Raw
+    kind: str = ""
+    written: str = ""
+    clock_s: float = 0.0
+    body: msgspec.Raw = _NOTHING
+    configuration: msgspec.Raw = _NOTHING
+    record: int = 0
+    """Version of the format, from 2 on."""
+    journal: int = 0
+    """Version of the format in files of version 1."""
 
 
 def first_line(configuration: Configuration) -> bytes:
@@ -92,15 +94,15 @@ def entry_line(entry: Entry) -> bytes:
         raise RecordError(
             f"entry {entry.number}: a frame of {len(block)} bytes, at most {MAX_FRAME_BYTES} are recorded"
         )
-    line = _Line(
-        number=entry.number,
-        block=len(block),
-        block_crc=f"{zlib.crc32(block):08x}",
-        kind=encoded.kind,
-        written=entry.written,
-        clock_s=require_finite(float(entry.clock_s), what="the rig's clock"),
-        body=msgspec.Raw(encoded.body),
-    )
+    line = {
+        "number": entry.number,
+        "block": len(block),
+        "block_crc": f"{zlib.crc32(block):08x}",
+        "kind": encoded.kind,
+        "written": entry.written,
+        "clock_s": require_finite(float(entry.clock_s), what="the rig's clock"),
+        "body": msgspec.Raw(encoded.body),
+    }
     return b"".join((_with_crc(line), block, b"\n" if block else b""))
 
 
@@ -134,15 +136,12 @@ class EntryReader:
         found = self._next_line_1() if self.version == 1 else self._next_line()
         if found is None:
             return None
-        rest, frame = found
+        line, frame = found
         number = self._number
         try:
-            line = msgspec.json.decode(b"{" + rest, type=_Line)
             event = decode(line.kind, bytes(line.body), frame or None, confirmation=self._confirmation)
         except RecordError as problem:
             raise RecordError(f"{self.path}: entry {number} is {problem}") from problem
-        except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
-            raise RecordError(f"{self.path}: entry {number} cannot be read: {problem}; it is foreign") from problem
         if self.version > 1 and line.number != number:
             raise RecordError(f"{self._here} is missing, entry {line.number} follows; the journal is damaged")
         if isinstance(event, Measured) and event.role == "confirmation":
@@ -168,13 +167,13 @@ class EntryReader:
             raise UnfinishedError(
                 f"{self.path}: it ends in its first line: its run was never begun; begin a new search"
             )
+        first, _ = found
+        if max(first.record, first.journal) > VERSION:
+            raise RecordError(
+                f"{self.path}: it was written by a newer markerseek: the journal has version {first.record}, this one "
+                f"reads up to {VERSION}; install a newer one"
+            )
         try:
-            first = msgspec.json.decode(b"{" + found[0], type=_First)
-            if max(first.record, first.journal) > VERSION:
-                raise RecordError(
-                    f"{self.path}: it was written by a newer markerseek: the journal has version {first.record}, this "
-                    f"one reads up to {VERSION}; install a newer one"
-                )
             configuration = msgspec.json.decode(_with_flat_tolerance(first.configuration), type=Configuration)
         except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
             # Its checksum agrees, so it is not damaged.
@@ -185,8 +184,8 @@ class EntryReader:
         self._number = 1
         return configuration
 
-    def _next_line(self) -> tuple[bytes, bytes] | None:
-        """Rest of the next line and its frame, once both agree with their checksums; None if they are missing."""
+    def _next_line(self) -> tuple[_Line, bytes] | None:
+        """The next line and its frame, once both agree with their checksums; None if they are missing."""
         line = b""
         while b"\n" not in line[-_PIECE_BYTES:]:
             piece = os.pread(self.descriptor, _PIECE_BYTES, self.end + len(line))
@@ -198,29 +197,31 @@ class EntryReader:
                     raise RecordError(f"{self._here}: its last byte is not a line feed; it is damaged")
                 return None
         line = line[: line.index(b"\n") + 1]
-        rest = line[_PREFIX_BYTES:]
         if not self._agrees(line):
             self._require_changed(line, "its line does not agree with its checksum")
             return None
-        try:
-            block = msgspec.json.decode(b"{" + rest, type=_Block)
-        except (msgspec.MsgspecError, RecursionError) as problem:
-            raise RecordError(f"{self._here} cannot be read: {problem}; it is foreign") from problem
-        if not 0 <= block.block <= MAX_FRAME_BYTES:
-            raise RecordError(f"{self._here} has a frame of {block.block} bytes; it is foreign")
-        size = block.block + (block.block > 0)
+        found = self._decoded(line[_PREFIX_BYTES:])
+        if not 0 <= found.block <= MAX_FRAME_BYTES:
+            raise RecordError(f"{self._here} has a frame of {found.block} bytes; it is foreign")
+        size = found.block + (found.block > 0)
         data = os.pread(self.descriptor, size, self.end + len(line))
         whole = len(data) == size and (not size or data[-1:] == b"\n")
-        if size and not (whole and f"{zlib.crc32(data[:-1]):08x}" == block.block_crc):
+        if size and not (whole and f"{zlib.crc32(data[:-1]):08x}" == found.block_crc):
             # A loss of power can leave the end of the last entry missing, or zero.
             if len(data) < size or (data[-1:] == b"\0" and self._is_last(self.end + len(line) + size)):
                 return None
             self._require_changed(line, "its frame does not agree with its checksum")
             return None
         self.end += len(line) + size
-        return rest, data[:-1]
+        return found, data[:-1]
 
-    def _next_line_1(self) -> tuple[bytes, bytes] | None:
+    def _decoded(self, rest: bytes) -> _Line:
+        try:
+            return msgspec.json.decode(b"{" + rest, type=_Line)
+        except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
+            raise RecordError(f"{self._here} cannot be read: {problem}; it is foreign") from problem
+
+    def _next_line_1(self) -> tuple[_Line, bytes] | None:
         """`_next_line` of a file of version 1."""
         prefix = os.pread(self.descriptor, _PREFIX_1_BYTES, self.end)
         if len(prefix) < _PREFIX_1_BYTES:
@@ -236,7 +237,7 @@ class EntryReader:
         if zlib.crc32(data[: rest_bytes + frame_bytes], check) != own or data[-1:] != b"\n":
             raise RecordError(f"{self._here}: it does not agree with its checksum; it is damaged")
         self.end += _PREFIX_1_BYTES + size
-        return data[:rest_bytes], data[rest_bytes : rest_bytes + frame_bytes]
+        return self._decoded(data[:rest_bytes]), data[rest_bytes : rest_bytes + frame_bytes]
 
     @staticmethod
     def _agrees(line: bytes) -> bool:
@@ -254,8 +255,3 @@ class EntryReader:
     @property
     def _here(self) -> str:
         return f"{self.path}: " + ("the configuration" if self._number == 0 else f"entry {self._number}")
-
-
-class _Block(msgspec.Struct, frozen=True):
-    block: int = 0
-    block_crc: str = ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
@@ -24,18 +23,12 @@ from markerseek.records.journal.lines import VERSION, EntryReader, entry_line, f
 from markerseek.records.journal.reader import RecordedRun
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Tail:
-    """Last entry of the file, and the bytes up to its end."""
-
-    entry: Entry | None
-    end: int
-
-
 class Journal:
     """The journal of one run, open for writing; made by `create` or `reopen`."""
 
-    def __init__(self, path: Path, configuration: Configuration, descriptor: int, tail: _Tail, *, kept: bool) -> None:
+    def __init__(
+        self, path: Path, configuration: Configuration, descriptor: int, last: Entry | None, *, end: int, kept: bool
+    ) -> None:
         self.path = path
         self.configuration = configuration
         self.kept = kept
@@ -43,7 +36,7 @@ class Journal:
         to the disk."""
         self._descriptor = descriptor
         self._open = True
-        self._tail = tail
+        self._last, self._end = last, end
         self._lost = False
 
     @classmethod
@@ -66,7 +59,7 @@ class Journal:
                 lock(descriptor)
                 _write(descriptor, line, at=0)
             undo.pop_all()
-        return cls(path, configuration, descriptor, _Tail(entry=None, end=len(line)), kept=kept)
+        return cls(path, configuration, descriptor, None, end=len(line), kept=kept)
 
     @classmethod
     def reopen(cls, path: Path) -> tuple[Self, RecordedRun]:
@@ -89,10 +82,10 @@ class Journal:
             while (entry := reader.next()) is not None:
                 entries.append(entry)
             os.ftruncate(descriptor, reader.end)
-            tail = _Tail(entry=entries[-1] if entries else None, end=reader.end)
             undo.pop_all()
         recorded = RecordedRun(path=path, configuration=reader.configuration, entries=tuple(entries))
-        return cls(path, reader.configuration, descriptor, tail, kept=True), recorded
+        last = entries[-1] if entries else None
+        return cls(path, reader.configuration, descriptor, last, end=reader.end, kept=True), recorded
 
     def commit(self, event: JournalEvent, *, clock_s: float) -> Entry:
         """Write an event to disk; once this returns, it survives the death of the process.
@@ -101,9 +94,9 @@ class Journal:
         changed.
         """
         self._require_present()
-        before = self._tail
+        before, end = self._last, self._end
         entry = Entry(
-            number=1 if before.entry is None else before.entry.number + 1,
+            number=1 if before is None else before.number + 1,
             written=datetime.now(UTC).isoformat(),
             clock_s=clock_s,
             event=event,
@@ -111,16 +104,16 @@ class Journal:
         data = entry_line(entry)
         with as_record_error(self.path, verb="written"):
             try:
-                self._tail = _Tail(entry=entry, end=before.end + len(data))
-                _write(self._descriptor, data, at=before.end)
+                self._last, self._end = entry, end + len(data)
+                _write(self._descriptor, data, at=end)
                 if self.kept:
                     flush(self._descriptor)
             except BaseException as problem:
                 with contextlib.suppress(OSError):
                     # A signal can arrive when all of it is written: then it stays.
-                    if isinstance(problem, OSError) or os.fstat(self._descriptor).st_size < self._tail.end:
-                        self._tail = before
-                        os.ftruncate(self._descriptor, before.end)
+                    if isinstance(problem, OSError) or os.fstat(self._descriptor).st_size < self._end:
+                        self._last, self._end = before, end
+                        os.ftruncate(self._descriptor, end)
                 raise
         return entry
 
@@ -128,15 +121,11 @@ class Journal:
         """Raise a `RecordError` if the file was changed or deleted."""
         with as_record_error(self.path, verb="written"):
             status = os.fstat(self._descriptor)
-        self._lost = status.st_size != self._tail.end or (status.st_nlink == 0 and self.kept)
-        if status.st_size != self._tail.end:
-            raise RecordError(
-                f"{self.path}: another program changed it while the run was written: it has {status.st_size} bytes, "
-                f"{self._tail.end} were written; 'markerseek journal show' prints as much of it as is whole"
-            )
+        self._lost = status.st_size != self._end or (status.st_nlink == 0 and self.kept)
         if self._lost:
             raise RecordError(
-                f"{self.path}: it was removed or replaced while the run was written; what it held is gone"
+                f"{self.path}: it was changed, removed or replaced while the run was written; 'markerseek journal "
+                "show' prints as much of it as is whole"
             )
 
     def interrupt(self, reason: str) -> None:
@@ -145,7 +134,7 @@ class Journal:
         Raises `RecordError` if it cannot be written.
         """
         if not isinstance(self.last, Finished | Failed | Interrupted | None):
-            clock_s = 0.0 if self._tail.entry is None else self._tail.entry.clock_s
+            clock_s = 0.0 if self._last is None else self._last.clock_s
             self.commit(Interrupted(reason=reason), clock_s=clock_s)
 
     def fail(self, error: Exception, *, clock_s: float) -> None:
@@ -156,7 +145,7 @@ class Journal:
     @property
     def last(self) -> JournalEvent | None:
         """What was committed last; None before the first."""
-        return None if self._tail.entry is None else self._tail.entry.event
+        return None if self._last is None else self._last.event
 
     def close(self) -> None:
         """Release the file; allowed twice.
