@@ -12,7 +12,6 @@ import typer
 from rich.markup import escape
 
 from markerseek import rigs, runs
-from markerseek.cli.bank_scan import BModeNote
 from markerseek.cli.options import (
     AngleField,
     AngleTransform,
@@ -138,10 +137,8 @@ def import_bank(
         whole_bank(to, angles=count, dark_frames=bank.dark_frames, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,
     ):
-        b_mode = BModeNote()
         for sample in runs.bank_samples(bank, probe=probe):
             writer.add(sample)
-            b_mode.meet(sample)
             # Dark frames are not angles, so that samples are not counted.
             progress.update(progress.task_ids[0], completed=writer.taken)
     content = "frames of channel data" if frames else "intensities"

@@ -16,29 +16,13 @@ from markerseek.cli.options import Arm, AsJson, RigFile, Trust
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
-from markerseek.core import ChannelFrame, MarkerseekError, Measured, RFFrame, Sample, SearchPlan, SimulationOptions
+from markerseek.core import MarkerseekError, Measured, SearchPlan, SimulationOptions
 
 EXAMPLES = """
     markerseek bank scan scan.hdf5 --seed 1
     markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25
     markerseek bank scan --continue scan.hdf5 --seed 1
 """
-
-
-class BModeNote:
-    """Says once that a bank keeps no B-mode images."""
-
-    def __init__(self) -> None:
-        self._said = False
-
-    def meet(self, sample: Sample) -> None:
-        """Say it with the first frame that has one."""
-        if not self._said and isinstance(sample.frame, ChannelFrame | RFFrame) and sample.frame.b_mode is not None:
-            self._said = True
-            stderr.print(
-                "[yellow]the B-mode images are left out: a bank in IPASC HDF5 has no place for them, the journal of a "
-                "search keeps them[/]"
-            )
 
 
 def command(
@@ -90,11 +74,9 @@ def command(
                 progress_bar(angles, what="scanning") as progress,
                 closing(scan),
             ):
-                b_mode = BModeNote()
                 for event in scan:
                     seen = event
                     if isinstance(event, Measured):
-                        b_mode.meet(event.sample)
                         # The counts of a frame have half a megabyte.
                         seen = replace(event, sample=replace(event.sample, frame=None))
                         taken = event.index if event.role == "search" else taken

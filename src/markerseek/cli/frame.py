@@ -28,7 +28,6 @@ from markerseek.core import (
     LinearArray,
     PaImage,
     RecordError,
-    RFFrame,
     ScanGeometry,
     counted,
 )
@@ -175,7 +174,7 @@ def _figure(findings: signals.FrameFindings, picture: PaImage, *, under: BModeIm
 
 def _read(
     file: Path, probe: str | None, *, number: int, spare: bool
-) -> tuple[signals.AnyImageReader, ChannelFrame | RFFrame]:
+) -> tuple[signals.ImageReader | signals.SpareReader, ChannelFrame]:
     """One frame of a file, counted from 1, and its reader."""
     from markerseek.records.banks import HDF5_SUFFIXES, MAT_PROBE, FrameBank, load_frame, read_bank
 
@@ -195,7 +194,7 @@ def _read(
     return signals.ImageReader(preset), load_frame(file, sampling_hz=preset.sampling_hz, blanked=preset.pickup_samples)
 
 
-def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[signals.SpareReader, RFFrame]:
+def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[signals.SpareReader, ChannelFrame]:
     """One frame of an ``.rf`` file, counted from 1, and the reader of its lines.
 
     Its header gives the sampling frequency, and how many lines cover the probe, whose length and band are the preset's.
@@ -212,7 +211,7 @@ def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[
         of_lines = replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
     except ConfigError as problem:
         raise RecordError(f"{path}: the lines in its header do not fit probe {preset.name}: {problem}") from problem
-    frame = RFFrame(header=NO_HEADER, samples=file.rf(number - 1), sampling_hz=of_lines.sampling_hz)
+    frame = ChannelFrame(header=NO_HEADER, samples=file.rf(number - 1), sampling_hz=of_lines.sampling_hz)
     return signals.SpareReader(of_lines), frame
 
 

@@ -50,7 +50,7 @@ from markerseek.core.events import (
     Swept,
     Turning,
 )
-from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
+from markerseek.core.frame import NO_HEADER, ChannelFrame, Frame, FrameHeader, ReadingFrame
 from markerseek.core.image import BModeImage, LinearArray, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerCandidate, MarkerPosition, marker_candidates, marker_position
@@ -127,7 +127,6 @@ __all__ = [
     "Arrival",
     "Asked",
     "AtBound",
-    "BModeFrame",
     "BModeImage",
     "Bool",
     "ByHand",
@@ -176,7 +175,6 @@ __all__ = [
     "Policy",
     "PriorEvidence",
     "Pulse",
-    "RFFrame",
     "Reader",
     "Reading",
     "ReadingError",

@@ -7,11 +7,10 @@ from .picks import common_wave
 from .pickup import pickup_amplitude
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
-from .spare import AnyImageReader, SpareReader
+from .spare import SpareReader
 
 __all__ = [
     "PRESET_NAMES",
-    "AnyImageReader",
     "FrameFindings",
     "ImageReader",
     "IntensityReader",

@@ -103,42 +103,24 @@ def beamform_at(
     return image
 
 
-def image_rows(
-    preset: ProbePreset, *, samples: int, low_m: float, high_m: float, margin: int
-) -> tuple[Float64[np.ndarray, " depth"], slice]:
+def image_rows(preset: ProbePreset, *, samples: int, margin: int) -> tuple[Float64[np.ndarray, " depth"], slice]:
     """Depths of an image of records of that length, with ``margin`` more rows at either end; and the rows that count.
 
-    ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records. ``low_m``,
-    ``high_m``: wanted depths; infinity for all that the record holds. ``margin``: rows that the envelope needs beyond
-    those that count; fewer where the record ends.
+    ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records. ``margin``: rows
+    that the envelope needs beyond those that count; fewer where the record ends.
     """
     metres = preset.sound_speed_m_s / preset.sampling_hz
     origin = preset.trigger_offset_s * preset.sampling_hz
     step = preset.depth_step_m
-    first, last = max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres
-    near, far = max(low_m, first), min(high_m, last)
+    near, far = max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres
     if not far - near >= 3 * step:
         raise ConfigError(
-            f"depths {range_in_mm(low_m, high_m)}: the record of {samples} samples holds "
-            f"{range_in_mm(first, last)}; change the depth range"
+            f"the record of {samples} samples ends at a depth of {1e3 * far:.4g} mm, and the image would begin at "
+            f"{1e3 * near:.4g} mm; check trigger_offset_s and pickup_samples of the probe"
         )
     above = min(margin, math.floor((near - step / 2) / step))
-    below = min(margin, max(0, math.floor((last - far) / step)))
     count = math.floor((far - near) / step) + 1
-    return near + step * np.arange(-above, count + below), slice(above, above + count)
-
-
-def depth_range_m(least_m: float | None, most_m: float | None) -> tuple[float, float]:
-    """Least and largest depth of an image as numbers, None as no limit; `ConfigError` if they make no range."""
-    low_m, high_m = least_m or 0.0, math.inf if most_m is None else most_m
-    if not 0 <= low_m < high_m:
-        raise ConfigError(f"depths {range_in_mm(low_m, high_m)}: the least must be 0 or more, and below the largest")
-    return low_m, high_m
-
-
-def range_in_mm(low_m: float, high_m: float) -> str:
-    """A range of depths in millimetres, as users give it."""
-    return f"from {1e3 * low_m:.4g} mm" + ("" if math.isinf(high_m) else f" to {1e3 * high_m:.4g} mm")
+    return near + step * np.arange(-above, count), slice(above, above + count)
 
 
 def delay_table(

@@ -27,13 +27,16 @@ MIN_CHANNELS = 24
 """Channels that the test for coherence uses at least: fewer could not rule out chance, however well they agree."""
 
 FALSE_PER_FRAME = 1e-3
-"""Probability that a source is found in a frame of noise, unless another is given."""
+"""Probability that a source is found in a frame of noise."""
 
 MAX_TESTED = 64
 """Peaks of one frame that are tested for coherence, highest first."""
 
-_FRAMES = 100
-"""Frames that share one false alarm of the test for coherence."""
+COHERENT_LEVEL = math.log(MAX_TESTED * 100 / FALSE_PER_FRAME)
+"""Coherent energy (see `coherent_energies`) that none of the tested peaks exceeds by chance, ln(tests/p).
+
+Noise is independent from frame to frame, but other interference repeats with every pulse: the false alarms that are
+accepted for one frame of noise are shared here by the 100 frames of a search."""
 
 DEAD_SHARE = 0.02
 """A channel is dead when its filtered signal is below this share of the median channel's."""
@@ -71,18 +74,9 @@ def noise_floor(profile: Float64[np.ndarray, " blocks"]) -> float:
     return float(np.median(profile))
 
 
-def found_level(cells: int, *, false_found: float) -> float:
+def found_level(cells: int, *, false_found: float = FALSE_PER_FRAME) -> float:
     """Peak over noise floor that noise alone exceeds with the given probability, sqrt(2 ln(M/p))."""
     return math.sqrt(2 * math.log(cells / false_found))
-
-
-def coherent_level(*, false_found: float) -> float:
-    """Coherent energy (see `coherent_energies`) that none of the tested peaks exceeds by chance, ln(tests/p).
-
-    Noise is independent from frame to frame, but other interference repeats with every pulse: the false alarms that
-    are accepted for one frame of noise are shared here by all frames of a search.
-    """
-    return math.log(MAX_TESTED * _FRAMES / false_found)
 
 
 def coherent_energies(

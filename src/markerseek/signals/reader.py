@@ -22,10 +22,9 @@ from markerseek.core import (
     Frame,
     PaImage,
     Reading,
-    require_range,
 )
 from markerseek.signals import features
-from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, depth_range_m, image_grid, image_rows
+from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid, image_rows
 from markerseek.signals.blocks import BlockGrid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
@@ -72,24 +71,10 @@ class _Peak:
 
 
 class ImageReader:
-    """Reads channel frames of one probe.
+    """Reads channel frames of one probe."""
 
-    ``min_depth_m``, ``max_depth_m``: least and largest depth of the image; None: all that the record holds after the
-    pick-up. ``false_found``: accepted probability that a source is found in a frame of noise.
-    """
-
-    def __init__(
-        self,
-        preset: ProbePreset,
-        *,
-        min_depth_m: float | None = None,
-        max_depth_m: float | None = None,
-        false_found: float = features.FALSE_PER_FRAME,
-    ) -> None:
-        self._low_m, self._high_m = depth_range_m(min_depth_m, max_depth_m)
-        require_range("image reader: false_found", false_found, low=0, high=1, open_low=True)
+    def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
-        self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._layouts: dict[int, _Layout] = {}
 
@@ -213,15 +198,13 @@ class ImageReader:
     def _layout(self, samples: int) -> _Layout:
         if samples not in self._layouts:
             preset = self.preset
-            depth, rows = image_rows(
-                preset, samples=samples, low_m=self._low_m, high_m=self._high_m, margin=ENVELOPE_MARGIN
-            )
+            depth, rows = image_rows(preset, samples=samples, margin=ENVELOPE_MARGIN)
             grid = image_grid(preset, samples=samples, depth_m=depth)
             inside = depth[rows]
             self._layouts[samples] = _Layout(
                 grid=grid,
                 rows=rows,
-                cells=envelope_cells(preset, depth_m=inside, false_found=self._false_found),
+                cells=envelope_cells(preset, depth_m=inside),
                 cell_pixels=cell_pixels(preset),
                 blocks=BlockGrid(preset, lateral_m=grid.lateral_m, depth_m=inside),
             )
@@ -254,8 +237,7 @@ class ImageReader:
         """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
         preset = self.preset
         window = chain.envelope[chain.layout.rows]
-        level = features.found_level(chain.layout.cells, false_found=self._false_found)
-        coherent = features.coherent_level(false_found=self._false_found)
+        level, coherent = features.found_level(chain.layout.cells), features.COHERENT_LEVEL
         speed, centre = preset.sound_speed_m_s, (preset.low_hz + preset.high_hz) / 2
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
@@ -293,7 +275,7 @@ class ImageReader:
         return energy.tolist(), used.tolist()
 
     def _reason(self, chain: _Chain, peak: Arrival, *, found: bool) -> str:
-        level = features.found_level(chain.layout.cells, false_found=self._false_found)
+        level = features.found_level(chain.layout.cells)
         ratio = peak.intensity / chain.sigma if chain.sigma > 0 else math.inf
         if found:
             return (

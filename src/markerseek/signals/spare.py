@@ -3,20 +3,17 @@
 The machine delays its channels for pulse and echo, and a photoacoustic wave travels one way only: in the machine's data
 a point at (xs, zs) is smeared over neighbouring lines. Its wave and the machine's delays touch at one element of each
 line, and the sum along these contacts focuses it again (H. K. Zhang et al., Biomed. Opt. Express 7, 3056 (2016)). With
-dx = x − xs, c·t the path in the line at x, τ the laser's trigger offset, and the sum over x:
-
-- dynamic receive focus, c·t = 2·c·τ + z' + dx²/z', z' = zs − c·τ;                                              (1)
-- receive focus fixed at zF, c·t = c·τ + zF + sign(zs − zF)·sqrt(dx² + (zs − zF)²).                               (2)
+dx = x − xs, c·t the path in the line at x, τ the laser's trigger offset, and a dynamic receive focus, the sum runs over
+x at c·t = 2·c·τ + z' + dx²/z', z' = zs − c·τ.
 
 The machine's aperture of zb/F at depth zb receives rays up to the angle a, tan a = 1/(2F), so that lines contribute as
-far as |dx| = z'·tan(a/2) in (1) and |zs − zF|·tan(a) in (2). Near a fixed focus only one line does.
+far as |dx| = z'·tan(a/2).
 """
 
 from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
 
@@ -24,13 +21,10 @@ from markerseek.core import (
     AcquisitionError,
     Arrival,
     Bool,
+    ChannelFrame,
     Float32,
     Float64,
-    Frame,
     PaImage,
-    Reading,
-    RFFrame,
-    require_range,
 )
 from markerseek.signals import features
 from markerseek.signals._kernel import PAD
@@ -38,7 +32,6 @@ from markerseek.signals.beamform import (
     ImageGrid,
     beamform,
     delay_table,
-    depth_range_m,
     image_rows,
     path_delay,
 )
@@ -47,74 +40,37 @@ from markerseek.signals.filtering import band_pass, band_pass_taps
 from markerseek.signals.findings import FrameFindings
 from markerseek.signals.peaks import refine_peak
 from markerseek.signals.presets import ProbePreset
-from markerseek.signals.reader import ImageReader
 
 FULL_SCALE = 32767
 """Largest count of an RF line."""
 
 
 class SpareReader:
-    """Reads the RF frames of one ultrasound machine; what it returns is one reconstruction step away from channel data.
+    """Finds a source in the lines of one ultrasound machine, a line in the place of a channel.
 
     ``preset``: the probe as the machine images it: ``array`` holds its lines, ``f_number`` is that of its receive
-    aperture. ``receive_focus_m``: depth of a fixed receive focus; None: the machine focuses dynamically.
-    ``min_depth_m``, ``max_depth_m``: least and largest depth of the image; None: all that the record holds after the
-    pick-up. ``false_found``: accepted probability that a source is found in a frame of noise.
+    aperture. The machine focuses dynamically.
     """
 
-    def __init__(
-        self,
-        preset: ProbePreset,
-        *,
-        receive_focus_m: float | None = None,
-        min_depth_m: float | None = None,
-        max_depth_m: float | None = None,
-        false_found: float = features.FALSE_PER_FRAME,
-    ) -> None:
-        if receive_focus_m is not None:
-            require_range("SPARE: receive_focus_m", receive_focus_m, low=1e-3, high=1.0, unit="m")
-        self._low_m, self._high_m = depth_range_m(min_depth_m, max_depth_m)
-        require_range("SPARE: false_found", false_found, low=0, high=1, open_low=True)
+    method = "SPARE, from post-beamformed RF, dynamic receive focus"
+    """The reconstruction in words, for results."""
+
+    def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
-        self.receive_focus_m = receive_focus_m
-        self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._grids: dict[int, tuple[ImageGrid, slice]] = {}
 
-    @property
-    def method(self) -> str:
-        """The reconstruction in words, for results."""
-        focus = "dynamic receive focus"
-        if self.receive_focus_m is not None:
-            focus = f"receive focus fixed at {1e3 * self.receive_focus_m:g} mm"
-        return f"SPARE, from post-beamformed RF, {focus}"
-
-    def read(self, frame: Frame) -> Reading:
-        """Features of the frame at the largest envelope in its image; coherence and energy in time stay unknown.
-
-        Raises `AcquisitionError` if the frame is not one of this machine: kind, number of lines, sampling frequency or
-        length.
-        """
-        findings = self.findings(frame)
-        peak = findings.strongest
-        return Reading(
-            intensity=peak.intensity,
-            lateral_m=peak.lateral_m,
-            depth_m=peak.depth_m,
-            arrival_s=peak.arrival_s,
-            noise_sigma=findings.noise_sigma,
-            cells=findings.cells,
-            saturated_fraction=len(findings.saturated_channels) / self.preset.array.elements,
-            dead_channels=findings.dead_channels,
-        )
-
-    def picture(self, frame: Frame) -> PaImage:
+    def picture(self, frame: ChannelFrame) -> PaImage:
         """Envelope image of the frame."""
         _, image, grid, rows = self._image(frame)
         return PaImage(envelope=image[rows], lateral_m=grid.lateral_m, depth_m=grid.depth_m[rows])
 
-    def findings(self, frame: Frame) -> FrameFindings:
-        """Whether there is a source, and where; lines stand for channels, and the coherence is unknown."""
+    def findings(self, frame: ChannelFrame) -> FrameFindings:
+        """Whether there is a source, and where; lines stand for channels, and the coherence is unknown.
+
+        Raises `AcquisitionError` if the frame is not one of this machine: number of lines, sampling frequency or
+        length.
+        """
         signals, image, grid, rows = self._image(frame)
         window = image[rows]
         profile = features.noise_profile(window)
@@ -127,7 +83,7 @@ class SpareReader:
         )
         # Neighbouring lines share channels: the number of pixels is above that of independent cells, which is unknown.
         cells = window.size
-        level = features.found_level(cells, false_found=self._false_found)
+        level = features.found_level(cells)
         found = intensity > level * local
         ratio = intensity / local if local > 0 else math.inf
         reason = (
@@ -152,7 +108,7 @@ class SpareReader:
         )
 
     def _image(
-        self, frame: Frame
+        self, frame: ChannelFrame
     ) -> tuple[Float32[np.ndarray, "samples columns"], Float32[np.ndarray, "depth lateral"], ImageGrid, slice]:
         """Filtered lines, envelope, its grid, and the rows that count."""
         samples = self._admitted(frame).samples
@@ -160,9 +116,7 @@ class SpareReader:
         signals = band_pass(samples, self._taps, blanked=self.preset.pickup_samples)
         return signals, envelope(beamform(signals, grid)), grid, rows
 
-    def _admitted(self, frame: Frame) -> RFFrame:
-        if not isinstance(frame, RFFrame):
-            raise AcquisitionError(f"SPARE: a {type(frame).__name__} was handed over, and it reads RF frames only")
+    def _admitted(self, frame: ChannelFrame) -> ChannelFrame:
         preset = self.preset
         lines, samples = frame.samples.shape
         if lines != preset.array.elements:
@@ -182,9 +136,7 @@ class SpareReader:
     def _grid(self, samples: int) -> tuple[ImageGrid, slice]:
         if samples not in self._grids:
             preset = self.preset
-            depth, rows = image_rows(
-                preset, samples=samples, low_m=self._low_m, high_m=self._high_m, margin=ENVELOPE_MARGIN
-            )
+            depth, rows = image_rows(preset, samples=samples, margin=ENVELOPE_MARGIN)
             table = delay_table(
                 preset.array,
                 place=lambda offset_m: self._place(offset_m, depth),
@@ -198,24 +150,17 @@ class SpareReader:
     def _place(
         self, offset_m: Float64[np.ndarray, " ..."], depth_m: Float64[np.ndarray, " ..."]
     ) -> Float64[np.ndarray, " ..."]:
-        """Sample of the line at this distance that belongs to a source at this depth, (1) or (2)."""
+        """Sample of the line at this distance that belongs to a source at this depth."""
         per_metre, origin = path_delay(self.preset)
         laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s
-        if self.receive_focus_m is None:
-            beyond = np.maximum(depth_m - laser_m, 1e-9)
-            return np.asarray((beyond + offset_m**2 / beyond) * per_metre + 2 * origin)
-        behind = depth_m - self.receive_focus_m
-        side = np.where(behind >= 0, 1.0, -1.0)
-        return np.asarray((self.receive_focus_m + side * np.hypot(offset_m, behind)) * per_metre + origin)
+        beyond = np.maximum(depth_m - laser_m, 1e-9)
+        return np.asarray((beyond + offset_m**2 / beyond) * per_metre + 2 * origin)
 
     def _half_aperture_m(self, depth_m: Float64[np.ndarray, " depth"]) -> Float64[np.ndarray, " depth"]:
         """Farthest line that contributes, at least half a line away."""
         steepest = math.atan(1 / (2 * self.preset.f_number)) if self.preset.f_number > 0 else math.pi / 2
-        if self.receive_focus_m is None:
-            laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s
-            half = (depth_m - laser_m) * math.tan(steepest / 2)
-        else:
-            half = np.abs(depth_m - self.receive_focus_m) * math.tan(steepest)
+        laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s
+        half = (depth_m - laser_m) * math.tan(steepest / 2)
         # Wider by 1e-9, so that rounding does not decide about a line on the edge.
         return np.maximum(half, 0.5 * self.preset.array.pitch_m) * (1 + 1e-9)
 
@@ -226,7 +171,7 @@ class SpareReader:
         lateral_m: Float64[np.ndarray, " lateral"],
         depth_m: Float64[np.ndarray, " depth"],
     ) -> Float32[np.ndarray, "depth lateral"]:
-        """The sum of (1) or (2) on any columns, for the surroundings of one peak: plain NumPy is fast enough."""
+        """The sum on any columns, for the surroundings of one peak: plain NumPy is fast enough."""
         half = self._half_aperture_m(depth_m)[:, None]
         total = np.zeros((len(depth_m), len(lateral_m)))
         used = np.zeros_like(total)
@@ -241,7 +186,7 @@ class SpareReader:
             used += inside
         return (total / np.sqrt(np.maximum(used, 1))).astype(np.float32)
 
-    def _saturated_lines(self, frame: Frame, *, lateral_m: float, depth_m: float) -> tuple[int, ...]:
+    def _saturated_lines(self, frame: ChannelFrame, *, lateral_m: float, depth_m: float) -> tuple[int, ...]:
         """Lines that touch full scale where a point's sound is in them."""
         offset = np.abs(self.preset.array.lateral_m - lateral_m)
         middle = np.rint(self._place(offset, np.array(depth_m))).astype(np.int64)
@@ -249,7 +194,3 @@ class SpareReader:
         inside = (middle >= 0) & (middle < samples.shape[1])
         used = np.flatnonzero((offset <= self._half_aperture_m(np.array([depth_m]))) & inside)
         return features.at_full_scale(samples, self.preset, rows=used, middle=middle[used], full_scale=FULL_SCALE)
-
-
-AnyImageReader: TypeAlias = ImageReader | SpareReader
-"""The imaging chain of a rig: of channel data, or of RF lines."""

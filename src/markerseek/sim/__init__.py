@@ -10,7 +10,6 @@ from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
 from markerseek.sim.hand import HandMotion, SimulatedHand
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
-from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.settings import (
     STREAMING,
@@ -45,7 +44,6 @@ __all__ = [
     "MarkerSettings",
     "NoiseSettings",
     "PowerCurve",
-    "RFWorld",
     "ReceiverSettings",
     "RecordedCurve",
     "SechCurve",
@@ -66,7 +64,6 @@ __all__ = [
     "endoscope",
     "hashable_values",
     "phases",
-    "post_beamformed",
     "spot_images",
     "tissue_named",
     "vary_last_flash",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.acoustics import Absorber, AcousticModel, RectanglePulse
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError, FrameHeader, RFFrame
+from markerseek.core import AcquisitionError, ChannelFrame, FrameHeader
 from markerseek.signals import ImageReader, SpareReader, probe_preset
 from markerseek.signals.beamform import beamform_at
 from markerseek.signals.envelope import envelope
@@ -28,7 +28,7 @@ def channels_of(depth_m, lateral_m, *, trigger_offset_s=0.0):
     return 20_000 / np.abs(data).max() * data
 
 
-def machine(channels, *, receive_focus_m=None, line_m=PRESET.array.lateral_m):
+def machine(channels, *, line_m=PRESET.array.lateral_m):
     rf = post_beamformed(
         channels,
         element_m=PRESET.array.lateral_m,
@@ -36,13 +36,12 @@ def machine(channels, *, receive_focus_m=None, line_m=PRESET.array.lateral_m):
         sampling_hz=PRESET.sampling_hz,
         sound_speed_m_s=PRESET.sound_speed_m_s,
         f_number=PRESET.f_number,
-        receive_focus_m=receive_focus_m,
     )
     return rf_frame(32_000 / np.abs(rf).max() * rf)
 
 
 def rf_frame(rf):
-    return RFFrame(header=HEADER, samples=np.rint(rf).astype(np.int16), sampling_hz=PRESET.sampling_hz)
+    return ChannelFrame(header=HEADER, samples=np.rint(rf).astype(np.int16), sampling_hz=PRESET.sampling_hz)
 
 
 def fwhm(position, values):
@@ -63,17 +62,16 @@ def width(image_at, reading):
 
 
 @pytest.mark.parametrize("trigger_offset_s", [0.0, 0.5e-6])
-@pytest.mark.parametrize("receive_focus_m", [None, 30e-3], ids=["dynamic", "fixed"])
 @pytest.mark.parametrize(("depth_m", "lateral_m"), [(20e-3, 0.0), (50e-3, -11e-3), (65e-3, 0.2e-3)])
-def test_position_and_width_are_those_of_delay_and_sum(depth_m, lateral_m, receive_focus_m, trigger_offset_s):
+def test_position_and_width_are_those_of_delay_and_sum(depth_m, lateral_m, trigger_offset_s):
     preset = replace(PRESET, trigger_offset_s=trigger_offset_s)
     channels = channels_of(depth_m, lateral_m, trigger_offset_s=trigger_offset_s)
     das = ImageReader(preset)
     held = ChannelFrame(header=HEADER, samples=np.rint(channels).astype(np.int16), sampling_hz=preset.sampling_hz)
     expected = das.read(held)
-    spare = SpareReader(preset, receive_focus_m=receive_focus_m)
-    frame = machine(channels, receive_focus_m=receive_focus_m)
-    found = spare.read(frame)
+    spare = SpareReader(preset)
+    frame = machine(channels)
+    found = spare.findings(frame).strongest
     assert abs(found.lateral_m - expected.lateral_m) <= 0.05e-3
     assert abs(found.depth_m - expected.depth_m) <= 0.05e-3
     assert abs(found.depth_m - depth_m) <= 0.05e-3
@@ -95,7 +93,7 @@ def test_before_it_the_source_is_smeared_and_at_half_its_depth():
 def test_lines_may_be_denser_than_elements():
     line_m = 0.2e-3 * (np.arange(200) - 99.5)
     preset = replace(PRESET, array=replace(PRESET.array, elements=200, pitch_m=0.2e-3))
-    found = SpareReader(preset).read(machine(channels_of(45e-3, 3e-3), line_m=line_m))
+    found = SpareReader(preset).findings(machine(channels_of(45e-3, 3e-3), line_m=line_m)).strongest
     assert abs(found.lateral_m - 3e-3) < 0.05e-3
     assert abs(found.depth_m - 45e-3) < 0.05e-3
 
@@ -111,8 +109,8 @@ def test_noise_alone_is_no_source():
 
 
 def test_the_image_on_any_columns_is_that_of_the_table():
-    reader = SpareReader(PRESET, receive_focus_m=30e-3)
-    frame = machine(channels_of(40e-3, 2e-3), receive_focus_m=30e-3)
+    reader = SpareReader(PRESET)
+    frame = machine(channels_of(40e-3, 2e-3))
     signals, _, grid, _ = reader._image(frame)
     from markerseek.signals.beamform import beamform
 
@@ -132,12 +130,11 @@ def zeros():
     return ChannelFrame(header=HEADER, samples=np.zeros((128, 2080), np.int16), sampling_hz=PRESET.sampling_hz)
 
 
-@pytest.mark.parametrize("receive_focus_m", [None, 30e-3], ids=["dynamic", "fixed"])
-def test_a_pick_up_at_full_scale_saturates_no_line(receive_focus_m):
-    """It is blanked; a line in front of a fixed focus may have no sample for the source at all."""
+def test_a_pick_up_at_full_scale_saturates_no_line():
+    """It is blanked."""
     rf = np.zeros((128, 2080))
     rf[:, :100] = 32_767
-    reader = SpareReader(replace(PRESET, f_number=0.5), receive_focus_m=receive_focus_m)
+    reader = SpareReader(replace(PRESET, f_number=0.5))
     assert reader._saturated_lines(rf_frame(rf), lateral_m=0.0, depth_m=6e-3) == ()
     rf[60:64] = 32_767
     assert set(reader._saturated_lines(rf_frame(rf), lateral_m=0.0, depth_m=6e-3)) == {60, 61, 62, 63}
@@ -146,14 +143,9 @@ def test_a_pick_up_at_full_scale_saturates_no_line(receive_focus_m):
 def test_what_is_not_of_this_machine_is_refused():
     reader = SpareReader(PRESET)
     samples = np.zeros((128, 2080), np.int16)
-    with pytest.raises(AcquisitionError, match="a ChannelFrame was handed over, and it reads RF frames only"):
-        reader.read(ChannelFrame(header=HEADER, samples=samples, sampling_hz=40e6))
     with pytest.raises(AcquisitionError, match="a frame of 64 lines, 128 are expected"):
-        reader.read(RFFrame(header=HEADER, samples=samples[:64], sampling_hz=40e6))
+        reader.findings(ChannelFrame(header=HEADER, samples=samples[:64], sampling_hz=40e6))
     with pytest.raises(AcquisitionError, match="sampled at 2e"):
-        reader.read(RFFrame(header=HEADER, samples=samples, sampling_hz=20e6))
+        reader.findings(ChannelFrame(header=HEADER, samples=samples, sampling_hz=20e6))
     with pytest.raises(AcquisitionError, match="a frame of 200 samples"):
-        reader.read(RFFrame(header=HEADER, samples=samples[:, :200], sampling_hz=40e6))
-    for focus in (0.0, float("nan"), -0.03):
-        with pytest.raises(ConfigError, match="SPARE: receive_focus_m"):
-            SpareReader(PRESET, receive_focus_m=focus)
+        reader.findings(ChannelFrame(header=HEADER, samples=samples[:, :200], sampling_hz=40e6))

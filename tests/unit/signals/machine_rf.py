@@ -13,12 +13,11 @@ def post_beamformed(
     sampling_hz: float,
     sound_speed_m_s: float,
     f_number: float,
-    receive_focus_m: float | None = None,
 ) -> np.ndarray:
     """Lines (lines, samples): the machine believes that it transmitted at sample 0, straight down each line.
 
-    Dynamic focus: at time t the line listens to depth zb = c·t/2, and the echo from there reaches an element u beside
-    the line at (zb + sqrt(zb² + u²))/c. Fixed focus: one delay for each element, (sqrt(zF² + u²) − zF)/c.
+    Its focus is dynamic: at time t the line listens to depth zb = c·t/2, and the echo from there reaches an element u
+    beside the line at (zb + sqrt(zb² + u²))/c.
     """
     count = channels.shape[1]
     sample = np.arange(count)
@@ -26,14 +25,9 @@ def post_beamformed(
     for line, x in enumerate(line_m):
         for element, position in enumerate(element_m):
             u = position - x
-            if receive_focus_m is None:
-                zb = sound_speed_m_s * (sample / sampling_hz) / 2
-                place = (zb + np.sqrt(zb**2 + u**2)) / sound_speed_m_s * sampling_hz
-                listens = 2 * f_number * abs(u) <= zb
-            else:
-                delay = (np.sqrt(receive_focus_m**2 + u**2) - receive_focus_m) / sound_speed_m_s
-                place = sample + delay * sampling_hz
-                listens = np.full(count, 2 * f_number * abs(u) <= receive_focus_m)
+            zb = sound_speed_m_s * (sample / sampling_hz) / 2
+            place = (zb + np.sqrt(zb**2 + u**2)) / sound_speed_m_s * sampling_hz
+            listens = 2 * f_number * abs(u) <= zb
             heard = np.interp(place, sample, channels[element], right=0.0)
             rf[line] += np.where(listens, heard, 0.0)
     return rf

@@ -140,10 +140,9 @@ class RunPanels:
         picture = run.picture(view) if run else None
         elsewhere = picture is not None and not is_image_of(picture, view)
         if self._has_changed("image", run, picture, view.floor_level, elsewhere):
-            imaged, simulated = view.facts.probe is not None, view.facts.kind == "simulated"
-            background = asdict(picture.b_mode) if picture and picture.b_mode else {}
-            self._image.show(background=background, view=image_model(picture, floor=view.floor_level, imaged=imaged))
-            title, note = image_texts(picture, elsewhere=elsewhere, simulated=simulated)
+            imaged = view.facts.probe is not None
+            self._image.show(view=image_model(picture, floor=view.floor_level, imaged=imaged))
+            title, note = image_texts(picture, elsewhere=elsewhere)
             self._image_title.set_text(title)
             self._image_title.classes(replace="ms-title" if picture is None else "ms-image-title")
             self._image_title.classes(add="ms-elsewhere" if elsewhere else "")

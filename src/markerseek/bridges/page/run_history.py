@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from markerseek.bridges.page.image_bytes import Picture, picture_of
-from markerseek.core import NO_HEADER, ChannelFrame, Measured, ReadingFrame, RFFrame, Sample
+from markerseek.core import NO_HEADER, ChannelFrame, Measured, ReadingFrame, Sample
 from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
 from markerseek.runs import RunView, rebuild_image_reader
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
@@ -67,7 +67,7 @@ class RunHistory:
         on_change()
         if self._imaging is None or sample is None or sample.dark:
             return
-        if isinstance(sample.frame, ChannelFrame | RFFrame):
+        if isinstance(sample.frame, ChannelFrame):
             self.pictures[self.last.number] = picture_of(sample, self._imaging)
             on_change()
 
