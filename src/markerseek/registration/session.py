@@ -31,7 +31,7 @@ from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
 from markerseek.registration.poses import Place, Poses, Prediction, Reach
 from markerseek.registration.record import SessionRecord
-from markerseek.registration.report import registered_pairs
+from markerseek.registration.report import registered_pairs, require_target, triple
 from markerseek.registration.room import Room
 from markerseek.registration.spots import SPOT_PAIRS, SpotFinder
 from markerseek.registration.steps import (
@@ -96,9 +96,10 @@ class SessionPlan:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.goal_m) and 1e-5 <= self.goal_m <= 0.02):
-            raise ConfigError(f"the goal is {1e3 * self.goal_m:g} mm, it must lie between 0.01 and 20 mm")
+            raise ConfigError(f"--tre-mm is {1e3 * self.goal_m:g}, it must lie between 0.01 and 20 mm")
         if self.markers is not None and not 3 <= self.markers <= MOST_MARKERS:
-            raise ConfigError(f"markers is {self.markers}, it must lie between 3 and {MOST_MARKERS}")
+            raise ConfigError(f"--markers is {self.markers}, it must lie between 3 and {MOST_MARKERS}")
+        require_target(self.target_trus_m)
 
 
 class RegistrationSession:
@@ -173,6 +174,11 @@ class RegistrationSession:
         """Whether there is a registration, and the first marker has not moved since."""
         return self.last is not None and self.last.decided and not self._moved
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Markers that do not fit the others."""
+        return () if self.last is None else self.last.left_out
+
     def _recorded(self, step: _Recorded) -> _Recorded:
         if self._record is not None:
             self._record.add(step)
@@ -196,12 +202,11 @@ class RegistrationSession:
             return None
         prediction = self._prediction(seen)
         journal = None if self._record is None else self._record.journal_path(name)
-        x, y, z = seen.camera_m.tolist()
         yield self._recorded(
             SpotSeen(
                 name=name,
                 spot=looked.spot,
-                camera_m=(x, y, z),
+                camera_m=triple(seen.camera_m),
                 prediction=prediction,
                 journal=None if journal is None else journal.name,
             )
@@ -368,7 +373,7 @@ class RegistrationSession:
         place = Place(
             left_px=first.spot.left_px,
             right_px=first.spot.right_px,
-            camera_m=(first.camera_m[0], first.camera_m[1], first.camera_m[2]),
+            camera_m=triple(np.array(first.camera_m)),
             tre_m=None,
         )
         waiting = Waiting(

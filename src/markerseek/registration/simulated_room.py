@@ -11,7 +11,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64
 from markerseek.geometry import RigidTransform
-from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
+from markerseek.registration.report import RegistrationReport, davinci_to_probe_home, triple
 from markerseek.registration.session import reach_of
 from markerseek.registration.shared_errors import (
     FOCAL_LENGTH,
@@ -27,6 +27,7 @@ from markerseek.sim import (
     SimulatedSettings,
     camera_above,
     endoscope,
+    on_tissue_m,
 )
 
 RELIEF_M = 5e-3
@@ -124,7 +125,7 @@ class SimulatedRoom:
             left=cameras.left,
             right=cameras.right,
             rotation_vector=(0.0, 0.0, 0.0),
-            translation_m=_triple(cameras.left_to_right.translation_m),
+            translation_m=triple(cameras.left_to_right.translation_m),
             calibration_sigma_px=settings.camera.calibration_sigma_px,
         )
         """The calibration of the cameras."""
@@ -217,20 +218,13 @@ class SimulatedRoom:
             # Somewhere in the middle of what the probe can reach.
             across_m = self._tissue_m * math.sin(math.radians(reach.angles.width_deg / 4))
             return self._at(self._rng.uniform(-across_m, across_m), self._rng.uniform(-0.5, 0.5) * reach.lateral_m)
-        # The line of sight meets the tissue at its mean height.
-        origin_m, towards = self.true.translation_m, self.true.rotation @ np.array(waiting.place.camera_m)
-        point_m = origin_m + towards * (self._tissue_m - origin_m[2]) / towards[2]
+        point_m = on_tissue_m(self.true, np.array(waiting.place.camera_m), height_m=self._tissue_m)
         missed_m = MISSED_M * self._rng.standard_normal(2)
         return self._at(point_m[0] + missed_m[0], point_m[1] + missed_m[1])
 
     def _at(self, x_m: float, y_m: float) -> Float64[np.ndarray, " 3"]:
         """A point of the tissue, whose height is uneven."""
         return np.array([x_m, y_m, self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)])
-
-
-def _triple(values: Float64[np.ndarray, " 3"]) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:

@@ -4,7 +4,7 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 """
 
 from markerseek.sim.bmode import BModeSettings, BModeWorld
-from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, spot_images
+from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, on_tissue_m, spot_images
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
@@ -63,6 +63,7 @@ __all__ = [
     "camera_above",
     "endoscope",
     "hashable_values",
+    "on_tissue_m",
     "phases",
     "spot_images",
     "tissue_named",

@@ -49,6 +49,14 @@ def camera_above(
     )
 
 
+def on_tissue_m(
+    camera_to_trus: RigidTransform, direction: Float64[np.ndarray, " 3"], *, height_m: float
+) -> Float64[np.ndarray, " 3"]:
+    """Where a line of sight meets level tissue at this z of the TRUS frame; ``direction`` in the camera's frame."""
+    origin_m, towards = camera_to_trus.translation_m, camera_to_trus.rotation @ direction
+    return np.asarray(origin_m + towards * (height_m - origin_m[2]) / towards[2])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndoscopeSettings:
     """Errors of the simulated cameras, and the look of their images."""
