@@ -110,7 +110,7 @@ def _whole_hdf5() -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.hdf5"
         facts = BankFacts(description="simulated", sampling_hz=40e6, pitch_m=0.43e-3, sound_speed_m_s=1540.0)
-        with whole_bank(path, angles=3, dark_frames=1, facts=facts) as writer:
+        with whole_bank(path, facts=facts) as writer:
             writer.add(Sample(angle_deg=0.0, reading=Reading(intensity=0.0), dark=True, frame=frame))
             for angle_deg in _ANGLES:
                 writer.add(Sample(angle_deg=float(angle_deg), reading=Reading(intensity=1.0), frame=frame))

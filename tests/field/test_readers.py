@@ -15,7 +15,7 @@ import pytest
 from scipy.io import savemat
 from scipy.signal import hilbert
 
-from markerseek.records.banks import FrameBank, Layout, read_bank
+from markerseek.records.banks import FrameBank, TableFormat, read_bank
 from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 from tests.unit.records.vantage_workspaces import write_workspace
 
@@ -254,7 +254,7 @@ def test_equal_axes_ask(shell: Shell, tmp_path: Path, frames: np.ndarray, angles
     np.savez(path, frames=square, angle_deg=angles_deg, sampling_hz=SAMPLING_HZ)
     said = refused(shell, path)
     assert "axes of equal length do not show which is which" in said
-    assert "--axes angles,channels,samples or channels,angles,samples (of 'markerseek bank import')" in said
+    assert "--axes angles,channels,samples or channels,angles,samples" in said
     np.testing.assert_array_equal(first_frame(path, "angles,channels,samples"), square[0])
     np.testing.assert_array_equal(first_frame(path, "channels,angles,samples"), square[:, 0])
 
@@ -273,7 +273,7 @@ def test_a_short_record_is_not_called_transposed(
 
 def first_frame(path: Path, axes: str) -> np.ndarray:
     """The first frame of arrays with their axes in a stated order."""
-    bank = read_bank(path, layout=Layout(axes=tuple(axes.split(","))))
+    bank = read_bank(path, table=TableFormat(axes=tuple(axes.split(","))))
     assert isinstance(bank, FrameBank)
     return np.asarray(bank.frame(0).samples)
 
@@ -289,7 +289,7 @@ def test_the_lens_of_a_vantage_delays_the_sound(shell: Shell, tmp_path: Path, fr
         path = tmp_path / f"{name}.mat"
         connector = tuple(range(1, frames.shape[1] + 1))
         write_workspace(path, frames, connector=connector, spacing_mm=0.43, last_saved=True, change=change)
-        bank = read_bank(path, layout=Layout(first_and_step_deg=(7.0, 1.0)))
+        bank = read_bank(path, table=TableFormat(first_and_step_deg=(7.0, 1.0)))
         assert isinstance(bank, FrameBank)
         found.append(bank.frame(6).samples)
     np.testing.assert_array_equal(found[1], found[0][:, 40:])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.records.banks import IntensityBank, Layout, TableFormat
+from markerseek.records.banks import IntensityBank, TableFormat
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from tests.unit.records.vantage_workspaces import write_workspace
 
@@ -39,7 +39,7 @@ def require_true_angles(bank: ArrayBank, places: list[int]) -> None:
 
 
 def read(path: Path, **options: int) -> ArrayBank:
-    bank = read_arrays(path, layout=Layout(first_and_step_deg=(FIRST_DEG, STEP_DEG), **options))
+    bank = read_arrays(path, table=TableFormat(first_and_step_deg=(FIRST_DEG, STEP_DEG), **options))
     assert isinstance(bank, ArrayBank)
     return bank
 
@@ -76,7 +76,7 @@ def test_a1_the_axes_of_a_workspace_are_not_exchanged(tmp_path: Path) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES)
     with pytest.raises(ConfigError, match="leave --axes out"):
         read_arrays(
-            path, layout=Layout(first_and_step_deg=(FIRST_DEG, STEP_DEG), axes=("channels", "angles", "samples"))
+            path, table=TableFormat(first_and_step_deg=(FIRST_DEG, STEP_DEG), axes=("channels", "angles", "samples"))
         )
 
 

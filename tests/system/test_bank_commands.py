@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 from contextlib import closing
@@ -75,15 +75,13 @@ def test_a_frame_that_has_changed_is_found_by_every_command_and_nothing_is_left_
     ):
         code, out, err = shell(*words)
         assert (code, out, err.count("error:")) == (2, "", 1)
-        assert "deg has changed since it was written, its checksum differs" in " ".join(err.split())
+        assert re.search(
+            "no frame at .* deg that can be read: .*; it has changed since it was written",
+            " ".join(err.split()),
+        )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["damaged.hdf5"]
-    code, out, _ = shell("bank", "verify", damaged, "--json")
-    report = json.loads(out)
-    assert (code, report["ok"], report["frames"], report["checksums"], len(report["faults"])) == (1, False, 18, True, 2)
-    code, out, _ = shell("bank", "verify", scan)
-    assert (code, "18 of 18 frames are as they were written" in out) == (0, True)
     (tmp_path / "damaged.hdf5").write_bytes(scan.read_bytes()[:9999])
-    code, _, err = shell("bank", "verify", damaged)
+    code, _, err = shell("bank", "info", damaged)
     assert (code, err.count("error:")) == (2, 1)
 
 
@@ -195,20 +193,6 @@ main()
 """
 
 
-def b8(path):
-    path.write_bytes(struct.pack("<19i", 4, 2, 3, 2, 8, *[0] * 8, 2, 5, 0, 30, 128, 0) + bytes(range(12)))
-    return path
-
-
-def test_an_ultrasonix_file_is_described_and_drawn(shell, tmp_path):
-    code, out, _ = shell("frame", b8(tmp_path / "a.b8"), "--number", 2, "--json", "--plot", "--out", tmp_path)
-    report = json.loads(out)
-    assert (code, report["content"], report["frames"], report["largest"]) == (0, "b-mode", 2, 11)
-    assert (tmp_path / "a.png").exists()
-    code, out, _ = shell("frame", tmp_path / "a.b8")
-    assert (code, "no channel data" in out) == (0, True)
-
-
 def test_frames_of_the_public_data_set_are_imaged_by_their_own_probe(shell, tmp_path):
     usual = Path(__file__).parents[2] / "../shared/data/pa-point-source"
     frames = sorted(Path(os.environ.get("MARKERSEEK_REAL_FRAMES", usual)).glob("waterbath*.mat"))[:3]
@@ -253,9 +237,7 @@ WRONG = [
     (("bank", "import", "good.csv", "b.hdf5", "--sampling-mhz", 4e7), "at most 1000; check the unit"),
     (("bank", "export", "good.csv", "b.igs.mha"), "intensities and no frames"),
     (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", -1), "--face-radius-mm is -1"),
-    (("frame", "a.b8", "--number", 3), "there is no frame 3, it holds 2"),
-    (("frame", "a.b8", "--probe", "L3-8"), "--probe: a.b8 holds no channel data; leave it out"),
-    (("frame", "a.b32"), "a.b32: it is a .b32 (type 8), which is not read; export .b8"),
+    (("frame", "a.b8"), "B-mode images (.b8) are for 'markerseek tooltip'"),
     (("frame", "good.csv"), "a scan of many angles, not one frame"),
     (("frame", "frames.npy", "--number", 2), "--number: frames.npy holds one frame; leave it out"),
     (("replay", "good.csv", "--probe", "X1"), "probe 'X1' is not known"),
@@ -268,8 +250,7 @@ def test_wrong_usage_is_a_sentence_and_exit_2(shell, tmp_path, monkeypatch, word
     Path("a.csv").write_text("angle_deg,amplitude\n1,2\n")
     Path("good.csv").write_text("angle_deg,intensity\n1,2\n2,3\n3,1\n")
     Path("broken.hdf5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    b8(Path("a.b8"))
-    Path("a.b32").write_bytes(b"\x08" + Path("a.b8").read_bytes()[1:])
+    Path("a.b8").write_bytes(bytes(100))
     np.save("frames.npy", np.zeros((4, 2, 3000), np.int16))
     code, _, err = shell(*words)
     assert code == 2

@@ -41,7 +41,7 @@ def test_a_recording_of_radio_frequency_is_replayed(shell, recording):
 
 def test_a_recording_is_imported_with_the_angles_and_times_that_are_named(shell, recording, tmp_path):
     for number, (words, shift) in enumerate(
-        {(): 0, ("--angle-field", "encoder_deg"): -3, ("--angle-transform", "ProbeToStepperHome"): 0}.items()
+        {(): 0, ("--angle-field", "encoder_deg"): -3, ("--angle-field", "ProbeToStepperHome"): 0}.items()
     ):
         to = tmp_path / f"{number}.hdf5"
         code, _, err = shell("bank", "import", recording, to, *words)
@@ -54,7 +54,6 @@ def test_a_recording_is_imported_with_the_angles_and_times_that_are_named(shell,
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--angle-field", "encoder_deg", "--angle-transform", "ProbeToStepperHome"), "give one of them"),
         (("--angle-field", "none"), "no frame has none; its fields are"),
         (("--angle-field", "Timestamp"), "Timestamp counts time or frames, and is no angle"),
         (("--columns", "a,b"), "it is no CSV"),
@@ -92,10 +91,15 @@ def test_a_tip_is_found_at_the_angles_of_the_recording(shell, tmp_path):
     assert (said["pixel_mm"], said["pixel_size"]) == ([0.15, 0.1], "from the files")
     assert said["images"][0]["angle_deg"] == -6
     assert said["images"][0]["image"].endswith("Seq_Frame0000")
+    # Of many images the strongest are printed.
+    _, out, _ = shell("tooltip", b_mode(tmp_path))
+    printed = out.count("Seq_Frame")
+    assert 0 < printed <= 15
+    assert f"{printed} of 21 images, those with the strongest tips" in out
     code, out, _ = shell("tooltip", b_mode(tmp_path), "--json", "--first-deg", 0, "--step-deg", 1, "--pixel-mm", 0.1)
     assert (code, json.loads(out)["reference_deg"]) == (0, pytest.approx(10, abs=1))
     code, _, err = shell("tooltip", b_mode(tmp_path), "--step-deg", 1, "--angle-field", "ProbeRotation")
-    assert (code, "leave --angles and --step-deg out" in " ".join(err.split())) == (2, True)
+    assert (code, "without --angles and --step-deg" in " ".join(err.split())) == (2, True)
 
 
 @pytest.mark.filterwarnings("always:.*repeat an angle")

@@ -1,4 +1,4 @@
-"""``markerseek frame FILE.rf --spare`` on a file as an Ultrasonix machine writes it, from a simulated scene."""
+"""``markerseek frame FILE.rf`` on a file as an Ultrasonix machine writes it, from a simulated scene."""
 
 from __future__ import annotations
 
@@ -40,28 +40,26 @@ def rf_file(tmp_path_factory):
 
 
 def test_a_source_is_found_and_the_result_says_how(shell, rf_file, tmp_path):
-    code, out, _ = shell("frame", rf_file, "--spare", "--number", 2, "--json", "--plot", "--out", tmp_path)
+    code, out, _ = shell("frame", rf_file, "--number", 2, "--json", "--plot", "--out", tmp_path)
     report = json.loads(out)
     assert (code, report["found"], report["coherence"]) == (0, True, None)
     assert report["method"] == "SPARE, from post-beamformed RF, dynamic receive focus"
     assert abs(report["lateral_m"] - 4e-3) < 0.05e-3
     assert abs(report["depth_m"] - 48e-3) < 0.05e-3
     assert (tmp_path / "pa.png").exists()
-    assert "SPARE" in shell("frame", rf_file, "--spare", "--number", 2)[1]
+    assert "SPARE" in shell("frame", rf_file, "--number", 2)[1]
 
 
-def test_noise_is_no_source_and_without_spare_nothing_is_looked_for(shell, rf_file):
-    assert shell("frame", rf_file, "--spare")[0] == 3
-    code, out, _ = shell("frame", rf_file)
-    assert (code, "--spare looks for one" in out) == (0, True)
+def test_noise_is_no_source(shell, rf_file):
+    assert shell("frame", rf_file)[0] == 3
 
 
-def test_other_files_and_odd_headers_are_refused(shell, rf_file, tmp_path):
-    code, _, err = shell("frame", tmp_path / "a.npy", "--spare")
-    assert (code, "is no .rf" in err) == (2, True)
+def test_odd_headers_are_refused(shell, rf_file, tmp_path):
+    code, _, err = shell("frame", rf_file, "--number", 3)
+    assert (code, "there is no frame 3, it holds 2" in " ".join(err.split())) == (2, True)
     slow = tmp_path / "slow.rf"
     body = bytearray(rf_file.read_bytes())
     body[60:64] = struct.pack("<i", 40)
     slow.write_bytes(body)
-    code, _, err = shell("frame", slow, "--spare")
+    code, _, err = shell("frame", slow)
     assert (code, "do not fit probe BPL9-5/55" in err) == (2, True), err

@@ -1,4 +1,4 @@
-"""``markerseek bank``: banks (scans of many angles): the group, and its commands ``info`` and ``verify``."""
+"""``markerseek bank``: banks (scans of many angles): the group, and its command ``info``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from markerseek.cli import bank_files, bank_scan
 from markerseek.cli.help import add_command
 from markerseek.cli.options import AsJson, Out, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
-from markerseek.cli.terminal import announce_compilation, one_line, progress_bar
+from markerseek.cli.terminal import announce_compilation
 from markerseek.core import SearchPlan
 from markerseek.records import Answer
 
@@ -174,41 +174,6 @@ def _title(path: Path, bank: IntensityBank | FrameBank) -> str:
     return f"{path.name}{': ' if known else ''}{known}"
 
 
-DAMAGED = 1
-"""Exit code if anything is wrong."""
-
-
-def verify(
-    bank: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.")],
-    as_json: AsJson = False,
-) -> None:
-    """Read every frame of a bank and compare it with its checksum; exit code 1 if anything is wrong."""
-    from markerseek.records.banks import FrameBank, IpascBank, frame_faults, read_bank
-
-    held = read_bank(bank)
-    frames = len(held.angles_deg) + held.dark_frames if isinstance(held, FrameBank) else 0
-    faults: list[str] = []
-    with progress_bar(frames, what="reading") as progress:
-        for fault in frame_faults(held):
-            if fault is not None:
-                faults.append(fault)
-            progress.advance(progress.task_ids[0])
-    checksums = isinstance(held, IpascBank) and held.checked
-    sound = f"{frames - len(faults)} of {frames} frames"
-    if not frames:
-        found = f"{len(held.angles_deg)} angles with intensities can be read; there are no frames"
-    elif checksums:
-        found = f"{sound} are as they were written"
-    else:
-        found = f"{sound} can be read; the bank has no checksums, so a change would not show"
-    report = Report(
-        values=with_version(ok=not faults, frames=frames, checksums=checksums, faults=faults),
-        shown=[*(f"[red]wrong:[/] {one_line(fault)}" for fault in faults), found],
-        exit_code=DAMAGED if faults else 0,
-    )
-    Output(as_json=as_json).show(report)
-
-
 app = typer.Typer(
     name="bank",
     help="Make, look at and convert banks: scans of many angles.",
@@ -218,7 +183,6 @@ app = typer.Typer(
 _COMMANDS = (
     ("scan", bank_scan.command, bank_scan.EXAMPLES),
     ("info", info, _INFO_EXAMPLES),
-    ("verify", verify, "markerseek bank verify scan.hdf5"),
     ("import", bank_files.import_bank, bank_files.IMPORT_EXAMPLES),
     ("export", bank_files.export_bank, bank_files.EXPORT_EXAMPLES),
 )

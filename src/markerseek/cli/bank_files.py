@@ -13,13 +13,10 @@ from rich.markup import escape
 
 from markerseek import rigs, runs
 from markerseek.cli.options import (
-    AngleField,
-    AngleTransform,
     AsJson,
     ProbeName,
     TableOptions,
     require_frames,
-    require_sequence,
     with_values,
 )
 from markerseek.cli.report import Output, Report, with_version
@@ -28,7 +25,7 @@ from markerseek.core import ConfigError
 from markerseek.files import as_read_error
 
 if TYPE_CHECKING:
-    from markerseek.records.banks import FrameBank, IntensityBank, Layout, TableFormat
+    from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
 
 IMPORT_EXAMPLES = """
     markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5
@@ -51,30 +48,6 @@ def import_bank(
     to: Annotated[Path, typer.Argument(help="New file, .hdf5.", metavar="TO")],
     table: TableOptions,
     probe: ProbeName = None,
-    first_deg: Annotated[
-        float | None, typer.Option(help="Angle of the first frame, where the recording has no angles.")
-    ] = None,
-    step_deg: Annotated[float | None, typer.Option(help="Step from one of its angles to the next.")] = None,
-    angles: Annotated[
-        Path | None, typer.Option(help="Text file with the angle of each frame in degrees, one a line.")
-    ] = None,
-    first_frame: Annotated[
-        int | None,
-        typer.Option(
-            help="Frame of a Vantage's receive buffer that has the first angle.",
-            show_default="the one behind Resource.RcvBuffer.lastFrame",
-        ),
-    ] = None,
-    axes: Annotated[
-        str | None,
-        typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
-    ] = None,
-    without_channel: Annotated[
-        list[int] | None,
-        typer.Option(help="Channel that is left out, counted from 1; may be given several times."),
-    ] = None,
-    angle_field: AngleField = None,
-    angle_transform: AngleTransform = None,
     sampling_mhz: Annotated[
         float | None, typer.Option(help="Sampling frequency, where the recording does not hold it; usually 40.")
     ] = None,
@@ -87,7 +60,7 @@ def import_bank(
     as_json: AsJson = False,
 ) -> None:
     """Convert a recording into a bank, with the intensity of each frame."""
-    from markerseek.records.banks import FrameBank, Layout, angles_in, read_sequence
+    from markerseek.records.banks import FrameBank
     from markerseek.records.banks.ipasc import require_new_bank, whole_bank
 
     given: dict[str, Any] = {
@@ -99,23 +72,8 @@ def import_bank(
     }
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
-    if (first_deg is None) != (step_deg is None):
-        raise ConfigError("--first-deg and --step-deg go together; give both")
-    layout = Layout(
-        first_and_step_deg=None if first_deg is None or step_deg is None else (first_deg, step_deg),
-        angles_deg=None if angles is None else angles_in(angles),
-        axes=None if axes is None else tuple(each.strip() for each in axes.split(",")),
-        first_frame=first_frame,
-        without_channels=tuple(without_channel or ()),
-    )
     require_new_bank(to)
-    require_sequence(source, angle_field=angle_field, angle_transform=angle_transform)
-    if angle_field is not None or angle_transform is not None:
-        bank: IntensityBank | FrameBank = read_sequence(
-            source, angle_field=angle_field, angle_transform=angle_transform
-        )
-    else:
-        bank = _read(source, table.format(), layout, blanked=rigs.blanked_samples(probe))
+    bank = _read(source, table.format(), blanked=rigs.blanked_samples(probe))
     require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.
@@ -134,7 +92,7 @@ def import_bank(
     if frames and probe is None and bank.facts.probe is None:
         stderr.print(f"[yellow]the recording does not name its probe; {facts.probe} is assumed (--probe)[/]")
     with (
-        whole_bank(to, angles=count, dark_frames=bank.dark_frames, facts=facts) as writer,
+        whole_bank(to, facts=facts) as writer,
         progress_bar(count, what="importing") as progress,
     ):
         for sample in runs.bank_samples(bank, probe=probe):
@@ -149,16 +107,16 @@ def import_bank(
     Output(as_json=as_json).show(report)
 
 
-def _read(source: Path, table: TableFormat, layout: Layout, *, blanked: int) -> IntensityBank | FrameBank:
-    from markerseek.records.banks import DEFAULT_FORMAT, USUAL_LAYOUT, read_bank
+def _read(source: Path, table: TableFormat, *, blanked: int) -> IntensityBank | FrameBank:
+    from markerseek.records.banks import DEFAULT_FORMAT, read_bank
     from markerseek.records.journal import is_journal
 
-    if source.is_file() and (table, layout) == (DEFAULT_FORMAT, USUAL_LAYOUT):
+    if source.is_file() and table == DEFAULT_FORMAT:
         with as_read_error(source):
             journal = is_journal(source)
         if journal:
             return runs.journal_bank(source)
-    return read_bank(source, table, layout, blanked=blanked)
+    return read_bank(source, table, blanked=blanked)
 
 
 EXPORT_EXAMPLES = """

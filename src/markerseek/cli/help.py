@@ -25,7 +25,7 @@ PANELS = {
     "Session": ("--images", "--tre-mm", "--markers", "--again", "--record", "--wait-s"),
     "Points": ("--target-mm", "--without", "--calibration-sigma-px"),
     "Arrays and sequences": (
-        *("--axes", "--first-frame", "--without-channel", "--angle-field", "--angle-transform", "--sampling-mhz"),
+        *("--axes", "--first-frame", "--without-channel", "--angle-field", "--sampling-mhz"),
         "--face-radius-mm",
     ),
     "Images": ("--roi", "--pixel-mm"),

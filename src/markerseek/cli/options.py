@@ -141,35 +141,16 @@ AngleField: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Field of a sequence (.igs.mha, .nrrd) with the angle of each frame in degrees.",
-        show_default="ProbeRotation, trus_angle_deg or angle_deg",
+        help="Field of a sequence (.igs.mha, .nrrd) with the angle of each frame in degrees, or a transform that turns "
+        "with the probe.",
+        show_default="ProbeRotation, trus_angle_deg, angle_deg, or ProbeToProbeHome",
     ),
 ]
-AngleTransform: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Transform of a sequence that turns with the probe.",
-        show_default="without such a field ProbeToProbeHome, ProbeHomeToProbe or ProbeToStepperHome",
-    ),
-]
-
-
-def require_sequence(path: Path, *, angle_field: str | None, angle_transform: str | None) -> None:
-    """Refuse the options of a sequence's angles for another file, and both at once."""
-    from markerseek.records.banks import is_sequence
-
-    given = [f"--angle-field {angle_field}"] * (angle_field is not None)
-    given += [f"--angle-transform {angle_transform}"] * (angle_transform is not None)
-    if len(given) > 1:
-        raise ConfigError(f"{' and '.join(given)}: both name the angles; give one of them")
-    if given and not is_sequence(path):
-        raise ConfigError(f"{given[0]}: {path} is no sequence (.mha, .mhd, .nrrd, .nhdr); leave the option out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableOptions:
-    """Options of a table of angles and intensities; see `markerseek.records.banks.TableFormat`."""
+    """What a recording does not say itself; see `markerseek.records.banks.TableFormat`."""
 
     columns: Annotated[
         str | None,
@@ -192,10 +173,36 @@ class TableOptions:
     skip_invalid: Annotated[
         bool, typer.Option("--skip-invalid", help="Leave rows out that hold no number, such as NaN.")
     ] = False
+    first_deg: Annotated[
+        float | None, typer.Option(help="Angle of the first frame, where the recording has no angles.")
+    ] = None
+    step_deg: Annotated[float | None, typer.Option(help="Step from one of its angles to the next.")] = None
+    angles: Annotated[
+        Path | None, typer.Option(help="Text file with the angle of each frame in degrees, one a line.")
+    ] = None
+    axes: Annotated[
+        str | None,
+        typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
+    ] = None
+    first_frame: Annotated[
+        int | None,
+        typer.Option(
+            help="Frame of a Vantage's receive buffer that has the first angle.",
+            show_default="the one behind Resource.RcvBuffer.lastFrame",
+        ),
+    ] = None
+    without_channel: Annotated[
+        list[int] | None,
+        typer.Option(help="Channel that is left out, counted from 1; may be given several times."),
+    ] = None
+    angle_field: AngleField = None
 
     def format(self) -> TableFormat:
-        """The format; `ConfigError` if ``columns`` are not two names."""
-        from markerseek.records.banks import TableFormat
+        """The format; `ConfigError` if the options contradict one another."""
+        from markerseek.records.banks import TableFormat, angles_in
+
+        if (self.first_deg is None) != (self.step_deg is None):
+            raise ConfigError("--first-deg and --step-deg go together; give both")
 
         named = None
         if self.columns is not None:
@@ -205,7 +212,21 @@ class TableOptions:
                     f"--columns is {self.columns!r}, two names or numbers with a comma are needed: ANGLE,INTENSITY"
                 )
             named = (angle, intensity)
-        return TableFormat(columns=named, unit=self.unit, db=self.db, skip_invalid=self.skip_invalid)
+        first_and_step_deg = None
+        if self.first_deg is not None and self.step_deg is not None:
+            first_and_step_deg = (self.first_deg, self.step_deg)
+        return TableFormat(
+            columns=named,
+            unit=self.unit,
+            db=self.db,
+            skip_invalid=self.skip_invalid,
+            first_and_step_deg=first_and_step_deg,
+            angles_deg=None if self.angles is None else angles_in(self.angles),
+            axes=None if self.axes is None else tuple(each.strip() for each in self.axes.split(",")),
+            first_frame=self.first_frame,
+            without_channels=tuple(self.without_channel or ()),
+            angle_field=self.angle_field,
+        )
 
 
 def require_frames(bank: IntensityBank | FrameBank, path: Path, **given: object) -> None:

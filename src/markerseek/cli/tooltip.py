@@ -16,9 +16,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import vision
-from markerseek.cli.options import AngleField, AngleTransform, AsJson, Out, require_sequence
+from markerseek.cli.options import AngleField, AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
-from markerseek.core import ConfigError, RecordError, require_range
+from markerseek.core import ConfigError, RecordError, counted, require_range
 from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number
 
 if TYPE_CHECKING:
@@ -37,6 +37,9 @@ EXAMPLES = (
 
 _PIXEL_MM = 0.1
 """Size of a pixel where neither the files nor the user name one."""
+
+_ROWS = 15
+"""Most images that are printed: those with the strongest tips."""
 
 
 def command(
@@ -60,7 +63,6 @@ def command(
     ] = None,
     first_deg: Annotated[float | None, typer.Option(help="Angle of the first image.", show_default="0")] = None,
     angle_field: AngleField = None,
-    angle_transform: AngleTransform = None,
     roi: Annotated[
         str | None,
         typer.Option(help="Rectangle around the tip, in pixels: row,column,rows,columns."),
@@ -87,12 +89,11 @@ def command(
         require_range("--pixel-mm", pixel_mm, low=1e-3, high=10, unit="mm")
     if angles is not None and (step_deg, first_deg) != (None, None):
         raise ConfigError(f"--angles {angles} names each angle; leave --step-deg and --first-deg out")
-    require_sequence(images, angle_field=angle_field, angle_transform=angle_transform)
     pixel_m = None if pixel_mm is None else (pixel_mm / 1e3, pixel_mm / 1e3)
     if is_sequence(images) and (angles, step_deg, first_deg) == (None, None, None):
-        series = read_image_sequence(images, angle_field=angle_field, angle_transform=angle_transform, pixel_m=pixel_m)
-    elif angle_field is not None or angle_transform is not None:
-        raise ConfigError("--angle-field and --angle-transform name the angles; leave --angles and --step-deg out")
+        series = read_image_sequence(images, angle_field=angle_field, pixel_m=pixel_m)
+    elif angle_field is not None:
+        raise ConfigError("--angle-field is for a sequence (.mha, .nrrd) without --angles and --step-deg; leave it out")
     else:
         part = None if rectangle is None else (rectangle.row, rectangle.column, rectangle.rows, rectangle.columns)
         series = read_images(images, roi=part, pixel_m=pixel_m)
@@ -274,6 +275,10 @@ def _shown(
     yield f"{answer} in {escape(name)}: {escape(_reason(measured))}"
     height_mm, width_mm = (1e3 * size for size in size_m)
     yield f"[dim]pixel {height_mm:g} × {width_mm:g} mm, {source}[/]"
+    shown = measured.frames
+    if len(shown) > _ROWS:
+        seen = [(frame.tip.intensity, number) for number, frame in enumerate(shown) if frame.tip is not None]
+        shown = tuple(shown[number] for number in sorted(number for _, number in sorted(seen)[-_ROWS:]))
     rows = (
         {
             "angle [deg]": f"{frame.angle_deg:g}",
@@ -283,9 +288,13 @@ def _shown(
             "must exceed": "–" if tip is None else f"{tip.level:.0f}",
             "pixels": "–" if tip is None else str(tip.area_px),
         }
-        for frame, tip in ((frame, frame.tip) for frame in measured.frames)
+        for frame, tip in ((frame, frame.tip) for frame in shown)
     )
-    yield table(rows, left=("image", "tip"))
+    if shown:
+        yield table(rows, left=("image", "tip"))
+    if len(shown) < len(measured.frames):
+        those = f"{len(shown)} of {len(measured.frames)} images, those with the strongest tips"
+        yield f"[dim]{those if shown else counted(len(measured.frames), 'image')}; --json has all[/]"
     if measured.reference_deg is not None and any(frame.tip is None for frame in measured.frames):
         yield "[dim]not looked for: beyond the angle at which the tip had disappeared[/]"
 

@@ -5,6 +5,7 @@ An unknown key is an error that names the nearest known one: a misspelt limit mu
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime as dt
 import difflib
@@ -23,12 +24,6 @@ from markerseek.files.text import read_text
 _MAX_BYTES = MIB // 4
 """Largest settings file; the longest of the examples has 5 KB."""
 
-_MAX_COLUMNS = 4096
-"""Longest line of a settings file: Python's parser takes time with the square of the dots in a key."""
-
-_MAX_DEPTH = 16
-"""Deepest nesting of lists and tables; settings need 4."""
-
 
 def read_toml(path: Path, *, what: str) -> dict[str, object]:
     """Table of a TOML file.
@@ -37,37 +32,16 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
     """
     try:
         text = read_text(path, most_bytes=_MAX_BYTES, what=f"a {what}", cure="name one in TOML, in UTF-8")
-        text = text.replace("\r\n", "\n")
-        _require_short_lines(text)
-        table = tomllib.loads(text)
-        _require_plain(table)
+        return tomllib.loads(text.replace("\r\n", "\n"))
     except RecordError as problem:
         raise ConfigError(str(problem)) from problem
     except RecursionError as problem:
         raise ConfigError(f"{path}: the {what} nests lists or tables too deeply to be read") from problem
     except tomllib.TOMLDecodeError as problem:
         raise ConfigError(f"{path}: the {what} is not valid TOML: {problem}") from problem
-    # From the checks below, and from Python's int() for a number with too many digits.
+    # Of Python's int(), for a number with too many digits.
     except ValueError as problem:
         raise ConfigError(f"{path}: the {what} cannot be read: {problem}") from problem
-    return table
-
-
-def _require_short_lines(text: str) -> None:
-    longest = max(map(len, text.split("\n")))
-    if longest > _MAX_COLUMNS:
-        raise ValueError(f"a line has {longest} characters, at most {_MAX_COLUMNS} are read; break it into several")
-
-
-def _require_plain(value: object, *, depth: int = 0) -> None:
-    """Refuse deep nesting and huge integers, on which later checks and messages would fail."""
-    if depth > _MAX_DEPTH:
-        raise ValueError(f"lists or tables are nested more than {_MAX_DEPTH} deep")
-    if isinstance(value, dict | list):
-        for part in value.values() if isinstance(value, dict) else value:
-            _require_plain(part, depth=depth + 1)
-    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-        raise ValueError("a whole number has more than 64 bits")
 
 
 SettingsT = typing.TypeVar("SettingsT")
@@ -108,46 +82,22 @@ def setting_from(
     ``hint``: type of the setting. ``name``: dotted path of the key, for messages.
     """
     value = None if value == "none" else value
-    if typing.get_origin(hint) is typing.Literal:
-        if value not in typing.get_args(hint):
-            raise ConfigError(f"{name} is {value!r}, it must be one of: {', '.join(map(str, typing.get_args(hint)))}")
+    members = typing.get_args(hint) if _is_union(hint) else (hint,)
+    tables = tuple(each for each in members if _fields(each) is not None)
+    if tables and isinstance(value, tables):
         return value
-    if _is_union(hint):
-        return _one_of(value, typing.get_args(hint), name=name, choose=choose)
-    if _fields(hint) is not None:
-        return value if isinstance(value, hint) else settings_from(value, hint, name=name, choose=choose)
-    if isinstance(value, list) and typing.get_origin(hint) is tuple:
-        return _each(value, typing.get_args(hint), name=name, choose=choose)
-    try:
-        return msgspec.convert(value, hint)
-    except msgspec.ValidationError as problem:
-        raise ConfigError(f"{name} is {_kind_of(value)}, it must be {_in_words(hint)}") from problem
-
-
-def _one_of(value: object, hints: tuple[typing.Any, ...], *, name: str, choose: Choose) -> object:
-    """The value as one of several types: a table as settings, a list as a tuple, and None only where it is allowed."""
-    if value is None and types.NoneType in hints:
-        return None
-    fitting = [hint for hint in hints if _holds(hint, value)]
-    if not fitting:
-        raise ConfigError(f"{name} is {_kind_of(value)}, it must be {' or '.join(map(_in_words, hints))}")
-    # A whole number fits a float too, and would become one: the type that the value has comes first.
-    chosen = next((hint for hint in fitting if hint is type(value)), fitting[0])
-    return setting_from(value, chosen, name=name, choose=choose)
-
-
-def _holds(hint: typing.Any, value: object) -> bool:
-    if isinstance(value, Mapping):
-        return _fields(hint) is not None or typing.get_origin(hint) is dict
-    if isinstance(value, list):
-        return typing.get_origin(hint) in (tuple, list)
-    if typing.get_origin(hint) is typing.Literal:
-        return value in typing.get_args(hint)
-    try:
-        msgspec.convert(value, hint)
-    except (msgspec.ValidationError, TypeError):
-        return False
-    return True
+    if tables and isinstance(value, Mapping):
+        return settings_from(value, tables[0], name=name, choose=choose)
+    lists = [each for each in members if typing.get_origin(each) is tuple]
+    if lists and isinstance(value, list):
+        return _each(value, typing.get_args(lists[0]), name=name, choose=choose)
+    for each in sorted(members, key=lambda kind: kind is not type(value)):
+        # One by one, as a whole number fits a float too: the type that the value has comes first.
+        with contextlib.suppress(msgspec.ValidationError, TypeError):
+            return msgspec.convert(value, each)
+    literal = any(typing.get_origin(each) is typing.Literal for each in members)
+    found = repr(value) if literal and isinstance(value, str) else _kind_of(value)
+    raise ConfigError(f"{name} is {found}, it must be {_in_words(hint)}")
 
 
 def _each(value: list[object], hints: tuple[typing.Any, ...], *, name: str, choose: Choose) -> tuple[object, ...]:
@@ -203,7 +153,7 @@ def _in_words(hint: typing.Any) -> str:
     if _is_union(hint):
         return " or ".join(map(_in_words, typing.get_args(hint)))
     if typing.get_origin(hint) is typing.Literal:
-        return "one of " + ", ".join(map(repr, typing.get_args(hint)))
+        return f"one of: {', '.join(map(str, typing.get_args(hint)))}"
     return "a table" if _fields(hint) is not None else _KINDS.get(typing.get_origin(hint) or hint, "something else")
 
 

@@ -10,7 +10,7 @@ from markerseek.pictures.files import (
     save_figure,
     write_page,
 )
-from markerseek.pictures.images import b_mode_figure, frame_figure, overlay_figure, rf_figure
+from markerseek.pictures.images import frame_figure
 from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import Curve, pictured_sample, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, shared_legend
@@ -21,19 +21,16 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "ComparedSearch",
     "Curve",
-    "b_mode_figure",
     "bank_figure",
     "comparison_figure",
     "frame_figure",
     "new_figure",
     "new_picture",
-    "overlay_figure",
     "panel_grid",
     "pictured_sample",
     "png_data_uri",
     "registration_figure",
     "require_room_for_pictures",
-    "rf_figure",
     "save_figure",
     "search_figure",
     "shared_legend",

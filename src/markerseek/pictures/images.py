@@ -1,4 +1,4 @@
-"""Figures of images: photoacoustic frames, alone or over B-mode, B-mode images, and radio-frequency lines.
+"""Figures of images: photoacoustic frames, alone or over B-mode.
 
 A photoacoustic image is oriented like B-mode: lateral across, depth downwards.
 """
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from markerseek.core import BModeImage, Float32, Int16, PaImage, UInt8
+from markerseek.core import BModeImage, Float32, PaImage
 from markerseek.pictures.style import ACCENT, new_figure
 
 if TYPE_CHECKING:
@@ -122,47 +122,3 @@ def _figure_of(edges_mm: tuple[float, float, float, float], *, title: str) -> Fi
         heading=title,
         fontsize=9.0,
     )
-
-
-def overlay_figure(b_mode: BModeImage, image: PaImage, *, marks_m: Sequence[tuple[float, float]], title: str) -> Figure:
-    """Figure with both images in millimetres of the array.
-
-    ``marks_m``: lateral position and depth of each source.
-    """
-    figure = _figure_of(b_mode.geometry.edges_mm(*b_mode.pixels.shape), title=title)
-    axes = figure.add_subplot()
-    draw_overlay(axes, b_mode, image)
-    for lateral_m, depth_m in marks_m:
-        axes.plot(1e3 * lateral_m, 1e3 * depth_m, marker="o", markersize=14, markerfacecolor="none", color=ACCENT)
-    return figure
-
-
-def b_mode_figure(pixels: UInt8[np.ndarray, "rows columns"], *, title: str) -> Figure:
-    """Figure of a B-mode image, in its own grey values and pixels."""
-    figure = new_figure(width_in=7.0, height_in=5.6, heading=title, fontsize=9.0)
-    axes = figure.add_subplot()
-    axes.imshow(pixels, cmap="gray", vmin=0, vmax=255, aspect="equal", interpolation="nearest")
-    axes.set_xlabel("column [pixel]")
-    axes.set_ylabel("row [pixel]")
-    return figure
-
-
-def rf_figure(lines: Int16[np.ndarray, "lines samples"], *, sampling_hz: float | None, title: str) -> Figure:
-    """Figure of radio-frequency lines: line across, time downwards, over a symmetric scale of counts.
-
-    ``sampling_hz``: None draws over the number of the sample.
-    """
-    figure = new_figure(width_in=5.6, height_in=7.0, heading=title, fontsize=9.0)
-    axes = figure.add_subplot()
-    # The largest samples come from the skin: up to one in a hundred may be clipped.
-    most = max(float(np.quantile(np.abs(lines.astype(np.float32)), 0.99)), 1.0)
-    count = lines.shape[1] if sampling_hz is None else 1e6 * lines.shape[1] / sampling_hz
-    # From 0.5, so that each line is centred on its number.
-    extent = (0.5, lines.shape[0] + 0.5, count, 0.0)
-    shown = axes.imshow(
-        lines.T, cmap="RdBu", vmin=-most, vmax=most, extent=extent, aspect="auto", interpolation="nearest"
-    )
-    axes.set_xlabel("line")
-    axes.set_ylabel("sample" if sampling_hz is None else "time [µs]")
-    figure.colorbar(shown, ax=axes, shrink=0.6).set_label("counts")
-    return figure

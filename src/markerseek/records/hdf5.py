@@ -7,10 +7,10 @@ bytes can also make it crash or hang, so that `markerseek.records.child` tries a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -60,10 +60,6 @@ class CheckedHdf5(Closing):
         """Close the file; allowed twice."""
         self.opened.close()
 
-    def __reduce__(self) -> tuple[type[Self], tuple[Path]]:
-        """A copy in another process opens the file again."""
-        return type(self), (self._path,)
-
     def datasets(self) -> list[str]:
         """Names of the datasets at the top level of the file."""
         import h5py
@@ -91,7 +87,7 @@ class CheckedHdf5(Closing):
         return sorted(item, key=natural) if isinstance(item, h5py.Group) else []
 
     def dataset(self, name: str) -> h5py.Dataset:
-        """Dataset of that name, whose largest chunk fits into memory.
+        """Dataset of that name, which fits into memory.
 
         Raises `TypeError` or `ValueError` if it is missing, is a link to another file, or needs much more memory than
         the file has bytes.
@@ -107,28 +103,6 @@ class CheckedHdf5(Closing):
             raise ValueError(f"{name} refers to nothing")
         return self.checked(self.opened[reference], name=name)
 
-    def scalars(self, references: Iterable[h5py.Reference], *, name: str) -> Float64[np.ndarray, " references"] | None:
-        """The single numbers that many references point to; None where one of them points to more.
-
-        Read by the low-level interface of h5py, which takes a tenth of the time. Raises `ValueError` or `TypeError`.
-        """
-        import h5py
-
-        values = []
-        for reference in references:
-            item = h5py.h5r.dereference(reference, self.opened.id) if reference else None
-            if not isinstance(item, h5py.h5d.DatasetID):
-                raise TypeError(f"{name} refers to nothing, or to no dataset")
-            plan = item.get_create_plist()
-            # In one piece within the file: nothing is unpacked, and no other file is read.
-            whole = plan.get_layout() in (h5py.h5d.COMPACT, h5py.h5d.CONTIGUOUS) and not plan.get_external_count()
-            if not whole or item.get_space().get_simple_extent_npoints() != 1:
-                return None
-            value = np.empty(1)
-            item.read(h5py.h5s.ALL, h5py.h5s.ALL, value)
-            values.append(value[0])
-        return np.array(values)
-
     def checked(self, item: object, *, name: str) -> h5py.Dataset:
         """The item, if it is a dataset as `dataset` returns it."""
         import h5py
@@ -142,22 +116,16 @@ class CheckedHdf5(Closing):
         if not {plan.get_filter(number)[0] for number in range(plan.get_nfilters())} <= _FILTERS:
             raise ValueError(f"{name} is compressed by a filter other than gzip and lzf")
         # The library unpacks a whole chunk for a single number of it.
-        chunk = math.prod(item.chunks or (1,)) * item.dtype.itemsize
-        if chunk > self._most:
-            raise ValueError(f"{name} unpacks to {chunk} bytes at a time, more than {MAX_PER_BYTE} times the file")
+        size = max(math.prod(item.shape or ()), math.prod(item.chunks or ())) * item.dtype.itemsize
+        if size > self._most:
+            raise ValueError(f"{name} unpacks to {size} bytes, more than {MAX_PER_BYTE} times the file")
         return item
-
-    def require_room(self, count: int, *, name: str) -> None:
-        """Refuse to read more bytes at once than `MAX_PER_BYTE` times the file."""
-        if count > self._most:
-            raise ValueError(f"{name} unpacks to {count} bytes, more than {MAX_PER_BYTE} times the file")
 
     def numbers(self, name: str) -> Float64[np.ndarray, " values"]:
         """All numbers of a dataset, flattened."""
         item = self.dataset(name)
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
             raise ValueError(f"{name} is {item.dtype}, numbers are expected")
-        self.require_room(8 * math.prod(item.shape), name=name)
         return np.atleast_1d(np.asarray(item[()], dtype=np.float64)).ravel()
 
     def number(self, name: str) -> float | None:

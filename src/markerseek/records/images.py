@@ -87,12 +87,11 @@ def read_image_sequence(
     *,
     angles: bool = True,
     angle_field: str | None = None,
-    angle_transform: str | None = None,
     pixel_m: tuple[float, float] | None = None,
 ) -> ImageSeries:
     """B-mode images of a sequence, the first at each angle; a warning names those that are left out.
 
-    ``angles``: whether an angle is needed; otherwise all valid images. ``angle_field``, ``angle_transform``: as of
+    ``angles``: whether an angle is needed; otherwise all valid images. ``angle_field``: as of
     `markerseek.records.banks.sequence.angles_of`. ``pixel_m``: as of `read_images`.
     """
     sequence = open_sequence(path)
@@ -104,7 +103,7 @@ def read_image_sequence(
             f"{path}: {count} images of {columns} × {rows}, at most {MAX_IMAGES} images or {MAX_PIXELS} pixels are "
             "read; give the images of one scan"
         )
-    placed = angles_of(sequence, angle_field=angle_field, angle_transform=angle_transform) if angles else {}
+    placed = angles_of(sequence, angle_field=angle_field) if angles else {}
     firsts = {angle_deg: number for number, angle_deg in reversed(placed.items())}
     if len(firsts) < len(placed):
         warnings.warn(

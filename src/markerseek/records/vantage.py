@@ -55,7 +55,6 @@ def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     data = workspace.buffer(receives.buffer)
     columns = workspace.columns(data.shape[-2])
     numbers = workspace.frame_numbers(receives, data)
-    file.require_room(2 * len(numbers) * len(columns) * receives.samples, name=FRAMES)
     frames = np.stack(
         [np.rint(_averaged(data, number, receives, columns)).astype(np.int16) for number in numbers.tolist()]
     )
@@ -271,9 +270,6 @@ class _Workspace:
     ) -> Float64[np.ndarray, " items"]:
         """One number for each item of an array of structures; ``otherwise`` where the field is missing."""
         name = ".".join(names)
-        quick = self._scalars(*names)
-        if quick is not None and count in (None, len(quick)) and np.isfinite(quick).all():
-            return quick
         items = self._items(*names)
         if items is None and otherwise is not None and count is not None:
             return np.full(count, otherwise)
@@ -323,17 +319,6 @@ class _Workspace:
         if not np.isfinite(values).all():
             self.refuse(f"{name} holds a number that is not finite", "save the workspace again")
         return values
-
-    def _scalars(self, *names: str) -> Float64[np.ndarray, " items"] | None:
-        """One number for each structure of an array of MATLAB; None where they are stored otherwise."""
-        import h5py
-
-        item, name = self._item(*names), ".".join(names)
-        if not isinstance(item, h5py.Dataset) or item.dtype != h5py.ref_dtype:
-            return None
-        data = self.file.checked(item, name=name)
-        self._require_few(data.size, name)
-        return self.file.scalars(data[()].ravel(), name=name)
 
     def _items(self, *names: str) -> list[h5py.Dataset] | None:
         """Datasets of a variable, or of a field of it, one for each cell or structure; None where it has none."""

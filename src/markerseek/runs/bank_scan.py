@@ -183,23 +183,15 @@ def scan_bank(
     else:
         journal = Journal.create(record_of(path), configuration)
         events = journalled(policy, rig, journal, limits=limits)
-    room_is_known, no_room = False, None
+    room_is_known = False
     # The outer block: the rig is stopped before the bank is written.
     with _exported(journal, path, facts), closing(events):
         for event in events:
             if isinstance(event, Measured) and isinstance(event.sample.frame, ChannelFrame) and not room_is_known:
                 room_is_known = True
-                try:
-                    # For the record, and for the bank that is made of it: a disk that is full later would end the scan.
-                    require_room(path, 2 * event.sample.frame.samples.nbytes * (angles + rig.dark_frames))
-                except RecordError as refusal:
-                    no_room = refusal
-                    break
+                # For the record, and for the bank that is made of it: a disk that is full later would end the scan.
+                require_room(path, 2 * event.sample.frame.samples.nbytes * (angles + rig.dark_frames))
             yield event
-    if no_room is not None:
-        # Nothing is kept of a scan that would never fit.
-        record_of(path).unlink(missing_ok=True)
-        raise no_room
 
 
 def _nothing() -> Generator[JournalEvent, None, None]:
@@ -251,36 +243,28 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
 
     A record of too few angles for a bank stays as it is, so that its scan can be continued; one of none is deleted.
     """
-    lit: dict[float, int] = {}
-    dark: list[int] = []
-
-    def count(entry: Entry) -> None:
-        match entry.event:
-            case Measured(sample=Sample(dark=False, angle_deg=angle_deg)):
-                lit[angle_deg] = entry.number
-            case Measured(sample=Sample(frame=ChannelFrame())):
-                dark.append(entry.number)
-
-    def add(entry: Entry) -> None:
-        if isinstance(entry.event, Measured) and entry.number in kept:
-            writer.add(entry.event.sample)
-
-    damage = salvage(record, frames=False, on_entry=count)[1]
-    kept = {*lit.values(), *dark}
-    enough = len(lit) >= MIN_ANGLES
+    recorded, damage = salvage(record, frames=False)
+    measured = [entry.event.sample for entry in recorded.entries if isinstance(entry.event, Measured)]
+    angles = len({sample.angle_deg for sample in measured if not sample.dark})
+    enough = angles >= MIN_ANGLES
     if enough:
         try:
-            with whole_bank(path, angles=len(lit), dark_frames=len(dark), facts=facts) as writer:
+            with whole_bank(path, facts=facts) as writer:
+
+                def add(entry: Entry) -> None:
+                    if isinstance(entry.event, Measured):
+                        writer.add(entry.event.sample)
+
                 salvage(record, frames=False, on_entry=add)
         except RecordError as problem:
             raise RecordError(
                 f"{problem}; what was measured is in {record}: 'markerseek bank import {quoted(record)} NEW.hdf5'"
             ) from problem
     if damage is not None:
-        held = f"{path} holds the {len(lit)} angles" if enough else f"{len(lit)} angles, too few for a bank, were read"
+        held = f"{path} holds the {angles} angles" if enough else f"{angles} angles, too few for a bank, were read"
         # It may still hold more than could be read.
         raise RecordError(f"{damage}; {held} before that, and the record is kept: scan again for the others")
-    if enough or not lit:
+    if enough or not angles:
         record.unlink()
 
 

@@ -18,28 +18,6 @@ from markerseek.core import Int16, RecordError, UInt8
 HEADER_BYTES = 76
 """Length of the header."""
 
-SUFFIX_OF_TYPE = {
-    2: ".bpr",
-    4: ".b8",
-    8: ".b32",
-    16: ".rf",
-    32: ".mpr",
-    64: ".m",
-    128: ".drf",
-    256: ".pw",
-    512: ".crf",
-    1024: ".col",
-    2048: ".cvv",
-    8192: ".el",
-    16384: ".elo",
-    32768: ".epr",
-    65536: ".ecg",
-    131072: ".gps",
-}
-"""Suffix by the number of the type, as the machine's MATLAB reader (RPread.m 1.6, 2011) and its SDK list them."""
-
-# Types that are not read, and the type of the same data that the machine can export and that is read.
-_EXPORT_INSTEAD = {".bpr": ".b8", ".b32": ".b8", ".drf": ".rf", ".crf": ".rf"}
 _LAYOUT = struct.Struct("<19i")
 _TAG_BYTES = 4
 _KINDS: dict[int, Literal["b-mode", "rf"]] = {4: "b-mode", 16: "rf"}
@@ -56,15 +34,8 @@ class UltrasonixHeader:
     width: int
     height: int
     """``width`` and ``height``: columns and rows of an image; or lines, and samples of each."""
-    corners_px: tuple[tuple[int, int], ...]
-    """Upper left, upper right, lower right and lower left corner of the region of interest, x and y."""
-    probe: int
-    transmit_hz: int
     sampling_hz: int
-    """``transmit_hz`` and ``sampling_hz``: frequencies of transmission and of sampling; for B-mode images
-    ``sampling_hz`` is that of the frames."""
-    frame_rate_hz: int
-    """Frames per second."""
+    """Sampling frequency of the lines; not of B-mode images."""
     line_density: int
     """Lines over the probe's width."""
     tagged: bool
@@ -90,10 +61,13 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
     """
     if len(head) < HEADER_BYTES:
         raise RecordError(f"{name}: {size} bytes, too short for a header of {HEADER_BYTES} bytes; export it again")
-    number, frames, width, height, bits, *corners, probe, txf, sf, dr, ld, _ = _LAYOUT.unpack(head[:HEADER_BYTES])
+    number, frames, width, height, bits, *_, sampling_hz, _, density, _ = _LAYOUT.unpack(head[:HEADER_BYTES])
     kind = _KINDS.get(number)
     if kind is None:
-        raise RecordError(f"{name}: {_other_type(number)}")
+        raise RecordError(
+            f"{name}: data of type {number} found, and 4 (.b8, B-mode) or 16 (.rf) are read; export one of these, or, "
+            "if it is one, its header is damaged"
+        )
     if min(frames, width, height) < 1:
         raise RecordError(
             f"{name}: {frames} frames of {width} × {height} found, at least one of each expected; the header is "
@@ -101,7 +75,7 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
         )
     if bits != _BITS[kind]:
         raise RecordError(
-            f"{name}: it is a {SUFFIX_OF_TYPE[number]} (type {number}) of {bits} bits, of which only those of "
+            f"{name}: it holds {kind} frames of {bits} bits, of which only those of "
             f"{_BITS[kind]} bits are read; export it with {_BITS[kind]} bits, or, if its header is damaged, again"
         )
     # Nothing in the header says whether frames are tagged: both sizes are tried.
@@ -111,12 +85,8 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
             frames=frames,
             width=width,
             height=height,
-            corners_px=tuple(zip(corners[::2], corners[1::2], strict=True)),
-            probe=probe,
-            transmit_hz=txf,
-            sampling_hz=sf,
-            frame_rate_hz=dr,
-            line_density=ld,
+            sampling_hz=sampling_hz,
+            line_density=density,
             tagged=tagged,
         )
         for tagged in (False, True)
@@ -128,16 +98,6 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
         f"{name}: {size} bytes, {headers[0].file_bytes} expected, or {headers[1].file_bytes} with numbered frames; "
         "it is cut off or damaged: export it again"
     )
-
-
-def _other_type(number: int) -> str:
-    suffix = SUFFIX_OF_TYPE.get(number)
-    if suffix is None:
-        return (
-            f"data of type {number} found, 4 (.b8, B-mode) or 16 (.rf) expected; it is no Ultrasonix file, or its "
-            "first bytes are damaged"
-        )
-    return f"it is a {suffix} (type {number}), which is not read; export {_EXPORT_INSTEAD.get(suffix, '.b8 or .rf')}"
 
 
 def decode_b_mode(body: bytes, header: UltrasonixHeader) -> UInt8[np.ndarray, "rows columns"]:

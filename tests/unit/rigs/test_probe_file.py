@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.records.banks import Layout, load_frame, read_arrays, read_bank
+from markerseek.records.banks import TableFormat, load_frame, read_arrays, read_bank
 from markerseek.rigs import chosen_probe, read_rig_file
 from markerseek.rigs.bench_rig import imaging_of
 from markerseek.rigs.probe_file import NEEDED, read_probe_file
@@ -106,7 +106,7 @@ def test_floats_of_a_scan_have_one_scale(tmp_path: Path, kind: type) -> None:
     volts = VOLTS.astype(kind)
     np.save(tmp_path / "scan.npy", volts)
     with pytest.warns(UserWarning, match="is taken off float.*; it is scaled by .*, its loudest sound to 16384 counts"):
-        array = read_arrays(tmp_path / "scan.npy", layout=Layout(first_and_step_deg=(-3.0, 2.0)))
+        array = read_arrays(tmp_path / "scan.npy", table=TableFormat(first_and_step_deg=(-3.0, 2.0)))
     folder = tmp_path / "scan"
     folder.mkdir()
     for index, angle_deg in enumerate(array.angles_deg):

@@ -18,29 +18,25 @@ from markerseek.records.banks.bank import (
 )
 from markerseek.records.banks.frames import MAT_PROBE, load_frame
 from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
-from markerseek.records.banks.layout import USUAL_LAYOUT, Layout, angles_in
-from markerseek.records.banks.reading import frame_faults, read_bank, require_whole
+from markerseek.records.banks.layout import angles_in
+from markerseek.records.banks.reading import read_bank, require_whole
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, write_bank
-from markerseek.records.banks.ultrasonix import ULTRASONIX_SUFFIXES, UltrasonixFile, open_ultrasonix
+from markerseek.records.banks.ultrasonix import UltrasonixFile, open_ultrasonix
 
 __all__ = [
     "DEFAULT_FORMAT",
     "HDF5_SUFFIXES",
     "MAT_PROBE",
     "MIN_ANGLES",
-    "ULTRASONIX_SUFFIXES",
-    "USUAL_LAYOUT",
     "Bank",
     "BankFacts",
     "FrameBank",
     "IntensityBank",
     "IpascBank",
-    "Layout",
     "TableFormat",
     "UltrasonixFile",
     "angles_in",
-    "frame_faults",
     "is_sequence",
     "load_frame",
     "open_ultrasonix",

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Int16, RecordError
-from markerseek.files import as_read_error, quoted
+from markerseek.files import as_read_error
 from markerseek.records.banks.bank import (
     NUMERIC_FACTS,
     USUAL_SAMPLING_HZ,
@@ -31,7 +31,7 @@ from markerseek.records.banks.bank import (
     rising,
 )
 from markerseek.records.banks.counts import as_counts, scaling_of
-from markerseek.records.banks.layout import AXES, USUAL_LAYOUT, Layout, turned, without_channels_of
+from markerseek.records.banks.layout import AXES, turned, without_channels_of
 from markerseek.records.banks.table import (
     DEFAULT_FORMAT,
     TableFormat,
@@ -67,24 +67,17 @@ class ArrayBank(FrameBank):
         return ChannelFrame(header=header, samples=self.samples[index], sampling_hz=sampling_hz)
 
 
-def read_arrays(
-    path: Path, table: TableFormat = DEFAULT_FORMAT, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0
-) -> IntensityBank | ArrayBank:
-    """Bank in an ``.npy``, ``.npz`` or ``.mat``.
-
-    ``table``: names of the variables of angle, and of intensity or frames; their units; what becomes of angles without
-    numbers. ``layout``: what the file does not say of its frames. ``blanked``: as of `read_bank`.
-    """
+def read_arrays(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | ArrayBank:
+    """Bank in an ``.npy``, ``.npz`` or ``.mat``; ``table`` and ``blanked`` as of `read_bank`."""
     with as_read_error(path):
         arrays = arrays_in(path, most_bytes=_LARGEST_BYTES)
-    return bank_of_arrays(path, arrays, table, layout, ordered=NUMBERS in arrays, blanked=blanked)
+    return bank_of_arrays(path, arrays, table, ordered=NUMBERS in arrays, blanked=blanked)
 
 
 def bank_of_arrays(
     path: Path,
     found: Mapping[str, np.ndarray],
     table: TableFormat = DEFAULT_FORMAT,
-    layout: Layout = USUAL_LAYOUT,
     *,
     ordered: bool = False,
     blanked: int = 0,
@@ -94,7 +87,7 @@ def bank_of_arrays(
     ``path``: where they are from. ``ordered``: whether their format says that the axes have the order of `AXES`.
     """
     held = content(found)
-    if ordered and layout.axes is not None:
+    if ordered and table.axes is not None:
         raise ConfigError(f"{path}: the axes of this format are known; leave --axes out")
     arrays = _named(path, dict(found))
     angle, value = _picked(path, arrays, table, held=held)
@@ -103,18 +96,18 @@ def bank_of_arrays(
             f"{path}: intensity or frames expected, it holds {held}; name its variables, --columns ANGLE,INTENSITY or "
             "ANGLE,FRAMES"
         )
-    counted = arrays[angle].size if angle is not None else len(layout.angles_deg or ()) or None
-    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=layout.first_frame)
+    counted = arrays[angle].size if angle is not None else len(table.angles_deg or ()) or None
+    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=table.first_frame)
     values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
     if frames:
-        values = turned(path, values, AXES if ordered else layout.axes, angles=counted)
-    elif layout.axes is not None or layout.without_channels:
-        option = "--axes" if layout.axes is not None else "--without-channel"
+        values = turned(path, values, AXES if ordered else table.axes, angles=counted)
+    elif table.axes is not None or table.without_channels:
+        option = "--axes" if table.axes is not None else "--without-channel"
         raise RecordError(f"{path}: {option} is for frames, it holds {held}; leave it out")
     count = len(values) if frames else values.size
     if angle is None:
-        degrees = _stated_degrees(path, layout, count, held=held)
-    elif layout.first_and_step_deg is None and layout.angles_deg is None:
+        degrees = _stated_degrees(path, table, count, held=held)
+    elif table.first_and_step_deg is None and table.angles_deg is None:
         degrees = _degrees(path, arrays[angle], angle, table)
     else:
         raise RecordError(
@@ -124,7 +117,7 @@ def bank_of_arrays(
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
-        values, frames = _of_channels(path, values, layout.without_channels)
+        values, frames = _of_channels(path, values, table.without_channels)
     values = values if frames else _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table) & held_by
     degrees, values = degrees[kept], values[kept]
@@ -146,20 +139,20 @@ def bank_of_arrays(
     )
 
 
-def _stated_degrees(path: Path, layout: Layout, count: int, *, held: str) -> Float64[np.ndarray, " angles"]:
+def _stated_degrees(path: Path, table: TableFormat, count: int, *, held: str) -> Float64[np.ndarray, " angles"]:
     """Angles of a file that holds none."""
-    if layout.first_and_step_deg is not None:
-        first_deg, step_deg = layout.first_and_step_deg
+    if table.first_and_step_deg is not None:
+        first_deg, step_deg = table.first_and_step_deg
         return first_deg + step_deg * np.arange(count, dtype=np.float64)
-    if layout.angles_deg is None:
+    if table.angles_deg is None:
         raise RecordError(
-            f"{path}: angle_deg is missing, it holds {held}; import it with the first angle and the step, 'markerseek "
-            f"bank import {quoted(path)} scan.hdf5 --first-deg -35 --step-deg 0.5', or with a file of angles, --angles "
-            "FILE, or name its variables, --columns ANGLE,INTENSITY or ANGLE,FRAMES"
+            f"{path}: angle_deg is missing, it holds {held}; state the first angle and the step, --first-deg -35 "
+            "--step-deg 0.5, or a file of angles, --angles FILE, or name its variables, --columns ANGLE,INTENSITY or "
+            "ANGLE,FRAMES"
         )
-    if len(layout.angles_deg) != count:
-        raise RecordError(f"{path}: {len(layout.angles_deg)} angles are given for {count} frames; correct them")
-    return np.array(layout.angles_deg, dtype=np.float64)
+    if len(table.angles_deg) != count:
+        raise RecordError(f"{path}: {len(table.angles_deg)} angles are given for {count} frames; correct them")
+    return np.array(table.angles_deg, dtype=np.float64)
 
 
 def _frame_bank(

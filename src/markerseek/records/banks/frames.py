@@ -114,15 +114,11 @@ def _otherwise(path: Path) -> str:
     suffix = path.suffix.lower()
     if path.is_file() and is_journal(path):
         return f"it is the journal of a search, not one frame; see 'markerseek journal show {quoted(path)}'"
-    if suffix in (*HDF5_SUFFIXES, ".csv"):
+    if suffix in (*HDF5_SUFFIXES, ".csv", ".npz"):
         return f"it would be a scan of many angles, not one frame; see 'markerseek bank info {quoted(path)}'"
-    if suffix == ".npz":
-        return (
-            f"it would be a scan of many angles, not one frame; see 'markerseek bank import {quoted(path)} scan.hdf5'"
-        )
     return (
         f"{suffix or 'a file without suffix'} is no format of frames; give a .mat, an .npy, or a folder of SonixDAQ "
-        "files; 'markerseek frame' also shows what is in an Ultrasonix .b8 or .rf"
+        "files, for 'markerseek frame' also an Ultrasonix .rf; B-mode images (.b8) are for 'markerseek tooltip'"
     )
 
 

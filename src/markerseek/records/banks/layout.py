@@ -2,54 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import Bool, ConfigError, RecordError
+from markerseek.core import Bool, RecordError
 from markerseek.files import MIB, is_number, read_text
 from markerseek.records.banks.bank import chosen_channels, silenced
 
 AXES = ("angles", "channels", "samples")
 """Axes of frames, in their order."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
-    """How the frames of a recording are arranged, where its file does not say."""
-
-    first_and_step_deg: tuple[float, float] | None = None
-    """Angle of the first frame and step to the next, in degrees."""
-    angles_deg: tuple[float, ...] | None = None
-    """Angle of each frame in degrees."""
-    axes: tuple[str, ...] | None = None
-    """Order of the axes of the frames, a permutation of `AXES`; None: that of `AXES`, refused where axes of equal
-    length leave it open."""
-    first_frame: int | None = None
-    """Number in the receive buffer of a Vantage of the frame with the first angle; None: as the file shows."""
-    without_channels: tuple[int, ...] = ()
-    """Channels that are left out, counted from 1."""
-
-    def __post_init__(self) -> None:
-        if self.first_and_step_deg is not None and self.angles_deg is not None:
-            raise ConfigError("--angles and --first-deg with --step-deg both give the angles; leave one out")
-        if self.first_and_step_deg is not None:
-            first_deg, step_deg = self.first_and_step_deg
-            if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
-                raise ConfigError(
-                    f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
-                )
-        if self.axes is not None and sorted(self.axes) != sorted(AXES):
-            raise ConfigError(f"--axes is {','.join(self.axes)!r}; write the three in their order: {','.join(AXES)}")
-
-
-USUAL_LAYOUT = Layout()
-"""The layout of files that say all of it."""
 
 
 def angles_in(path: Path) -> tuple[float, ...]:
@@ -62,9 +27,6 @@ def angles_in(path: Path) -> tuple[float, ...]:
         return tuple(float(text) for text in texts[1 if texts and not is_number(texts[0]) else 0 :])
     except ValueError as problem:
         raise RecordError(f"{path}: {problem}; {cure}") from problem
-
-
-_OPTION_OF = " (of 'markerseek bank import')"
 
 
 def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, angles: int | None) -> np.ndarray:
@@ -80,7 +42,7 @@ def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, an
     orders = [order for order in permutations(AXES) if _fits(frames.shape, order, angles)]
     by_axis = dict(zip(axes, frames.shape, strict=True))
     if angles not in (None, by_axis["angles"]) or 0 in frames.shape:
-        offer = f"; state their order: --axes {_choice(orders)}{_OPTION_OF}" if orders and 0 not in frames.shape else ""
+        offer = f"; state their order: --axes {_choice(orders)}" if orders and 0 not in frames.shape else ""
         given = "" if angles is None else f" for {angles} angles"
         raise RecordError(f"{path}: frames has the shape {frames.shape}{given}; {expected}{offer}")
     if stated is None and axes not in orders:
@@ -88,13 +50,12 @@ def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, an
             f"{path}: frames has the shape {frames.shape}, so that {by_axis['channels']} channels would have "
             f"{by_axis['samples']} samples each: if the record is so short, state it, --axes {','.join(axes)}"
             + (f"; else state the order of the axes, --axes {_choice(orders)}" if orders else "")
-            + _OPTION_OF
         )
     alike = [order for order in orders if dict(zip(order, frames.shape, strict=True)) == by_axis]
     if stated is None and len(alike) > 1:
         raise RecordError(
             f"{path}: frames has the shape {frames.shape}, and axes of equal length do not show which is which; state "
-            f"their order: --axes {_choice(alike)}{_OPTION_OF}"
+            f"their order: --axes {_choice(alike)}"
         )
     return np.transpose(frames, [axes.index(each) for each in AXES])
 

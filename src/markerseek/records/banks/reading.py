@@ -1,8 +1,8 @@
-"""Reads a bank from a file or folder of any format, by its suffix; and every frame of it once, to find damaged ones."""
+"""Reads a bank from a file or folder of any format, by its suffix."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +21,6 @@ from markerseek.records.banks.ipasc.reading import (
     read_probed,
     walk_bank,
 )
-from markerseek.records.banks.layout import USUAL_LAYOUT, Layout
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
 from markerseek.records.banks.zea import zea_arrays
@@ -34,17 +33,15 @@ from markerseek.records.named_arrays import ARRAY_SUFFIXES, plain_arrays
 _LARGEST_BYTES = 1 << 42
 
 
-def read_bank(
-    path: Path, table: TableFormat = DEFAULT_FORMAT, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0
-) -> IntensityBank | FrameBank:
+def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | FrameBank:
     """Bank at a path, its frames left on disk where their format allows that.
 
     ``path``: an HDF5 file (``.hdf5``, ``.h5``; `read_hdf5`); arrays of NumPy or MATLAB (``.npy``, ``.npz``, ``.mat``;
     `read_arrays`); a sequence of PLUS (``.mha``, ``.nrrd``); a CSV of ``angle_deg,intensity``; or a folder that holds
     for each angle a sub-folder of SonixDAQ files or a file of channel data (``.npy``, ``.mat``), named by its angle in
-    degrees (``-12.5``, ``angle_-12.5deg``). ``table``: of a CSV or arrays. ``layout``: of frames whose file does not
-    say it. ``blanked``: samples from the trigger on that are not imaged (`ProbePreset.pickup_samples`), and do not
-    count for the scale of data that are no counts.
+    degrees (``-12.5``, ``angle_-12.5deg``). ``table``: what the recording does not say itself. ``blanked``: samples
+    from the trigger on that are not imaged (`ProbePreset.pickup_samples`), and do not count for the scale of data that
+    are no counts.
     """
     with as_read_error(path):
         if not path.exists():
@@ -59,43 +56,43 @@ def read_bank(
                 f"'markerseek journal replay {quoted(path)}', and its frames become a bank by "
                 f"'markerseek bank import {quoted(path)} frames.hdf5'"
             )
+        if table.angle_field is not None and not is_sequence(path):
+            raise ConfigError(f"--angle-field {table.angle_field}: {path} is no sequence (.mha, .nrrd); leave it out")
         if path.is_file() and suffix in ARRAY_SUFFIXES:
-            return read_arrays(path, table, layout, blanked=blanked)
+            return read_arrays(path, table, blanked=blanked)
         if path.is_file() and suffix in HDF5_SUFFIXES:
-            return read_hdf5(path, table, layout, blanked=blanked)
+            return read_hdf5(path, table, blanked=blanked)
         is_table = not (path.is_dir() or is_sequence(path))
-        _require_usual(path, DEFAULT_FORMAT if is_table else table, layout)
+        _require_usual(path, table, is_table=is_table)
+        bank: IntensityBank | FrameBank
         if is_table:
-            bank: IntensityBank | FrameBank = read_table(path, table)
+            bank = read_table(path, table)
+        elif path.is_dir():
+            bank = read_folder(path, blanked=blanked, without_channels=table.without_channels)
         else:
-            bank = (
-                read_folder(path, blanked=blanked, without_channels=layout.without_channels)
-                if path.is_dir()
-                else read_sequence(path)
-            )
-    return without_channels(bank, path, layout.without_channels)
+            bank = read_sequence(path, angle_field=table.angle_field)
+    return without_channels(bank, path, table.without_channels)
 
 
-def _require_usual(path: Path, table: TableFormat, layout: Layout) -> None:
+def _require_usual(path: Path, table: TableFormat, *, is_table: bool) -> None:
     """Refuse what a person says of a recording that says it itself."""
-    if table != DEFAULT_FORMAT:
-        raise ConfigError(
-            f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
-        )
-    if replace(layout, without_channels=()) != USUAL_LAYOUT:
+    said = replace(table, without_channels=(), angle_field=None)
+    if replace(said, columns=None, unit=None, db=False, skip_invalid=False) != DEFAULT_FORMAT:
         raise ConfigError(
             f"{path}: --first-deg, --step-deg, --angles, --axes and --first-frame are for frames without angles; this "
             "recording has its angles; leave them out"
         )
+    if not is_table and said != DEFAULT_FORMAT:
+        raise ConfigError(
+            f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
+        )
 
 
-def read_hdf5(
-    path: Path, table: TableFormat = DEFAULT_FORMAT, layout: Layout = USUAL_LAYOUT, *, blanked: int = 0
-) -> IntensityBank | FrameBank:
+def read_hdf5(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | FrameBank:
     """Bank in an HDF5 file.
 
     One of ours keeps its frames on disk (`read_probed`). One of IPASC by another program, one of zea, and one with
-    ``frames`` or ``intensity`` at its top level is read into memory. ``table``, ``layout``: as of `read_arrays`.
+    ``frames`` or ``intensity`` at its top level is read into memory. ``table``: as of `read_bank`.
     """
     with as_read_error(path):
         require_input(path, most_bytes=_LARGEST_BYTES)
@@ -103,9 +100,9 @@ def read_hdf5(
         try_files(walk_hdf5, [path])
     arrays, ordered = _arrays(path)
     if arrays is not None:
-        return bank_of_arrays(path, arrays, table, layout, ordered=ordered, blanked=blanked)
-    _require_usual(path, table, layout)
-    return without_channels(read_probed(path), path, layout.without_channels)
+        return bank_of_arrays(path, arrays, table, ordered=ordered, blanked=blanked)
+    _require_usual(path, table, is_table=False)
+    return without_channels(read_probed(path), path, table.without_channels)
 
 
 def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray] | None, bool]:
@@ -125,29 +122,10 @@ def walk_hdf5(path: Path) -> None:
         walk_bank(path)
 
 
-def frame_faults(bank: IntensityBank | FrameBank) -> Iterator[str | None]:
-    """Fault of each frame, dark ones last; None for a frame without one.
-
-    Opening a bank has already checked its numbers and read the first frame. Frames are compared with their checksums
-    where the file has any.
-
-    Yields the fault in words, for each frame that the bank should hold; nothing for a bank of intensities.
-    """
-    if isinstance(bank, IntensityBank):
-        return
-    readers = ((bank.frame, len(bank.angles_deg)), (bank.dark_frame, bank.dark_frames))
-    for read, count in readers:
-        for index in range(count):
-            try:
-                read(index)
-            except RecordError as problem:
-                yield str(problem)
-            else:
-                yield None
-
-
 def require_whole(bank: IntensityBank | FrameBank) -> None:
     """Refuse a bank in IPASC HDF5 with a frame that cannot be read or has changed; other banks are read anyway."""
-    for fault in frame_faults(bank) if isinstance(bank, IpascBank) else ():
-        if fault is not None:
-            raise RecordError(fault)
+    if isinstance(bank, IpascBank):
+        for index in range(len(bank.angles_deg)):
+            bank.frame(index)
+        for index in range(bank.dark_frames):
+            bank.dark_frame(index)

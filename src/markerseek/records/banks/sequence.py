@@ -196,17 +196,15 @@ def open_sequence(path: Path) -> ImageSequence:
     return sequence
 
 
-def angles_of(
-    sequence: ImageSequence, *, angle_field: str | None = None, angle_transform: str | None = None
-) -> dict[int, float]:
+def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dict[int, float]:
     """Angle in degrees of each frame with a valid image and angle, by its number; a warning names the others.
 
-    ``angle_field``, ``angle_transform``: name of the field or transform, one of them at most; None: the first of
-    `ANGLE_FIELDS` and `ANGLE_TRANSFORMS` that the sequence has.
+    ``angle_field``: name of the field or transform; None: the first of `ANGLE_FIELDS` and `ANGLE_TRANSFORMS` that the
+    sequence has.
     """
     path, frames = sequence.path, sequence.frame_fields
     names = {name for fields in frames for name in fields}
-    chosen = _field_of_angles(path, names, angle_field, angle_transform)
+    chosen = _field_of_angles(path, names, angle_field)
     turns = chosen.endswith("Transform")
     status = f"{chosen}Status" if turns else _STEPPER.get(chosen, f"{chosen}Status")
     usual = "missing" if turns or status in names else "OK"
@@ -232,30 +230,27 @@ def angles_of(
     return dict(zip(kept, unwrapped(path, np.array(angles_deg)).tolist(), strict=True))
 
 
-def _field_of_angles(path: Path, names: set[str], angle_field: str | None, angle_transform: str | None) -> str:
+def _field_of_angles(path: Path, names: set[str], angle_field: str | None) -> str:
     """Name of the field that has the angles."""
     if angle_field in _NO_ANGLES:
         raise RecordError(
-            f"{path}: {angle_field} counts time or frames, and is no angle; name another field, or a transform: "
-            "--angle-transform"
+            f"{path}: {angle_field} counts time or frames, and is no angle; name another field, or a transform"
         )
     if angle_field is not None:
-        wanted: tuple[str, ...] = (angle_field,)
-    elif angle_transform is not None:
-        wanted = (f"{angle_transform.removesuffix('Transform')}Transform",)
+        wanted: tuple[str, ...] = (angle_field, f"{angle_field.removesuffix('Transform')}Transform")
     else:
         wanted = (*ANGLE_FIELDS, *(f"{name}Transform" for name in ANGLE_TRANSFORMS))
     chosen = next((name for name in wanted if name in names), None)
     if chosen is None:
         held = ", ".join(sorted(each for each in names if not each.endswith("Status"))[:8]) or "none"
         raise RecordError(
-            f"{path}: no frame has {' or '.join(wanted)}; its fields are {held}; name the one with the angle: "
-            "--angle-field or --angle-transform of 'markerseek bank import' and 'markerseek tooltip'"
+            f"{path}: no frame has {angle_field or ' or '.join(wanted)}; its fields are {held}; name the one with the "
+            "angle: --angle-field"
         )
     return chosen
 
 
-def read_sequence(path: Path, *, angle_field: str | None = None, angle_transform: str | None = None) -> IntensityBank:
+def read_sequence(path: Path, *, angle_field: str | None = None) -> IntensityBank:
     """Bank of the intensities of a sequence, with the times of its frames; arguments as of `angles_of`.
 
     Images of one angle are averaged, with a warning. B-mode images are refused.
@@ -267,7 +262,7 @@ def read_sequence(path: Path, *, angle_field: str | None = None, angle_transform
             f"{path}: it holds {len(sequence.frame_fields)} B-mode images of {columns} × {rows} pixels: these are "
             f"echoes, and show no photoacoustic marker; find an instrument's tip: 'markerseek tooltip {quoted(path)}'"
         )
-    angles = angles_of(sequence, angle_field=angle_field, angle_transform=angle_transform)
+    angles = angles_of(sequence, angle_field=angle_field)
     frames = enumerate(sequence.frames())
     found = {number: _intensity(frame, sequence.kind) for number, frame in frames if number in angles}
     dark = [number for number, value in found.items() if not math.isfinite(value)]
@@ -413,14 +408,14 @@ def _twists(path: Path, name: str, stacked: Float64[np.ndarray, "frames 3 3"]) -
     off = np.abs(stacked @ stacked.transpose(0, 2, 1) - np.eye(3)).max()
     # Six digits are usual.
     if off > 1e-3 or np.linalg.det(stacked).min() < 0:
-        raise RecordError(f"{path}: {name} is no rotation in each frame; name another: --angle-transform")
+        raise RecordError(f"{path}: {name} is no rotation in each frame; name another: --angle-field")
     third = int(np.argmax(np.min(stacked.diagonal(axis1=1, axis2=2), axis=0)))
     tilt_deg = np.degrees(np.arccos(np.clip(stacked[:, third, third].min(), -1, 1)))
     if tilt_deg > _MOST_TILT_DEG:
         raise RecordError(
             f"{path}: {name} tilts the axis {'xyz'[third]} by up to {tilt_deg:.3g} deg, at most {_MOST_TILT_DEG:g} deg "
             "are expected of a probe that turns about its axis; name a transform to the probe's frame at 0 deg: "
-            "--angle-transform ProbeToProbeHome"
+            "--angle-field ProbeToProbeHome"
         )
     first, second = (third + 1) % 3, (third + 2) % 3
     sine = stacked[:, second, first] - stacked[:, first, second]

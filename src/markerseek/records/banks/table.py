@@ -1,4 +1,4 @@
-"""Reads and writes banks of intensities as CSV tables; a `TableFormat` names the columns and their units."""
+"""Reads and writes banks of intensities as CSV tables; a `TableFormat` says what a recording does not say itself."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import numpy as np
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file
 from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, first_of, require_angles, unwrapped
+from markerseek.records.banks.layout import AXES
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
@@ -53,7 +54,7 @@ _LARGEST_BYTES = 64 * MIB
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableFormat:
-    """Which columns of a CSV, or variables of an array file, hold angle and intensity, and in which units."""
+    """What a recording does not say itself: its columns or variables, units, angles, axes, channels to be left out."""
 
     columns: tuple[str, str] | None = None
     """Names of the columns of angle and intensity, or their numbers, counted from 1; None: ``angle_deg`` (or
@@ -66,12 +67,35 @@ class TableFormat:
     column says, such as ``intensity_db``."""
     skip_invalid: bool = False
     """Whether a row is left out whose angle or intensity is no finite number, instead of refusing the table."""
+    first_and_step_deg: tuple[float, float] | None = None
+    """Angle of the first frame and step to the next, in degrees, of a recording without angles."""
+    angles_deg: tuple[float, ...] | None = None
+    """Angle of each frame in degrees, of such a recording."""
+    axes: tuple[str, ...] | None = None
+    """Order of the axes of the frames, a permutation of `AXES`; None: that of `AXES`, refused where axes of equal
+    length leave it open."""
+    first_frame: int | None = None
+    """Number in the receive buffer of a Vantage of the frame with the first angle; None: as the file shows."""
+    without_channels: tuple[int, ...] = ()
+    """Channels that are left out, counted from 1."""
+    angle_field: str | None = None
+    """Field, or transform, of a sequence with the angle of each frame."""
 
     def __post_init__(self) -> None:
         if self.columns is not None and (not all(self.columns) or self.columns[0] == self.columns[1]):
             raise ConfigError(
                 f"columns is {','.join(self.columns)}, two different names or numbers are needed: ANGLE,INTENSITY"
             )
+        if self.first_and_step_deg is not None and self.angles_deg is not None:
+            raise ConfigError("--angles and --first-deg with --step-deg both give the angles; leave one out")
+        if self.first_and_step_deg is not None:
+            first_deg, step_deg = self.first_and_step_deg
+            if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
+                raise ConfigError(
+                    f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
+                )
+        if self.axes is not None and sorted(self.axes) != sorted(AXES):
+            raise ConfigError(f"--axes is {','.join(self.axes)!r}; write the three in their order: {','.join(AXES)}")
 
 
 DEFAULT_FORMAT = TableFormat()

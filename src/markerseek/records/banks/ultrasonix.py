@@ -12,9 +12,6 @@ from markerseek.core import Int16, RecordError, UInt8
 from markerseek.files import MIB, as_read_error, open_input
 from markerseek.wire import ultrasonix
 
-ULTRASONIX_SUFFIXES = frozenset(ultrasonix.SUFFIX_OF_TYPE.values()) - {".m"}
-"""Suffixes of Ultrasonix's files, read or refused by type; without .m, which is MATLAB's suffix for programs."""
-
 # 64 GiB: hours of frames, which are read one at a time.
 _LARGEST_BYTES = 1 << 36
 

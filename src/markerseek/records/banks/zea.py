@@ -6,7 +6,6 @@ x, so the angle of a frame is its rotation about x. Numbers of a zea file are fl
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +82,6 @@ def _frames(path: Path, file: CheckedHdf5, track: str) -> np.ndarray:
         )
     if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8:
         raise RecordError(f"{path}: {track}{RAW} is {data.dtype}, counts or floating-point numbers are expected")
-    file.require_room(math.prod(data.shape) * data.dtype.itemsize, name=f"{track}{RAW}")
     values = np.asarray(data[()], dtype=data.dtype.newbyteorder("="))
     pairs = values[:, 0].transpose(0, 2, 1, 3)
     return pairs[..., 0] + 1j * pairs[..., 1] if of_iq else pairs[..., 0]

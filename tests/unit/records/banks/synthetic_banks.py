@@ -52,7 +52,7 @@ ANGLES = (4.0, 2.0, 0.5, -1.0)
 
 
 def write(path, *, taken=4, facts=FACTS, frame=True, energies=(None,) * 4):
-    with whole_bank(path, angles=taken, dark_frames=2 if frame else 0, facts=facts) as writer:
+    with whole_bank(path, facts=facts) as writer:
         for seed in (8, 9):
             writer.add(sample(0.0, seed=seed, dark=True, frame=frame))
         for seed, angle in enumerate(ANGLES[:taken]):

@@ -7,7 +7,7 @@ import pytest
 from scipy.io import savemat
 
 from markerseek.core import RecordError
-from markerseek.records.banks import IntensityBank, Layout, TableFormat
+from markerseek.records.banks import IntensityBank, TableFormat
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
 
 ANGLES = np.array([2.0, -1.0, 0.5, 7.0])
@@ -50,7 +50,7 @@ def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
     np.save(tmp_path / "a.npy", np.c_[ANGLES, INTENSITIES])
     assert read_arrays(tmp_path / "a.npy").intensities == tuple(INTENSITIES[list(ORDER)])
     np.save(tmp_path / "b.npy", FRAMES)
-    bank = read_arrays(tmp_path / "b.npy", layout=Layout(first_and_step_deg=(3.0, -0.5)))
+    bank = read_arrays(tmp_path / "b.npy", table=TableFormat(first_and_step_deg=(3.0, -0.5)))
     assert bank.angles_deg == (1.5, 2.0, 2.5, 3.0)
     np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[3])
 
@@ -73,11 +73,11 @@ def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
         ({"angle_deg": ANGLES, "frames": FRAMES[:3]}, "for 4 angles"),
         (
             {"angle_deg": ANGLES, "frames": FRAMES.transpose(0, 2, 1)},
-            "30 channels would have 8 samples each: .* --axes angles,samples,channels .of",
+            "30 channels would have 8 samples each: .* --axes angles,samples,channels",
         ),
         (
             {"angle_deg": ANGLES, "frames": FRAMES.transpose(1, 2, 0)},
-            "state their order: --axes channels,samples,angles .of",
+            "state their order: --axes channels,samples,angles",
         ),
         (
             {"angle_deg": ANGLES, "intensity": INTENSITIES, "sampling_hz": INTENSITIES},
@@ -96,7 +96,7 @@ def test_frames_are_turned_as_their_axes_say(tmp_path, order):
     ours = ("angles", "channels", "samples")
     axes = tuple(order.split(","))
     path = save(tmp_path / "a.mat", angle_deg=ANGLES, frames=FRAMES.transpose([ours.index(each) for each in axes]))
-    bank = read_arrays(path, layout=Layout(axes=axes))
+    bank = read_arrays(path, table=TableFormat(axes=axes))
     np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[ORDER[0]])
     np.testing.assert_array_equal(bank.frame(3).samples, FRAMES[ORDER[3]])
 
@@ -125,7 +125,7 @@ def test_angles_without_numbers_are_left_out_and_named(tmp_path, values):
 
 def test_intensities_alone_take_a_first_angle_and_a_step(tmp_path):
     np.save(tmp_path / "a.npy", INTENSITIES)
-    bank = read_arrays(tmp_path / "a.npy", layout=Layout(first_and_step_deg=(3.0, -0.5)))
+    bank = read_arrays(tmp_path / "a.npy", table=TableFormat(first_and_step_deg=(3.0, -0.5)))
     assert (bank.angles_deg, bank.intensities) == ((1.5, 2.0, 2.5, 3.0), tuple(INTENSITIES[::-1]))
     np.save(tmp_path / "b.npy", np.stack([ANGLES, INTENSITIES]))
     with pytest.raises(RecordError, match=r"shape \(2, 4\); .* is it transposed. Save array.T"):

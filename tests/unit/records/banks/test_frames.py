@@ -171,9 +171,9 @@ def npy_header(text):
     [
         ("a.hdf5", b"", "a scan of many angles, not one frame; see 'markerseek bank info .*a.hdf5'"),
         ("a.csv", b"angle_deg,intensity", "see 'markerseek bank info .*a.csv'"),
-        ("a.npz", b"", "see 'markerseek bank import .*a.npz scan.hdf5'"),
+        ("a.npz", b"", "see 'markerseek bank info .*a.npz'"),
         ("a.run", JOURNAL.read_bytes(), "journal of a search, not one frame; see 'markerseek journal show .*a.run'"),
-        ("a.txt", b"", "give a .mat, an .npy, or a folder of SonixDAQ files; .* an Ultrasonix .b8 or .rf"),
+        ("a.txt", b"", "give a .mat, an .npy, or a folder of SonixDAQ files, .* an Ultrasonix .rf; B-mode images"),
         ("a.mat", savemat_bytes(angle_deg=np.arange(3.0)), "see 'markerseek bank import .*a.mat scan.hdf5'"),
     ],
 )

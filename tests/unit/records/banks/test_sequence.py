@@ -177,7 +177,7 @@ def test_our_export_comes_back_with_its_angles_times_and_facts(tmp_path):
     assert bank.intensities == pytest.approx([float(each.envelope.max()) for each in images()])
     assert bank.started_s == pytest.approx(TIMES)
     assert (bank.facts.description, bank.facts.reference_angle_deg) == (FACTS.description, FACTS.reference_angle_deg)
-    turned = read_sequence(tmp_path / "a.igs.mha", angle_transform="ProbeToProbeHome")
+    turned = read_sequence(tmp_path / "a.igs.mha", angle_field="ProbeToProbeHome")
     assert turned.angles_deg == pytest.approx(ANGLES, abs=1e-9)
     sequence = open_sequence(tmp_path / "a.igs.mha")
     assert sequence.pixel_m == pytest.approx((0.25e-3, 1e-3))
@@ -196,7 +196,7 @@ def test_a_transform_gives_the_angle_about_its_axis_and_its_inverse_the_other_si
     )
     path = write_mha(tmp_path / "a.mha", rf()[0], frames, kind="RF_REAL", orientation="FM")
     for given in (name, f"{name}Transform"):
-        found = angles_of(open_sequence(path), angle_transform=given)
+        found = angles_of(open_sequence(path), angle_field=given)
         assert list(found.values()) == pytest.approx(TURNED, abs=1e-3)
 
 
@@ -206,7 +206,7 @@ def test_a_transform_into_another_frame_than_the_probes_at_rest_is_refused(tmp_p
     frames = fields(ProbeToTrackerTransform=texts, ProbeToTrackerTransformStatus=["OK"] * 5)
     path = write_mha(tmp_path / "a.mha", rf()[0], frames, kind="RF_REAL", orientation="FM")
     with pytest.raises(RecordError, match=r"tilts the axis . by up to .* deg, at most 1 deg"):
-        read_sequence(path, angle_transform="ProbeToTracker")
+        read_sequence(path, angle_field="ProbeToTracker")
 
 
 @pytest.mark.parametrize(
@@ -357,7 +357,7 @@ def test_where_no_frame_has_an_angle_or_rotation_it_is_refused(tmp_path):
     for wrong in (mirrored, [" ".join(["2"] * 16)] * 5):
         path = write_mha(tmp_path / "a.mha", rf()[0], fields(ProbeToStepperHomeTransform=wrong), **RF)
         with pytest.raises(RecordError, match="ProbeToStepperHomeTransform is no rotation in each frame"):
-            read_sequence(path, angle_transform="ProbeToStepperHome")
+            read_sequence(path, angle_field="ProbeToStepperHome")
 
 
 REAL = Path(__file__).parents[4] / "../shared/data/plus/USTC_3NWires_ProbeRotation.igs.mha"
@@ -371,7 +371,7 @@ def test_a_recording_of_plus_is_read_as_its_header_has_it():
     found = angles_of(sequence)
     assert found == {n: float(image.GetMetaData(f"Seq_Frame{n:04d}_ProbeRotation")) for n in range(142)}
     assert (min(found.values()), max(found.values())) == (-32.4464, 35.1502)
-    turned = angles_of(sequence, angle_transform="ProbeToStepperHome")
+    turned = angles_of(sequence, angle_field="ProbeToStepperHome")
     assert list(turned.values()) == pytest.approx(list(found.values()), abs=1e-3)
     assert all(each["ProbeToStepperHomeTransformStatus"] == "OK" for each in sequence.frame_fields)
     times = [float(each["Timestamp"]) for each in sequence.frame_fields]

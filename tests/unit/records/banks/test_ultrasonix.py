@@ -30,7 +30,6 @@ def test_b_mode_is_row_after_row(tmp_path, tagged):
     (tmp_path / "a.b8").write_bytes(data)
     file = open_ultrasonix(tmp_path / "a.b8")
     assert (file.header.kind, file.header.tagged, file.header.frames) == ("b-mode", tagged, 2)
-    assert file.header.corners_px == ((82, 5), (545, 5), (545, 448), (82, 448))
     for n in range(2):
         # reshape(v, w, h) of MATLAB, transposed.
         np.testing.assert_array_equal(file.b_mode(n), values[n].reshape((5, 7), order="F").T)
@@ -54,15 +53,8 @@ def test_rf_is_line_after_line(tmp_path, tagged):
         (file_bytes(16, cut=75)[0], "75 bytes, too short"),
         (file_bytes(16, cut=-1)[0], "bytes, 216 expected, or 224 with numbered frames"),
         (file_bytes(16)[0] + b"\0", "cut off or damaged"),
-        (struct.pack("<19i", 3, *[1] * 18) + bytes(2), "type 3 found, 4"),
-        (struct.pack("<19i", 2, *[1] * 18) + bytes(2), r"it is a \.bpr \(type 2\), which is not read; export \.b8$"),
-        (struct.pack("<19i", 8, *[1] * 18) + bytes(2), r"it is a \.b32 \(type 8\), which is not read; export \.b8$"),
-        (
-            struct.pack("<19i", 512, *[1] * 18) + bytes(2),
-            r"a \.crf \(type 512\), which is not read; export \.rf$",
-        ),
-        (struct.pack("<19i", 64, *[1] * 18) + bytes(2), r"a \.m \(type 64\), which is not read; export \.b8 or \.rf$"),
-        (file_bytes(16, bits=32)[0], r"a \.rf \(type 16\) of 32 bits, of which only those of 16 bits are read"),
+        (struct.pack("<19i", 3, *[1] * 18) + bytes(2), "type 3 found, and 4 .* are read; export one of these"),
+        (file_bytes(16, bits=32)[0], r"it holds rf frames of 32 bits, of which only those of 16 bits are read"),
         (struct.pack("<19i", 16, 2**31 - 1, 2**31 - 1, 2**31 - 1, 16, *[0] * 14), "expected"),
         (struct.pack("<19i", 16, -1, -1, 1, 16, *[0] * 14) + bytes(2), "header is damaged"),
         (file_bytes(4, bits=16)[0], "only those of 8 bits are read"),

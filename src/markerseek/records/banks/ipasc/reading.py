@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import re
 import warnings
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,13 +25,10 @@ class IpascBank(FrameBank):
     """Frames in an IPASC HDF5 file."""
 
     path: Path
-    file: CheckedHdf5 = field(repr=False, compare=False)
     rows: tuple[int, ...] = field(repr=False)
     """Row in the file of each angle."""
     falling: bool = False
     """Whether the elements are in reverse order in the file."""
-    checked: bool = False
-    """Whether the library compares the frames with checksums in the file."""
 
     def frame(self, index: int) -> ChannelFrame:
         """Channel data of one angle, from the disk.
@@ -58,17 +54,9 @@ class IpascBank(FrameBank):
         return self._frame(header, fields.DARK_FRAMES, index, what=f"dark frame {index + 1}")
 
     def _frame(self, header: FrameHeader, name: str, row: int, *, what: str) -> ChannelFrame:
-        with as_bank_error(self.path):
-            try:
-                samples = _numbers(self.file, name, row)
-            except OSError as problem:
-                # HDF5 has no error of its own for a checksum: only its text says that the filter found it.
-                if not self.checked or not re.search("(?i)filter returned failure|fletcher32 checksum", str(problem)):
-                    raise
-                raise RecordError(
-                    f"{self.path}: the {what} has changed since it was written, its checksum differs; take the file "
-                    "from a backup or scan again"
-                ) from problem
+        cure = "it has changed since it was written: take the file from a backup or scan again"
+        with as_record_error(self.path, what=what, cure=cure), CheckedHdf5(self.path) as file:
+            samples = _numbers(file, name, row)
         if self.facts.sampling_hz is None:
             raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
         samples = silenced(np.ascontiguousarray(samples[::-1]) if self.falling else samples, self.left_out)
@@ -80,12 +68,8 @@ def read_probed(path: Path) -> IntensityBank | IpascBank:
 
     The file has been tried in a child before (`walk_bank`).
     """
-    with as_bank_error(path), ExitStack() as closing:
-        bank = _bank_of(path, closing.enter_context(CheckedHdf5(path)))
-        # A bank of intensities is in memory by now; one of frames reads them from the open file.
-        if isinstance(bank, IpascBank):
-            closing.pop_all()
-        return bank
+    with as_bank_error(path), CheckedHdf5(path) as file:
+        return _bank_of(path, file)
 
 
 def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
@@ -120,10 +104,8 @@ def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
         pulses=tuple(int(each) if each >= 0 else 1 for each in column(fields.PULSES, 1.0)),
         energies=column(fields.ENERGY),
         path=path,
-        file=file,
         rows=tuple(order.tolist()),
         falling=array.falling,
-        checked=bool(file.dataset(fields.FRAMES).fletcher32),
     )
 
 
@@ -221,7 +203,6 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
                 f"{path}: {fields.FRAMES} has the shape {data.shape}, (elements, samples, 1, measurements) is "
                 "expected; save the measurements of one wavelength alone"
             )
-        file.require_room(math.prod(shape) * data.dtype.itemsize, name=fields.FRAMES)
         array = element_row(path, file, elements=shape[0])
         pitch_m, count = array.pitch_m, shape[3]
         frames = np.asarray(data[()]).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
@@ -261,9 +242,9 @@ def walk_bank(path: Path) -> None:
     require_h5py()
     bank = read_probed(path)
     if isinstance(bank, IpascBank):
-        with as_bank_error(path):
+        with as_bank_error(path), CheckedHdf5(path) as file:
             for name in (fields.FRAMES, fields.DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
-                data = bank.file.dataset(name)
+                data = file.dataset(name)
                 if data.chunks is not None:
                     data.id.chunk_iter(lambda _place: None)
         bank.frame(0)
@@ -312,10 +293,8 @@ def _dark_frames(file: CheckedHdf5, frames: tuple[int, int]) -> int:
 def _numbers(file: CheckedHdf5, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:
     """One frame."""
     data = file.dataset(name)
-    elements, samples = data.shape[:2]
     if data.dtype.newbyteorder("=") != np.int16:
         raise ValueError(f"{name} is {data.dtype}, int16 is expected")
-    file.require_room(elements * samples * data.dtype.itemsize, name=name)
     place = {2: np.s_[:, :], 3: np.s_[:, :, row], 4: np.s_[:, :, 0, row]}[data.ndim]
     return np.ascontiguousarray(data[place], dtype=np.int16)
 

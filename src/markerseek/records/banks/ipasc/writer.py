@@ -1,4 +1,4 @@
-"""Writes a bank as IPASC HDF5, whole: the file gets its name when everything announced is in it.
+"""Writes a bank as IPASC HDF5, whole: the file gets its name when everything is in it.
 
 The file is what pacfish would write, but pacfish needs a whole bank in memory, and its installation brings pytest and
 Sphinx; the tests compare the two. Frames and the numbers of the measurements have the checksums of HDF5 (Fletcher-32),
@@ -12,7 +12,7 @@ import math
 import shutil
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,56 +64,46 @@ def require_room(path: Path, needed: int) -> None:
     if free < needed + _ROOM_BYTES:
         raise RecordError(
             f"{path}: the bank needs {(needed + _ROOM_BYTES) / 1e6:.1f} MB, {free / 1e6:.1f} MB are free; "
-            "nothing was written: make room, or name another place"
+            "make room, or name another place"
         )
 
 
 @contextmanager
-def whole_bank(path: Path, *, angles: int, dark_frames: int = 0, facts: BankFacts) -> Iterator[BankWriter]:
-    """A writer of a bank that is renamed when the block ends with everything announced, and deleted if not.
+def whole_bank(path: Path, *, facts: BankFacts) -> Iterator[BankWriter]:
+    """A writer of a bank that is renamed when the block ends, and deleted if the block fails.
 
-    ``path``: where to write; the suffix is .hdf5 or .h5. ``angles``: acquisitions with the laser that will come.
-    ``dark_frames``: acquisitions without.
+    ``path``: where to write; the suffix is .hdf5 or .h5.
     """
     require_new_bank(path)
-    with ExitStack() as making:
-        with _writing(path):
-            part = making.enter_context(create_atomically(path))
-            file = making.enter_context(_created(path, part))
-        writer = BankWriter(path, file, angles=angles, dark_frames=dark_frames, facts=facts)
-        # Outside of `_writing`: an error of the caller, who reads meanwhile, is none of writing.
-        yield writer
-        writer.finish()
-        with _writing(path):
-            making.close()
-
-
-@contextmanager
-def _created(path: Path, part: Path) -> Iterator[h5py.File]:
     import h5py
 
-    file = h5py.File(part, "w")
     try:
-        yield file
-    finally:
-        # The library writes what it has held back.
-        with _writing(path):
-            file.close()
+        with create_atomically(path) as part, h5py.File(part, "w") as file:
+            writer = BankWriter(path, file, facts)
+            yield writer
+            writer.finish()
+    # The library's errors are of both kinds.
+    except (OSError, RuntimeError) as problem:
+        raise RecordError(
+            f"{path}: the bank cannot be written: {problem}; nothing was kept: make room, or name another place"
+        ) from problem
 
 
 class BankWriter:
-    """Takes the acquisitions of a bank one at a time, in any order of their angles; made by `whole_bank`."""
+    """Takes the acquisitions of a bank one at a time, in any order of their angles; made by `whole_bank`.
 
-    def __init__(self, path: Path, file: h5py.File, *, angles: int, dark_frames: int, facts: BankFacts) -> None:
+    Of several acquisitions at one angle the last is kept.
+    """
+
+    def __init__(self, path: Path, file: h5py.File, facts: BankFacts) -> None:
         self._path, self._file, self._facts = path, file, facts
-        self._announced, self._announced_dark = angles, dark_frames
         self._taken: dict[float, tuple[float, FrameHeader]] = {}
         self._taken_dark = 0
         self._first: ChannelFrame | None = None
 
     @property
     def taken(self) -> int:
-        """Acquisitions with the laser that have come."""
+        """Angles that have come."""
         return len(self._taken)
 
     def add(self, sample: Sample) -> None:
@@ -121,59 +111,47 @@ class BankWriter:
         frame = sample.frame if isinstance(sample.frame, ChannelFrame) else None
         if sample.dark and frame is None:
             return
-        row, announced = (self._taken_dark, self._announced_dark) if sample.dark else (self.taken, self._announced)
-        if row >= announced:
-            raise RecordError(
-                f"{self._path}: {announced} acquisitions were announced and one more came; announce it too"
-            )
         if self.taken + self._taken_dark:
             _require_same(self._path, frame, self._first)
         else:
             self._begin(frame)
-        if not sample.dark:
+        if sample.dark:
+            row, self._taken_dark = self._taken_dark, self._taken_dark + 1
+        else:
             self._require_keepable(sample, frame)
+            row = list(self._taken).index(sample.angle_deg) if sample.angle_deg in self._taken else self.taken
             header = _UNKNOWN if sample.frame is None else sample.frame.header
             self._taken[sample.angle_deg] = sample.reading.intensity, header
         if frame is not None:
-            with _writing(self._path):
-                place = np.s_[..., row] if sample.dark else np.s_[..., 0, row]
-                self._file[fields.DARK_FRAMES if sample.dark else fields.FRAMES][place] = frame.samples
-        self._taken_dark += sample.dark
+            require_room(self._path, frame.samples.nbytes)
+            data = self._file[fields.DARK_FRAMES if sample.dark else fields.FRAMES]
+            data.resize(max(row + 1, data.shape[-1]), axis=data.ndim - 1)
+            data[..., row] = frame.samples if sample.dark else frame.samples[..., None]
 
     def finish(self) -> None:
-        """Write everything but the frames; `RecordError` if fewer acquisitions came than were announced."""
-        if (self.taken, self._taken_dark) != (self._announced, self._announced_dark):
-            raise RecordError(
-                f"{self._path}: {self.taken} of {self._announced} angles and {self._taken_dark} of "
-                f"{self._announced_dark} dark frames came; nothing was kept: read the source again"
-            )
+        """Write everything but the frames."""
         device = DEVICE_IDENTIFIERS.get(self._facts.probe or "") or str(uuid.uuid4())
-        with _writing(self._path):
-            for group in ("general", "illuminators", "detectors"):
-                # PATATO opens a file without elements, but not one without their group.
-                self._file.create_group(f"{fields.DEVICE}/{group}")
-            for name, value in self._acquisition(device).items():
-                if isinstance(value, np.ndarray):
-                    # One chunk, because only chunks have checksums.
-                    self._file.create_dataset(name, data=value, chunks=value.shape, fletcher32=True)
-                else:
-                    self._file[name] = value
-            for name, value in self._device(device).items():
+        if self._first is None:
+            self._file.create_dataset(fields.FRAMES, shape=(0, 0, 1, self.taken), dtype="<i2")
+        for group in ("general", "illuminators", "detectors"):
+            # PATATO opens a file without elements, but not one without their group.
+            self._file.create_group(f"{fields.DEVICE}/{group}")
+        for name, value in (self._acquisition(device) | self._device(device)).items():
+            if isinstance(value, np.ndarray) and not name.startswith(fields.DEVICE):
+                # One chunk, because only chunks have checksums.
+                self._file.create_dataset(name, data=value, chunks=value.shape, fletcher32=True)
+            else:
                 self._file[name] = value
 
     def _begin(self, frame: ChannelFrame | None) -> None:
         self._first = frame
         if frame is None:
-            self._file.create_dataset(fields.FRAMES, shape=(0, 0, 1, self._announced), dtype="<i2")
             return
-        require_room(self._path, frame.samples.nbytes * (self._announced + self._announced_dark))
-        shape = frame.samples.shape
-        with _writing(self._path):
-            for name, each in ((fields.FRAMES, (*shape, 1)), (fields.DARK_FRAMES, shape)):
-                count = self._announced_dark if name == fields.DARK_FRAMES else self._announced
-                # One chunk per frame, so that a frame is written and read in one piece.
-                pieces = {"chunks": (*each, 1), "fletcher32": True} if count else {}
-                self._file.create_dataset(name, shape=(*each, count), dtype="<i2", **pieces)
+        for name, each in ((fields.FRAMES, (*frame.samples.shape, 1)), (fields.DARK_FRAMES, frame.samples.shape)):
+            # One chunk per frame, so that a frame is written and read in one piece.
+            self._file.create_dataset(
+                name, shape=(*each, 0), maxshape=(*each, None), dtype="<i2", chunks=(*each, 1), fletcher32=True
+            )
 
     def _require_keepable(self, sample: Sample, frame: ChannelFrame | None) -> None:
         angle_deg, intensity = sample.angle_deg, sample.reading.intensity
@@ -182,8 +160,6 @@ class BankWriter:
                 f"{self._path}: the angle is {angle_deg:g} deg, it must be finite and within one turn, -{MAX_DEG:g} to "
                 f"{MAX_DEG:g} deg; leave that acquisition out"
             )
-        if angle_deg in self._taken:
-            raise RecordError(f"{self._path}: the angle {angle_deg:g} deg appears twice; keep one of them")
         # NaN beside a frame is allowed, because the intensity can be computed from it later.
         if not (0 <= intensity < math.inf or (math.isnan(intensity) and frame is not None)):
             raise RecordError(
@@ -290,14 +266,3 @@ def _require_same(path: Path, frame: ChannelFrame | None, first: ChannelFrame | 
             f"{path}: a frame sampled at {frame.sampling_hz:g} Hz follows one at {first.sampling_hz:g} Hz; "
             "keep one rate in a bank"
         )
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Errors of the library, which are of both kinds, as `RecordError`."""
-    try:
-        yield
-    except (OSError, RuntimeError) as problem:
-        raise RecordError(
-            f"{path}: the bank cannot be written: {problem}; nothing was kept: make room, or name another place"
-        ) from problem

@@ -48,7 +48,10 @@ def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, seed, first
     path.write_bytes(raw)
     bank = read_probed(path)
     what = f"dark frame {seed - 7}" if seed >= 8 else f"frame at {ANGLES[seed]:g} deg"
-    with pytest.raises(RecordError, match=f"the {what} has changed since it was written.* from a backup or scan again"):
+    with pytest.raises(
+        RecordError,
+        match=f"no {what} that can be read: .*; it has changed since it was written",
+    ):
         every_frame(bank)
 
 
@@ -82,8 +85,8 @@ def test_poses_are_those_of_the_rows_and_there_where_the_radius_is_known(tmp_pat
     assert pacfish.load_data(str(path)).get_measurement_spatial_poses() is None
 
 
-def imported(path, *, planned=3, then=lambda: None):
-    with whole_bank(path, angles=planned, facts=FACTS) as writer:
+def imported(path, *, then=lambda: None):
+    with whole_bank(path, facts=FACTS) as writer:
         for angle in (1.0, 2.0, 3.0):
             writer.add(sample(angle))
         then()
@@ -101,10 +104,6 @@ def test_an_import_that_fails_leaves_nothing_and_can_be_made_again(tmp_path):
     with pytest.raises(RecordError, match="gone"):
         imported(path, then=fail)
     assert [each.startswith(".a.hdf5.") for each in during] == [True]
-    with pytest.raises(RecordError, match=r"a\.hdf5: 3 of 4 angles and 0 of 0 dark frames came; nothing was kept"):
-        imported(path, planned=4)
-    with pytest.raises(RecordError, match=r"a\.hdf5: 2 acquisitions were announced and one more came"):
-        imported(path, planned=2)
     assert list(path.parent.iterdir()) == []
     imported(path)
     assert list(path.parent.iterdir()) == [path]

@@ -61,7 +61,7 @@ def test_times_of_another_program_count_from_1970(tmp_path):
 
 def test_unknown_times_stay_unknown(tmp_path):
     path = tmp_path / "a.hdf5"
-    with whole_bank(path, angles=3, facts=BankFacts(clock_zero_unix_s=None)) as writer:
+    with whole_bank(path, facts=BankFacts(clock_zero_unix_s=None)) as writer:
         for seed, started_s in enumerate((1.0, math.nan, math.inf)):
             frame = sample(float(seed), seed=seed).frame
             frame = replace(frame, header=replace(frame.header, started_s=started_s))

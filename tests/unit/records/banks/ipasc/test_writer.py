@@ -123,7 +123,7 @@ def test_each_preset_has_its_own_identifier_and_an_unknown_probe_a_new_one(tmp_p
 
 def test_frames_are_read_one_at_a_time(tmp_path):
     shape = (64, 2000)
-    with whole_bank(tmp_path / "a.hdf5", angles=60, facts=FACTS) as writer:
+    with whole_bank(tmp_path / "a.hdf5", facts=FACTS) as writer:
         for seed in range(60):
             writer.add(sample(float(seed), shape=shape))
     tracemalloc.start()
