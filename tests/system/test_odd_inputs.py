@@ -81,7 +81,7 @@ def odd_files() -> list[str]:
     Path("folder").mkdir()
     Path("loop").symlink_to("loop")
     os.mkfifo("pipe")
-    for suffix in ("toml", "csv", "npy", "mat", "hdf5", "rf"):
+    for suffix in ("toml", "csv", "npy", "mat", "hdf5"):
         Path(f"bytes.{suffix}").write_bytes(b"\xe9\xff\x00" * 50)
     odd = ["nothing", "folder", "x" * 300, "/dev/zero", "loop", "pipe", "nul\x00"]
     return [*odd, *map(str, Path().glob("bytes.*"))]
