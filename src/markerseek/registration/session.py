@@ -16,7 +16,6 @@ from typing import TypeVar
 import numpy as np
 
 from markerseek.core import (
-    AnglePrior,
     ConfigError,
     Finished,
     MarkerCurve,
@@ -124,7 +123,7 @@ class RegistrationSession:
     """
 
     def __init__(self, room: Room, *, plan: SessionPlan | None = None, record: SessionRecord | None = None) -> None:
-        self._room, self._stereo, self._plan, self._record = room, room.stereo, plan or SessionPlan(), record
+        self._room, self._plan, self._record = room, plan or SessionPlan(), record
         # The same session gives the same places: only possible poses are drawn.
         self._rng = np.random.default_rng(0)
         self.taken: list[TakenMarker] = [] if record is None else list(record.taken)
@@ -281,31 +280,33 @@ class RegistrationSession:
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
         """What the markers so far say of a spot; None where they say nothing."""
-        if not self._plan.guided:
-            return None
-        if self._possible is None:
+        if not self._plan.guided or self._possible is None:
             return None
         return self._possible.predict(seen.camera_m, seen.camera_covariance_m2, limits=self._room.rig.limits.search)
 
     def _search_plan(self, prediction: Prediction | None) -> SearchPlan:
-        near: AnglePrior | None = None if prediction is None else prediction.prior
+        near = None if prediction is None else prediction.prior
         # The next marker is searched from where this search ends, and the camera confirms.
         search = self._plan.search
         # A spot out of reach is not worth a minute: the next one is lit elsewhere.
         acquisitions = MOST_AT_REST if search.sweep and search.acquisitions is None else search.acquisitions
         return replace(search, prior=self._curve, near=near, stay=True, acquisitions=acquisitions)
 
-    def _poses(self) -> Poses | None:
-        missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
-        markers = [marker.seen for marker in self.taken]
-        return Poses.of(markers, self._choice, reach_of(self._room.rig), missed_m=missed_m, rng=self._rng)
-
     def _state(self) -> Registered:
         """What the markers say together."""
-        choice = choose([marker.seen for marker in self.taken], target_trus_m=self._plan.target_trus_m)
-        self._choice = choice
-        self._possible = self._poses()
-        place = self._place()
+        markers, rig = [marker.seen for marker in self.taken], self._room.rig
+        missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
+        choice = self._choice = choose(markers, target_trus_m=self._plan.target_trus_m)
+        self._possible = Poses.of(markers, choice, reach_of(rig), missed_m=missed_m, rng=self._rng)
+        place = None
+        if self._possible is not None:
+            place = self._possible.best_place(
+                self._room.stereo,
+                reach_of(rig),
+                target_trus_m=self._plan.target_trus_m,
+                probe_deg=rig.scanner.angle_deg,
+                avoid_m=missed_m,
+            )
         self.last = Registered(
             report=choice.report,
             decided=choice.decided,
@@ -318,17 +319,6 @@ class RegistrationSession:
             said=self._said(choice, place),
         )
         return self.last
-
-    def _place(self) -> Place | None:
-        if self._possible is None:
-            return None
-        return self._possible.best_place(
-            self._stereo,
-            reach_of(self._room.rig),
-            target_trus_m=self._plan.target_trus_m,
-            probe_deg=self._room.rig.scanner.angle_deg,
-            avoid_m=[np.array(marker.camera_m) for marker in self.taken if not marker.candidates],
-        )
 
     def _is_done(self, choice: Choice, place: Place | None) -> bool:
         """Whether the session ends: the goal is reached, or another marker would not help."""

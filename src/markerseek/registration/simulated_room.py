@@ -108,7 +108,8 @@ class SimulatedRoom:
         rng = np.random.default_rng(seed)
         self._rng = rng
         self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace, beside=settings.beside)
-        self._rig = self._movable.rig
+        self.rig: Rig = self._movable.rig
+        """The simulated rig; another one for each place of the marker."""
         tissue_m = settings.rig.marker.radius_m
         self._tissue_m = tissue_m
         self.true = camera_above(
@@ -129,12 +130,12 @@ class SimulatedRoom:
             calibration_sigma_px=settings.camera.calibration_sigma_px,
         )
         """The calibration of the cameras."""
-        self._images = SimulatedEndoscope(
+        self.images = SimulatedEndoscope(
             cameras=cameras,
             camera_to_trus=self.true,
             settings=settings.camera,
             rng=rng,
-            clock=self._rig.scanner.clock,
+            clock=self.rig.scanner.clock,
             flashes=lambda: len(self._movable.world.flashes),
             focal_error=FOCAL_LENGTH * float(drawn[3]),
             faults=settings.faults,
@@ -142,16 +143,6 @@ class SimulatedRoom:
         self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
         self._turn, self._asked = 0, dict[str, int]()
         self._recalled: set[str] = set()
-
-    @property
-    def rig(self) -> Rig:
-        """The simulated rig."""
-        return self._rig
-
-    @property
-    def images(self) -> SimulatedEndoscope:
-        """The simulated endoscope."""
-        return self._images
 
     def ask(self, waiting: Waiting) -> bool:
         """Light the place that is asked for, or the next of the settings, as well as a person hits it."""
@@ -203,9 +194,9 @@ class SimulatedRoom:
 
     def _light(self, spot_m: Float64[np.ndarray, " 3"]) -> None:
         """Put the fibre there: the camera sees it, and the probe hears it where its errors put it."""
-        self._images.show(spot_m)
+        self.images.show(spot_m)
         x, y, z = self._seen_m(spot_m).tolist()
-        self._rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
+        self.rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
 
     def _seen_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
         """Where a probe whose sound speed, face radius and zero are wrong finds a spot."""
@@ -213,7 +204,7 @@ class SimulatedRoom:
 
     def _draw(self, waiting: Waiting) -> Float64[np.ndarray, " 3"]:
         """Where the person lights the tissue: near the place that is asked for, else anywhere in reach."""
-        reach = reach_of(self._rig)
+        reach = reach_of(self.rig)
         if waiting.place is None:
             # Somewhere in the middle of what the probe can reach.
             across_m = self._tissue_m * math.sin(math.radians(reach.angles.width_deg / 4))

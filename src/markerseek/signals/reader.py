@@ -215,7 +215,8 @@ class ImageReader:
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> _Peak:
         """The peak at a pixel, refined between the columns."""
         lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.layout.grid, place=place)
-        energy, used = self._coherent_energies(chain, [lateral], [depth])
+        place_m = {"lateral_m": np.array([lateral]), "depth_m": np.array([depth])}
+        (energy,), (used,) = features.coherent_energies(chain.signals, self.preset, **place_m)
         saturated, channels = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
         )
@@ -224,9 +225,9 @@ class ImageReader:
             depth_m=depth,
             arrival_s=depth / self.preset.sound_speed_m_s + self.preset.trigger_offset_s,
             intensity=intensity,
-            coherence=min(1.0, energy[0] / max(1, used[0])),
+            coherence=min(1.0, float(energy) / max(1, int(used))),
         )
-        return _Peak(arrival=arrival, energy=energy[0], saturated=saturated, channels=channels)
+        return _Peak(arrival=arrival, energy=float(energy), saturated=saturated, channels=channels)
 
     def _peaks(self, chain: _Chain) -> list[_Peak]:
         """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
@@ -237,10 +238,11 @@ class ImageReader:
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
         places = strongest_peaks(window, level=level * chain.sigma, limit=features.MAX_TESTED)
-        depths = [float(chain.layout.grid.depth_m[row + chain.layout.rows.start]) for row, _ in places]
-        laterals = [float(chain.layout.grid.lateral_m[column]) for _, column in places]
+        grid, first = chain.layout.grid, chain.layout.rows.start
+        depths = np.array([grid.depth_m[row + first] for row, _ in places])
+        laterals = np.array([grid.lateral_m[column] for _, column in places])
         # All at once: one after another, they take longer than beamforming does.
-        energies = self._coherent_energies(chain, laterals, depths)[0]
+        energies, _ = features.coherent_energies(chain.signals, preset, lateral_m=laterals, depth_m=depths)
         peaks: list[_Peak] = []
         for (row, column), lateral, depth, energy in zip(places, laterals, depths, energies, strict=True):
             # In some receivers the gain, and so the noise, grows with depth: the floor at the peak's depth counts too.
@@ -253,21 +255,13 @@ class ImageReader:
                 for each in (peak.arrival for peak in peaks)
             ):
                 continue
-            peak = self._describe(chain, (row + chain.layout.rows.start, column))
+            peak = self._describe(chain, (row + first, column))
             if peak.energy <= coherent:
                 continue
             peaks.append(peak)
             if len(peaks) == MAX_ARRIVALS:
                 break
         return sorted(peaks, key=lambda each: -each.arrival.intensity)
-
-    def _coherent_energies(
-        self, chain: _Chain, lateral_m: list[float], depth_m: list[float]
-    ) -> tuple[list[float], list[int]]:
-        energy, used = features.coherent_energies(
-            chain.signals, self.preset, lateral_m=np.array(lateral_m), depth_m=np.array(depth_m)
-        )
-        return energy.tolist(), used.tolist()
 
     def _reason(self, chain: _Chain, peak: Arrival, *, found: bool) -> str:
         level = features.found_level(chain.layout.cells)
