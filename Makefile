@@ -127,7 +127,7 @@ lock: .venv/dev  ## pin the versions again, after a change in pyproject.toml
 	mkdir -p out && for group in dev bench; do $(BIN)/python -m dependency_groups $$group -o out/$$group.in; done
 	$(COMPILE) $(UPGRADE) $(RUN_EXTRAS) -o requirements/run.txt pyproject.toml
 	$(COMPILE) --extra plot -c requirements/run.txt -o requirements/demo.txt pyproject.toml
-	$(COMPILE_GROUPS) $(RUN_EXTRAS) --extra cluster --extra notebook -c requirements/run.txt -o requirements/dev.txt pyproject.toml out/dev.in
+	$(COMPILE_GROUPS) $(RUN_EXTRAS) --extra notebook -c requirements/run.txt -o requirements/dev.txt pyproject.toml out/dev.in
 	$(COMPILE_GROUPS) -c requirements/run.txt -o requirements/bench.txt pyproject.toml out/bench.in
 	$(COMPILE_GROUPS) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
 	$(COMPILE_GROUPS) -c requirements/dev.txt -o requirements/ros2.txt requirements/ros2.in

@@ -26,7 +26,7 @@ PAGE = """# Licences
 
 markerseek is under the MIT licence. These are the packages that its commands need, with the versions that
 `requirements/run.txt` pins. `python release/licences.py` has made the table from the metadata of the packages. None of
-them is under the GPL. Dask, ROS 2 and the optimisers are further extras, and not in the list.
+them is under the GPL. ROS 2 is a further extra, and not in the list.
 
 | package | version | licence | remark |
 |---|---|---|---|

@@ -30,7 +30,6 @@ WITHOUT = {
     "page": ("page",),
     "igtl": ("igtl",),
     "vision": ("tooltip", "images"),
-    "cluster": ("study", str(ROOT / "examples" / "studies" / "quick.toml"), "--scheduler", "tcp://127.0.0.1:9"),
     "ros2": ("ros2", "search"),
 }
 """A command that needs each extra."""
@@ -45,7 +44,7 @@ WITH = {
 }
 """The same, or its help where it would not end, once they are installed; they are installed together."""
 
-RESOLVED = ("cluster", "notebook", "optimizers", "botorch", "ros2", "standa")
+RESOLVED = ("notebook", "ros2", "standa")
 """Extras that are resolved and not installed: they are large."""
 
 

@@ -30,7 +30,6 @@ from markerseek.pictures import save_figure
 from markerseek.rigs import image_peak
 from markerseek.studies import Cell, Study, cells, error_figure, read_study, run_study
 from markerseek.studies.policies import build_policy
-from markerseek.studies.statistics import root_mean_square
 from markerseek.studies.trial import former_curve, searched
 from markerseek.studies.unknowns import Unknowns
 from markerseek.studies.worlds import draw_trial, study_rig
@@ -113,7 +112,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         angles_deg = np.array([sample.angle_deg for sample in samples])
         information = sample_information(curve, angles_deg, marker_deg=marker_deg, noise=noise).sum(axis=0)
         taken.append(float(angle_bound_deg(information, prior=TABLE_PRIOR)))
-    rmse_deg, best_deg, taken_deg = (root_mean_square(values) for values in (errors, best, taken))
+    rmse_deg, best_deg, taken_deg = (float(np.sqrt(np.mean(np.square(values)))) for values in (errors, best, taken))
     magnitude = np.abs(errors)
     return BoundComparison(
         cell=cell.index,

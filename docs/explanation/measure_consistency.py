@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from markerseek.studies.paper.fig5 import Condition, answers_of_trial, study_of
+from markerseek.studies.paper.fig5 import Condition, Marker, searches_for
 from markerseek.studies.paper.printed import printed_value
 
 RADII_M = (0.15e-3, 0.3e-3, 0.35e-3, 0.4e-3, 0.45e-3, 0.5e-3, 0.8e-3, 1.2e-3)
@@ -23,19 +23,18 @@ LEVELS_DB = (20.0, 30.0, 40.0, 50.0, 60.0, 80.0)
 SWEEPS = (8, 12, 16, 22, 28)
 """N of WA over which its mean error is averaged here; Fig. 5 has all from 8 to 28."""
 
-COUNTS = {"WA": SWEEPS, "TS": (28,), "GSS": (28,)}
-"""Acquisitions by method."""
+RUNS = (("TS", (28,)), ("GSS", (28,)), *(("WA", (count,)) for count in SWEEPS))
+"""Searches for each marker, with their acquisitions."""
 
 MARKERS, SEED = 60, 1
 
 
 def errors_deg(condition: Condition) -> dict[str, float]:
     """Mean error of each method."""
-    study = study_of(condition, seed=SEED, trials=MARKERS, sweeps=SWEEPS)
-    found = [answers_of_trial((study, trial)) for trial in range(MARKERS)]
+    found = [each for trial in range(MARKERS) for each in searches_for(Marker(condition, SEED, trial, RUNS))]
     return {
-        name: float(np.mean([each[name, count].error_deg for each in found for count in counts]))
-        for name, counts in COUNTS.items()
+        name: float(np.mean([each.answers[max(each.answers)].error_deg for each in found if each.method == name]))
+        for name in ("WA", "TS", "GSS")
     }
 
 

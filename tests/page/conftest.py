@@ -6,8 +6,6 @@ import json
 
 import pytest
 
-BANK = "examples/simulated_scan.csv"
-
 
 @pytest.fixture(scope="session")
 def browser():
@@ -19,10 +17,10 @@ def browser():
 
 @pytest.fixture(scope="session")
 def page(tmp_path_factory):
-    """One page for all tests that do not end it, with a bank to be replayed."""
+    """One page for all tests that do not end it."""
     from tests.page.page_browser import served
 
-    with served(tmp_path_factory.mktemp("data"), BANK) as found:
+    with served(tmp_path_factory.mktemp("data")) as found:
         yield found
 
 
@@ -31,7 +29,7 @@ def fresh_page(tmp_path):
     """A page of its own, in which nothing has been searched yet."""
     from tests.page.page_browser import served
 
-    with served(tmp_path, BANK) as found:
+    with served(tmp_path) as found:
         yield found
 
 

@@ -89,10 +89,6 @@ def test_other_address_needs_a_certificate(shell):
     refused(shell("page", "--tls-certificate", "a.pem", "--tls-key", "b.pem"), "no certificate")
 
 
-def test_recording_that_does_not_exist(shell):
-    refused(shell("page", "nothing.journal"), "nothing.journal", "no such file")
-
-
 def until(condition, page, tab, *, timeout_s=30):
     """Wait for something outside of the browser."""
     for _ in range(10 * timeout_s):

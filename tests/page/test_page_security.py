@@ -67,7 +67,7 @@ def test_first_link_and_then_the_cookie(page):
     assert answer(page, Cookie=cookie(page))[0] == 200
 
 
-@pytest.mark.parametrize("path", ["/", "/race", "/stop", "/camera/left.jpg", "/_nicegui/x", "/?token=wrong", SOCKET])
+@pytest.mark.parametrize("path", ["/", "/search", "/stop", "/camera/left.jpg", "/_nicegui/x", "/?token=wrong", SOCKET])
 def test_wrong_token(page, path):
     assert answer(page, path)[0] == 403
     assert answer(page, path, Cookie="markerseek=guess")[0] == 403

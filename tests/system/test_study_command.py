@@ -1,9 +1,8 @@
-"""``markerseek study`` as a user types it, killed at any moment, and on a Dask cluster."""
+"""``markerseek study`` as a user types it, and stopped while its processes begin."""
 
 from __future__ import annotations
 
 import csv
-import importlib.util
 import json
 import os
 import signal
@@ -80,10 +79,6 @@ def test_a_text_table_a_json_object_and_any_row_again(study: Path, tmp_path: Pat
         (("800", "5"), ("--out", "{other}"), "holds another study"),
         (("", ""), ("--row", "3", "--workers", "1"), "--workers 1: --row runs one row and writes nothing"),
         (("", ""), ("--row", "3", "--plot"), "--plot: --row runs one row and writes nothing"),
-        (("", ""), ("--row", "3", "--beside", "other.toml"), "--beside: --row runs one row and writes nothing"),
-        (("", ""), ("--plot", "--beside", "other.toml"), "other.toml: it cannot be read"),
-        (("", ""), ("--beside", "other.toml"), "add --plot, or leave it out"),
-        (("", ""), ("--workers", "1", "--scheduler", "tcp://127.0.0.1:1"), "leave one of them out"),
     ],
 )
 def test_wrong_usage_ends_with_2_and_the_cure(
@@ -122,15 +117,3 @@ def test_ctrl_c_ends_a_study_and_its_processes_with_one_sentence(study: Path, tm
     assert b"Traceback" not in said
     assert "stopped by the user; finished rows are in" in " ".join(said.decode().split())
     assert said.count(b"stopped by the user") == 1
-
-
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs the extra cluster (Dask)")
-@pytest.mark.filterwarnings("ignore")
-def test_a_scheduler_that_does_not_answer_is_named(
-    study: Path, tmp_path: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("markerseek.studies.workers._TIMEOUT_S", 1)
-    words = ("study", study, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1", "--json")
-    code, text, _ = shell(*words)
-    assert code == 2
-    assert "nothing answers at tcp://127.0.0.1:1" in json.loads(text)["error"]

@@ -1,4 +1,4 @@
-"""``markerseek study`` with a picture, and a second study for comparison."""
+"""``markerseek study`` with a picture."""
 
 from __future__ import annotations
 
@@ -34,17 +34,11 @@ def shell(monkeypatch: pytest.MonkeyPatch, *words: object) -> int:
     return code if isinstance(code, int) else 0
 
 
-def test_a_study_is_drawn_with_another_beside_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_study_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    for name, method in (("one", "golden-section"), ("two", "ternary")):
-        Path(f"{name}.toml").write_text(STUDY.replace("golden-section", method), encoding="utf-8")
-    assert shell(monkeypatch, "study", "two.toml", "--workers", 1) == 0
-    words = ("study", "one.toml", "--workers", 1, "--plot", "--beside", "two.toml")
-    assert shell(monkeypatch, *words) == 0
-    said = capsys.readouterr().out
-    assert "error of all" in said
+    Path("one.toml").write_text(STUDY, encoding="utf-8")
+    assert shell(monkeypatch, "study", "one.toml", "--workers", 1, "--plot") == 0
+    assert "picture: out/one/error.png" in capsys.readouterr().out
     assert "<svg" in Path("out/one/error.svg").read_text(encoding="utf-8")[:500]
     assert Path("out/one/error.png").read_bytes().startswith(b"\x89PNG")
     assert shell(monkeypatch, "study", "one.toml", "--workers", 1, "--json") == 0

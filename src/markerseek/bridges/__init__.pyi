@@ -1,7 +1,6 @@
 from .asked import OPTIONS, AskedSearch
 from .child import ChildRun, Outcome
 from .followed import FollowedSession, RegistrationSource, open_registration
-from .recordings import Recording, open_recording
 from .searches import Searches, SearchOptions
 
 __all__ = [
@@ -10,10 +9,8 @@ __all__ = [
     "ChildRun",
     "FollowedSession",
     "Outcome",
-    "Recording",
     "RegistrationSource",
     "SearchOptions",
     "Searches",
-    "open_recording",
     "open_registration",
 ]

@@ -15,7 +15,6 @@ from markerseek._version import __version__
 from markerseek.cli import (
     STOPPED_BY_USER,
     bank,
-    benchmark,
     calibrate,
     doctor,
     emulate,
@@ -51,7 +50,7 @@ _COMMANDS: dict[str, dict[str, Any]] = {
     "Search": {"search": search, "resume": resume, "page": page, "igtl": igtl, "ros2": ros2.app},
     "Recordings": {"replay": replay, "frame": frame, "tooltip": tooltip, "bank": bank.app, "journal": journal.app},
     "Rig and robot": {"doctor": doctor, "calibrate": calibrate, "register": register},
-    "Simulation and studies": {"emulate": emulate, "reproduce": reproduce, "study": study, "benchmark": benchmark},
+    "Simulation and studies": {"emulate": emulate, "reproduce": reproduce, "study": study},
 }
 for panel, commands in _COMMANDS.items():
     for name, command in commands.items():

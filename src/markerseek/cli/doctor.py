@@ -37,7 +37,6 @@ EXTRAS = {
     "igtl": ("pyigtl", "OpenIGTLink"),
     "vision": ("cv2", "a camera or B-mode image"),
     "ros2": ("rclpy", "ROS 2"),
-    "cluster": ("distributed", "a study on a Dask cluster"),
     "notebook": ("pandas", "a result as a DataFrame, or a bank as a data set,"),
 }
 """A module of each extra, and what needs it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -19,7 +19,6 @@ from markerseek.core import ConfigError
 EXAMPLES = """
     markerseek igtl
     markerseek igtl --rig examples/rigs/bench.toml
-    markerseek igtl --play run.journal --pace 0.1
     markerseek igtl --registration registration.json
     markerseek igtl --registration SESSION
     markerseek igtl --host 192.0.2.10 --allow 192.0.2.7
@@ -39,9 +38,6 @@ def command(
         list[str] | None,
         typer.Option(metavar="ADDRESS", help="Another computer that may connect, repeatable; it needs no password."),
     ] = None,
-    play: Annotated[
-        Path | None, typer.Option(help="Play a journal or a bank instead of searching; the last state stays.")
-    ] = None,
     registration: Annotated[
         Path | None,
         typer.Option(
@@ -49,12 +45,7 @@ def command(
             "a session's folder, after each marker."
         ),
     ] = None,
-    pace: Annotated[
-        float | None,
-        typer.Option(
-            min=0, help="Real seconds per second of a simulated rig (usually 0) or of a recording (usually 1)."
-        ),
-    ] = None,
+    pace: Annotated[float, typer.Option(min=0, help="Real seconds per second of a simulated rig.")] = 0.0,
     header_version: Annotated[
         int, typer.Option(min=1, max=2, help="Header version; 1 for clients before OpenIGTLink 3, without metadata.")
     ] = 2,
@@ -67,24 +58,19 @@ def command(
     # Not above: to import it takes 25 ms.
     import asyncio
 
-    if rig is not None and play is not None:
-        raise ConfigError("--play shows a recording, and a recording has no rig file; leave out --rig or --play")
     if rig is not None:
         # A file that cannot be used is refused now, not when somebody asks for a search.
         read_rig(rig, trust=trust)
-    recording = None if play is None else bridges.open_recording(play)
     source = None if registration is None else bridges.open_registration(registration)
     service = igtl.SearchService(
-        bridges.SearchOptions(rig=rig, pace=pace or 0.0) if recording is None else None,
-        # The name of a file may be no text, and is sent as text.
-        recording=None if recording is None else printable(recording.name),
+        bridges.SearchOptions(rig=rig, pace=pace),
         registration=source,
         version=1 if header_version == 1 else 2,
         allowed=[_address(text) for text in allow or []],
         on_note=_note,
     )
     try:
-        code = asyncio.run(_serve(service, host, port, recording, pace=1.0 if pace is None else pace))
+        code = asyncio.run(_serve(service, host, port))
     finally:
         if source is not None:
             source.close()
@@ -107,10 +93,8 @@ def _note(sentence: str) -> None:
         sys.stderr.write(f"{printable(sentence)}\n")
 
 
-async def _serve(
-    service: igtl.SearchService, host: str, port: int, recording: bridges.Recording | None, *, pace: float
-) -> int:
-    """Serve until a signal comes, and play a recording if one is given; returns the exit code."""
+async def _serve(service: igtl.SearchService, host: str, port: int) -> int:
+    """Serve until a signal comes; returns the exit code."""
     import asyncio
 
     loop = asyncio.get_running_loop()
@@ -125,15 +109,6 @@ async def _serve(
     taken = await service.open(host, port)
     try:
         _note(f"OpenIGTLink clients connect to {host}, port {taken}; Ctrl-C ends the bridge, and a search that runs")
-        if recording is not None:
-            played = asyncio.create_task(service.play(recording, pace=pace))
-            ends: set[asyncio.Future[Any]] = {played, stopped}
-            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
-            if played.done():
-                # A recording that cannot be read ends the command.
-                played.result()
-                _note(f"{recording.name} is over; Ctrl-C ends the bridge")
-            played.cancel()
         return 128 + await stopped
     finally:
         await service.close()

@@ -15,19 +15,14 @@ from markerseek.cli.open_rig import read_rig
 from markerseek.cli.options import RigFile, Trust
 from markerseek.cli.terminal import announce_compilation, stdout
 from markerseek.core import ConfigError
-from markerseek.files import quoted
 
 EXAMPLES = """
     markerseek page
     markerseek page --rig examples/rigs/bench.toml
-    markerseek page run.journal scan.hdf5
 """
 
 
 def command(
-    recordings: Annotated[
-        list[Path] | None, typer.Argument(help="Journals and banks that can be replayed on the page.")
-    ] = None,
     rig: RigFile = None,
     trust: Trust = False,
     port: Annotated[int, typer.Option(help="Port; 0 takes any that is free.")] = 8765,
@@ -52,7 +47,7 @@ def command(
     ] = None,
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in a browser of this computer.")] = False,
 ) -> None:
-    """Show a registration or a search live in the browser, and start, stop and replay them there.
+    """Show a registration or a search live in the browser, and start and stop them there.
 
     The link holds a token: who has it can start searches. The page holds no device. It starts `markerseek register` and
     `markerseek search` as children, so that its results are those of the commands. A rig of devices is armed here in
@@ -68,9 +63,6 @@ def command(
     if rig is not None:
         settings = read_rig(rig, trust=trust)
         shown = page.PageRig(file=rig, settings=settings, cameras=tuple(cameras or ()), images=images)
-    for path in recordings or []:
-        if not path.exists():
-            raise ConfigError(f"{quoted(path)}: there is no such file; name journals or banks that exist")
     browser = None
     if open_browser:
         try:
@@ -79,7 +71,7 @@ def command(
             raise ConfigError(
                 "--open: no browser was found on this computer; leave it out and open the printed link"
             ) from problem
-    searches = page.PageSearches(shown, recordings or [])
+    searches = page.PageSearches(shown)
 
     def ready(link: str, once: str) -> None:
         stdout.print(f"open {link}", markup=False)

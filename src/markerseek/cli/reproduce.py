@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,21 +12,20 @@ import typer
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from markerseek import signals, studies
-from markerseek.cli.options import AsJson, require_frames
+from markerseek import studies
+from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, file_line, require_room, table
 from markerseek.cli.terminal import print_warning, stages_bar, stderr
-from markerseek.core import ConfigError, counted, needs_package
+from markerseek.core import ConfigError, counted
 
 if TYPE_CHECKING:
-    from markerseek.studies.paper import Reproduction, Section
+    from markerseek.studies.paper import Section
 
 EXAMPLES = (
     "Examples:\n\n"
     "  markerseek reproduce all --out paper\n\n"
     "  markerseek reproduce fig5 --markers 200 --out paper\n\n"
-    "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg -8.25 --out mine\n\n"
-    "  markerseek reproduce table1 --bank /data/scan-2024-05-03 --probe BPL9-5/55 --out mine"
+    "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg -8.25 --out mine"
 )
 
 
@@ -36,33 +35,24 @@ def command(
     markers: Annotated[
         int, typer.Option(help="Markers of the Monte Carlo studies; fewer also reduce repeats and frames.")
     ] = 1000,
-    workers: Annotated[int | None, typer.Option(help="Processes; by default one for each core.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default one for each core.")] = None,
     seed: Annotated[int, typer.Option(help="Seed: the same seed gives the same numbers.")] = 1,
     bank: Annotated[
-        Path | None, typer.Option(help="Your own bank for fig6 and table1: HDF5, a folder of frames, or a CSV.")
+        Path | None, typer.Option(help="Your own scan for fig6 and table1: a table of angles and intensities.")
     ] = None,
-    probe: Annotated[str | None, typer.Option(help="Preset of the imaging chain, for a bank of channel data.")] = None,
     reference_deg: Annotated[
         float | None, typer.Option(help="Angle of the marker in your bank, in degrees; else the bank's maximum.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Make the paper's figures and tables again, and one report with its numbers beside ours."""
-    from markerseek.records.banks import read_bank
-    from markerseek.studies.paper import OfflineBank, Reproduction, RunOptions, write_report, write_section
+    from markerseek.studies import paper
 
-    own = None
-    if bank is not None:
-        if probe is not None:
-            signals.probe_preset(probe)
-            require_frames(read_bank(bank), bank, probe=probe)
-        own = OfflineBank(path=bank, material=bank.stem, reference_deg=reference_deg, probe=probe)
-    elif reference_deg is not None:
+    if bank is None and reference_deg is not None:
         raise ConfigError(f"--reference-deg {reference_deg:g} belongs to a bank; give --bank too")
-    elif probe is not None:
-        raise ConfigError(f"--probe {probe} belongs to a bank of channel data; give --bank too")
+    own = None if bank is None else paper.own_bank(bank, reference_deg=reference_deg)
     with stages_bar() as progress:
-        options = RunOptions(
+        options = paper.RunOptions(
             seed=seed,
             markers=markers,
             workers=studies.default_workers() if workers is None else workers,
@@ -70,45 +60,39 @@ def command(
         )
         # Before hours of computation, not after them.
         require_room(out)
-        reproduction = Reproduction(options=options, folder=out, own_bank=own)
-        names = _names(reproduction) if what == "all" else [what]
-        waiting = reproduction.sections(names)
-        processes = counted(options.workers, "process", "processes")
+        names = _names() if what == "all" else [what]
+        waiting = paper.make_sections(names, options=options, folder=out, own=own)
         made_from = f"with {counted(markers, 'marker')}" if bank is None else f"of {escape(str(bank))}"
         stderr.print(
-            f"{', '.join(names)} {made_from} in {processes}, into {escape(str(out))}; the time that "
-            "is left of each part is said as soon as it is known"
+            f"{', '.join(names)} {made_from} in {counted(options.workers, 'process', 'processes')}, into "
+            f"{escape(str(out))}; the time that is left of each part is said as soon as it is known"
         )
-        sections, files = [], []
-        durations_s: list[float] = []
+        sections, made = [], []
         began_s = time.perf_counter()
         for section in waiting:
+            files = [str(path) for path in paper.write_section(section, out)]
             sections.append(section)
-            files.append(write_section(section, out))
-            durations_s.append(time.perf_counter() - began_s - sum(durations_s))
-        page = write_report(sections, out, options=options, durations_s=durations_s, own_bank=bank)
-    made = [_made(*each) for each in zip(sections, files, durations_s, strict=True)]
-    shown = [part for each in zip(sections, durations_s, strict=True) for part in _shown(*each)]
+            made.append({**_made(section), "files": files, "seconds": time.perf_counter() - began_s})
+            began_s = time.perf_counter()
+        page = paper.write_report(sections, out, options=options, own_bank=bank)
     report = Report(
         values={"report": str(page), "seed": seed, "markers": markers, "workers": options.workers, "sections": made},
-        shown=[*shown, file_line("report", page)],
+        shown=[*(part for section in sections for part in _shown(section)), file_line("report", page)],
     )
     Output(as_json=as_json).show(report)
 
 
-def _names(reproduction: Reproduction) -> list[str]:
+def _names() -> list[str]:
     """All sections; Fig. 9 only where OpenCV is installed, so that the others need no further package."""
-    names = list(reproduction.makers)
-    try:
-        with needs_package("opencv-python-headless", extra="vision", purpose="it", module="cv2"):
-            importlib.import_module("cv2")
-    except ConfigError as problem:
-        print_warning(f"fig9 is left out: {problem}")
-        names.remove("fig9")
-    return names
+    from markerseek.studies.paper import SECTIONS
+
+    if importlib.util.find_spec("cv2") is not None:
+        return list(SECTIONS)
+    print_warning("fig9 is left out: it needs OpenCV; pip install 'markerseek[vision]'")
+    return [name for name in SECTIONS if name != "fig9"]
 
 
-def _made(section: Section, files: list[Path], duration_s: float) -> dict[str, object]:
+def _made(section: Section) -> dict[str, object]:
     """One section, for programs."""
     from markerseek.studies.paper import comparison_table
 
@@ -121,12 +105,10 @@ def _made(section: Section, files: list[Path], duration_s: float) -> dict[str, o
             for row, each in zip(compared.rows, section.comparisons, strict=True)
         ],
         "remarks": section.remarks,
-        "files": [str(path) for path in files],
-        "seconds": duration_s,
     }
 
 
-def _shown(section: Section, duration_s: float) -> Iterator[str | Grid]:
+def _shown(section: Section) -> Iterator[str | Grid]:
     from markerseek.studies.paper import shown
 
     yield f"[bold]{escape(section.title)}[/]"
@@ -146,6 +128,5 @@ def _shown(section: Section, duration_s: float) -> Iterator[str | Grid]:
             ),
             left=("", "condition"),
         )
-    for remark in section.remarks:
-        yield f"  {escape(remark)}"
-    yield f"[dim]took {duration_s:.1f} s[/]\n"
+    yield from (f"  {escape(remark)}" for remark in section.remarks)
+    yield ""

@@ -1,4 +1,4 @@
-from .curve_svg import DrawnCurve, Mark, as_html, errors_svg, tracks_svg
+from .curve_svg import DrawnCurve, Mark, as_html, errors_svg
 from .images import ImageSeries, read_image_sequence, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
 from .result import NAME_WITHOUT_CLAIM, Answer, ReplayedSearch, SampleRow, SearchResult
@@ -44,6 +44,5 @@ __all__ = [
     "read_images",
     "sigma_text",
     "time_text",
-    "tracks_svg",
     "with_minus",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -12,7 +12,7 @@ from markerseek.records.words import with_minus
 INSET_DEG = 2.0
 """Half of the range of the inset about the answer, in degrees."""
 
-BLUE, SKY, ORANGE, GREEN, GREY, PURPLE = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98", "#a8559b"
+BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
 
 _WIDTH, _HEIGHT = 460.0, 320.0
@@ -174,22 +174,6 @@ class DrawnCurve:
         return [
             _text(min(max(frame.x(frame.inside(at)), room), _WIDTH - room), y, text, size=13) for at, text, y in said
         ]
-
-
-def tracks_svg(tracks: Mapping[str, Sequence[tuple[float, float]]], *, range_deg: tuple[float, float]) -> str:
-    """Where each probe was read back, over the time; the tracks are pairs of seconds and degrees, by their name."""
-    height, last_s = 170.0, max([at_s for each in tracks.values() for at_s, _ in each] + [1.0])
-    frame = _Frame(58, 26, 1100 - 78, height - 62, (0.0, 1.03 * last_s), range_deg)
-    parts = frame.axes("time on the clocks of the rigs [s]", "angle [deg]")
-    for place, ((name, points), colour) in enumerate(zip(tracks.items(), (BLUE, PURPLE), strict=False)):
-        line = " ".join(f"{frame.x(at):.1f},{frame.y(deg):.1f}" for at, deg in points)
-        parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
-        parts += [
-            f'<circle cx="{frame.x(at):.1f}" cy="{frame.y(deg):.1f}" r="3" fill="{colour}"/>' for at, deg in points
-        ]
-        parts.append(f'<rect x="{60 + 300 * place}" y="8" width="14" height="6" fill="{colour}"/>')
-        parts.append(_text(80 + 300 * place, 15, name, size=13, anchor="start"))
-    return _svg(parts, height, "angles of both probes over the time", width=1100.0)
 
 
 def errors_svg(errors: Sequence[tuple[int, float, float]], *, goal_mm: float) -> str:

@@ -109,7 +109,7 @@ def method_named(name: str) -> Method:
     raise ConfigError(f"method: {name!r} is unknown; {hint}methods are {', '.join(names)}")
 
 
-def build(plan: SearchPlan | MethodName, *, limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE) -> Policy:
+def build(plan: SearchPlan | str, *, limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE) -> Policy:
     """Return a policy for one search.
 
     Parameters

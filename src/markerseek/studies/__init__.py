@@ -1,4 +1,4 @@
-"""Many runs, one table: a study is policies × worlds × trials, run on processes or a cluster, and summarised."""
+"""Many runs, one table: a study is policies × worlds × trials, run on the cores of this machine, and summarised."""
 
 import lazy_loader
 

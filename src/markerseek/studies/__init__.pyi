@@ -1,40 +1,33 @@
-from .benchmark import WORLDS, BenchmarkResults, Entry, Score, benchmark_size, run_benchmark
 from .figure import error_figure
 from .policies import StudyPolicy, study_policy
 from .runner import FinishedStudy, columns, read_rows, run_study, values_of
 from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
 from .statistics import Mean, Share
 from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
-from .summary import FAILURE_DEG, Difference, PolicySummary, Summary, TwoSources, summarise
+from .summary import Difference, PolicySummary, Summary, TwoSources, summarise
 from .trial import Row, run_row, run_trial
 from .workers import default_workers
 from .worlds import intensity_curve
 
 __all__ = [
-    "FAILURE_DEG",
-    "WORLDS",
     "Axis",
-    "BenchmarkResults",
     "Cell",
     "CellWorld",
     "ClutterAround",
     "CurveSettings",
     "Difference",
-    "Entry",
     "FinishedStudy",
     "Mean",
     "PolicySummary",
     "Repeats",
     "Row",
     "SceneSettings",
-    "Score",
     "SecondSource",
     "Share",
     "Study",
     "StudyPolicy",
     "Summary",
     "TwoSources",
-    "benchmark_size",
     "cells",
     "columns",
     "default_workers",
@@ -42,7 +35,6 @@ __all__ = [
     "intensity_curve",
     "read_rows",
     "read_study",
-    "run_benchmark",
     "run_row",
     "run_study",
     "run_trial",

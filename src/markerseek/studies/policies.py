@@ -1,4 +1,4 @@
-"""The policies of a study: those of `markerseek.search`, entries of a benchmark, and a user's own.
+"""The policies of a study: those of `markerseek.search`, and a user's own.
 
 A user's own policy is named ``module:name``: a class, or a function that makes one. It is called with ``limits`` and
 ``acquisitions`` by keyword and returns a `markerseek.core.Policy`. The module is imported in each worker process, so
@@ -35,9 +35,8 @@ from markerseek.search import (
     refuse_posterior_settings,
     require_plan,
 )
-from markerseek.studies.entry import EntryPolicy
 
-OF_STUDY = ("prior", "near_sigma_deg", "near_off_deg", "command", "channels")
+OF_STUDY = ("prior", "near_sigma_deg", "near_off_deg")
 OF_PLAN = (*(each.name for each in options_of(SearchPlan) if each.name != "near"), "early_end", "cues")
 """Keys of a policy in a study: its own, and those of the plan; where the marker is expected depends on the marker."""
 
@@ -55,11 +54,6 @@ class StudyPolicy:
     it is given none."""
     near_off_deg: float = 0.0
     """By how much that prior is off besides, towards the middle of the range, in degrees."""
-    command: tuple[str, ...] = ()
-    """Words that start an entry, a search method of somebody else as a child process (`markerseek.studies.entry`);
-    ``method`` is then its name only."""
-    channels: bool = True
-    """Whether an entry is told the channel data of a frame, too."""
 
     def __post_init__(self) -> None:
         plan = self.plan
@@ -67,15 +61,6 @@ class StudyPolicy:
             AnglePrior(mean_deg=self.near_off_deg, sigma_deg=self.near_sigma_deg)
         elif self.near_off_deg:
             raise ConfigError(f"{plan.method}: near_off_deg is {self.near_off_deg} deg without near_sigma_deg; give it")
-        if self.command:
-            self._refuse_ours("an entry")
-            check_acquisitions(plan.acquisitions or 0, least=1, method=plan.method)
-            return
-        if not self.channels:
-            raise ConfigError(
-                f"{plan.method}: channels is False, but only an entry, a policy with command, is told of channel data; "
-                "leave it out"
-            )
         if is_own(plan.method):
             self._require_own()
             return
@@ -93,22 +78,18 @@ class StudyPolicy:
         if self.plan.acquisitions is None:
             raise ConfigError(f"{method}: acquisitions is None, a policy of your own needs the number of them; give it")
         number = check_acquisitions(self.plan.acquisitions, least=1, method=method)
-        self._refuse_ours("a policy of your own")
-        # A study may come from anyone, and its module may be any that is installed.
-        module = method.partition(":")[0]
-        warnings.warn(f"{method}: the study imports the module {module} and runs its code", stacklevel=3)
-        # A module that cannot be imported is an error when the study is read, not in a worker process.
-        _build_own(method, limits=PAPER_RANGE, acquisitions=number)
-
-    def _refuse_ours(self, what: str) -> None:
-        """Refuse settings that only methods of this package have."""
         usual = SearchPlan()
         names = ("early_end", "others", "cues", "sweep")
         given = [(name, getattr(self.plan, name), getattr(usual, name)) for name in names]
         given += [("prior", self.prior, False), ("near_sigma_deg", self.near_sigma_deg, None)]
         for name, value, default in given:
             if value != default:
-                raise ConfigError(f"{self.plan.method}: {name} is {value}, {what} has no such setting")
+                raise ConfigError(f"{method}: {name} is {value}, a policy of your own has no such setting")
+        # A study may come from anyone, and its module may be any that is installed.
+        module = method.partition(":")[0]
+        warnings.warn(f"{method}: the study imports the module {module} and runs its code", stacklevel=3)
+        # A module that cannot be imported is an error when the study is read, not in a worker process.
+        _build_own(method, limits=PAPER_RANGE, acquisitions=number)
 
     @property
     def most(self) -> int:
@@ -149,15 +130,6 @@ def study_policy(**keys: object) -> StudyPolicy:
 def build_policy(policy: StudyPolicy, *, limits: Interval, **of_rig: Any) -> AnyPolicy:
     """Return a policy for one search; ``of_rig``: fields of the plan that follow from the rig (`SearchPlan`)."""
     plan = replace(policy.plan, **of_rig)
-    if policy.command:
-        return EntryPolicy(
-            policy.command,
-            limits=limits,
-            acquisitions=policy.most,
-            start_deg=plan.start_deg,
-            tolerance=plan.tolerance,
-            channels=policy.channels,
-        )
     if is_own(plan.method):
         return _build_own(plan.method, limits=limits, acquisitions=policy.most)
     return build_sweeping(plan, limits=limits)

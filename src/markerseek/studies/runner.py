@@ -23,7 +23,7 @@ from typing import IO, TypeVar
 import msgspec
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError, RecordError
+from markerseek.core import RecordError
 from markerseek.files import MIB, open_input, read_input, replace_file, sync_folder
 from markerseek.studies.study import Study, Value, cells
 from markerseek.studies.summary import Summary, summarise
@@ -59,14 +59,12 @@ def run_study(
     folder: Path,
     *,
     workers: int | None = None,
-    scheduler: str | None = None,
     progress: Callable[[int], None] = lambda _rows: None,
 ) -> FinishedStudy:
     """Run a study, or the rest of it, and summarise it.
 
     ``folder``: created if it does not exist. ``workers``: processes of this machine; None: as many as it has cores.
-    ``scheduler``: address of a Dask scheduler, to run on its workers instead. ``progress``: receives the number of
-    finished rows before the first chunk and after each.
+    ``progress``: receives the number of finished rows before the first chunk and after each.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +75,7 @@ def run_study(
     with _alone(folder):
         _claim(folder, study)
         if not (folder / ROWS).exists():
-            _add_rows(study, folder / PART, workers, scheduler, progress)
+            _add_rows(study, folder / PART, workers, progress)
             (folder / PART).replace(folder / ROWS)
             sync_folder(folder)
         progress(study.rows)
@@ -119,28 +117,17 @@ def _claim(folder: Path, study: Study) -> None:
         unfinished.unlink()
 
 
-def _add_rows(
-    study: Study,
-    path: Path,
-    workers: int | None,
-    scheduler: str | None,
-    progress: Callable[[int], None],
-) -> None:
+def _add_rows(study: Study, path: Path, workers: int | None, progress: Callable[[int], None]) -> None:
     """Compute the rows that an unfinished table lacks, and add each chunk as it is ready."""
     with _writing(path):
         path.touch()
     with path.open("r+b") as table:
         done = _whole_trials(table, study)
         progress(done * len(study.policies))
-        parts = in_order(partial(run_chunk, study), chunks(study, first=done), workers=workers, scheduler=scheduler)
+        parts = in_order(partial(run_chunk, study), chunks(study, first=done), workers=workers)
         # Closed at Ctrl-C too: the processes would otherwise continue their jobs.
         with closing(parts):
             for lines in parts:
-                # The hash of a study contains the version of the package that computed it.
-                if not lines.startswith(study.digest.encode()):
-                    raise ConfigError(
-                        "a worker has another version of markerseek than this process; install the same one"
-                    )
                 with _writing(path):
                     table.write(lines)
                     table.flush()

@@ -39,11 +39,6 @@ class Mean(msgspec.Struct, frozen=True, kw_only=True):
         return None if self.interval95 is None else (self.interval95[1] - self.interval95[0]) / 2
 
 
-def root_mean_square(values: Sequence[float]) -> float:
-    """Root mean square of one value or more."""
-    return math.sqrt(float(np.mean(np.square(values))))
-
-
 class Share(msgspec.Struct, frozen=True, kw_only=True):
     """Hits over trials, with the 95 % interval of the probability; None without trials."""
 

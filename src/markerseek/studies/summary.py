@@ -1,10 +1,9 @@
-"""Summary of a study's table: errors, failures, answers and cost by policy and cell, and differences of errors.
+"""Summary of a study's table: errors, answers and cost by policy and cell, and differences of errors.
 
-There are two sets of figures. Of the searches that answer `Found`: error, and failures, which are errors beyond
-`FAILURE_DEG` or something found without a marker. Of every search with a marker, whatever its answer: error of
-``mean_deg``, shares off by more than `FAILURE_DEG`, not found, missed (the answer "not found"), and found but off by
-more than `CLAIM_TOLERANCES` times the tolerance (promise P10); and how often a 95 % interval covers the truth (P11).
-The table is in the order of the cells, and only one cell is in memory.
+Errors are those of the searches that answer `Found`, and those of every search with a marker, whatever its answer. A
+claim is wrong if the answer is `Found` and off by more than `CLAIM_TOLERANCES` times the tolerance (promise P10); an
+interval of 95 % covers the truth or does not (P11). The table is in the order of the cells, and only one cell is in
+memory.
 """
 
 from __future__ import annotations
@@ -16,12 +15,9 @@ from typing import get_args
 import msgspec
 
 from markerseek.studies.policies import StudyPolicy
-from markerseek.studies.statistics import Mean, Share, root_mean_square
+from markerseek.studies.statistics import Mean, Share
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.trial import Answer, Row
-
-FAILURE_DEG = 4.33
-"""Error beyond which a search failed: the half range within which a tool tip is seen (paper, section 2.5 D)."""
 
 CLAIM_TOLERANCES = 2.0
 """Error over the tolerance beyond which the claim of a `Found` is wrong (promise P10)."""
@@ -55,16 +51,8 @@ class PolicySummary(msgspec.Struct, frozen=True, kw_only=True):
     trials: int
     error_deg: Mean
     """Error of the searches that found."""
-    failures: Share
-    """Errors beyond `FAILURE_DEG`, or something found without a marker, of the searches that found."""
     any_error_deg: Mean
     """Error of all searches with a marker, whatever the answer."""
-    rmse_deg: float | None
-    """Root mean square of the same errors."""
-    off: Share
-    """Errors beyond `FAILURE_DEG`, of all searches with a marker."""
-    not_found: Share
-    """Any answer but found, of all searches with a marker."""
     missed: Share
     """The answer "not found", of all searches with a marker."""
     wrong_claims: Share
@@ -105,7 +93,6 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     level: str
     rows: int
-    failure_deg: float
     policies: list[PolicySummary]
     differences: list[Difference]
 
@@ -141,7 +128,6 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
         name=study.name,
         level=study.level,
         rows=sum(policy.trials for policy in policies),
-        failure_deg=FAILURE_DEG,
         policies=policies,
         differences=differences,
     )
@@ -164,7 +150,6 @@ def _apart(one: list[Row], other: list[Row]) -> list[float]:
 def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], *, marks: int) -> PolicySummary:
     """Summary of one policy in one cell."""
     marked = [row for row in rows if row.truth_deg is not None]
-    errors_deg = _known(row.error_deg for row in rows)
     return PolicySummary(
         cell=cell.index,
         settings=dict(cell.varied),
@@ -172,17 +157,10 @@ def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], 
         label=str(policy),
         trials=len(rows),
         error_deg=Mean.of(_known(_found_error(row) for row in rows)),
-        failures=_share((row for row in rows if row.answer == "found"), _failed),
-        any_error_deg=Mean.of(errors_deg),
-        rmse_deg=root_mean_square(errors_deg) if errors_deg else None,
-        # A search that a device ended has no error: it is off, and nothing was claimed.
-        off=_share(marked, lambda row: _is_off(row, FAILURE_DEG)),
-        not_found=_share(marked, lambda row: row.answer != "found"),
+        any_error_deg=Mean.of(_known(row.error_deg for row in rows)),
         missed=_share(marked, lambda row: row.answer == "not found"),
-        wrong_claims=_share(
-            marked, lambda row: row.answer == "found" and _is_off(row, CLAIM_TOLERANCES * row.tolerance_deg)
-        ),
-        covered=_share((row for row in marked if row.low_deg is not None), covers),
+        wrong_claims=_share(marked, _is_wrong_claim),
+        covered=_share((row for row in marked if row.low_deg is not None), _covers),
         false_found=_share((row for row in rows if row.truth_deg is None), lambda row: row.answer == "found"),
         # A search that a device ended has no answers at the marks.
         marks_deg=[
@@ -224,21 +202,17 @@ def _known(values: Iterable[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
 
-def _is_off(row: Row, limit_deg: float) -> bool:
-    """Whether the error is beyond a limit, or unknown."""
+def _is_wrong_claim(row: Row) -> bool:
+    """Whether a search found, and its error is beyond the tolerances of a claim, or unknown."""
     # Not ">": an error of NaN must count as a failure.
-    return row.error_deg is None or not row.error_deg <= limit_deg
+    within = row.error_deg is not None and row.error_deg <= CLAIM_TOLERANCES * row.tolerance_deg
+    return row.answer == "found" and not within
 
 
-def covers(row: Row) -> bool:
+def _covers(row: Row) -> bool:
     """Whether the 95 % interval holds the truth."""
     low_deg, truth_deg, high_deg = row.low_deg, row.truth_deg, row.high_deg
     return low_deg is not None and truth_deg is not None and high_deg is not None and low_deg <= truth_deg <= high_deg
-
-
-def _failed(row: Row) -> bool:
-    """Whether a search found something wrong: too far from the marker, or without a marker."""
-    return row.answer == "found" and _is_off(row, FAILURE_DEG)
 
 
 def _found_error(row: Row) -> float | None:

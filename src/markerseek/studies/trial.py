@@ -31,7 +31,6 @@ from markerseek.core import (
 )
 from markerseek.records import answer_name
 from markerseek.scan import Scanner, run
-from markerseek.studies.entry import EntryError
 from markerseek.studies.policies import StudyPolicy, build_policy, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, expected_angle_deg, former_rig, hidden_noise, study_rig
@@ -110,12 +109,10 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     rig = study_rig(study, cell, draw)
     prior = former_curve(study, cell, trial, settings)
     found, fault = None, None
-    # Simulated faults are part of a study, and so are those of entries. Other errors are of its settings, and end it.
+    # Simulated faults are part of a study. Other errors are of its settings, and end it.
     try:
         near = _angle_prior(study, cell, trial, settings, rig)
         found = _search(study, settings, rig, prior=prior, near=near)
-    except EntryError as problem:
-        fault = described(problem)
     except DeviceError as problem:
         # The guard refuses frames without noise as stale, and here no device is to blame.
         hidden = hidden_noise(study, cell, draw, sweep=settings.plan.sweep)

@@ -1,37 +1,29 @@
-"""Jobs on processes of this machine or on a Dask cluster: chunks of a study, parts of a reproduction.
+"""Jobs on processes of this machine: chunks of a study, parts of a reproduction.
 
 Results come in the order of the jobs. A few jobs for each worker are under way at a time: memory does not grow with
-their number. Dask is an extra, and imported here only.
+their number.
 """
 
 from __future__ import annotations
 
-import importlib
 import multiprocessing
 import os
 import signal
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from functools import partial
-from typing import Any, TypeAlias, TypeVar
+from typing import TypeVar
 
-from markerseek.core import ConfigError, MarkerseekError, needs_package
+from markerseek.core import ConfigError, MarkerseekError
 
 _AHEAD = 8
 """Jobs under way for each worker: the next jobs go on while a long job is waited for."""
 
-_TIMEOUT_S = 20
-"""Longest time in which a cluster answers, in seconds."""
-
 Job = TypeVar("Job")
 Done = TypeVar("Done")
-
-_Submit: TypeAlias = Callable[[Callable[[Any], Any], Any], "Future[Any]"]
-"""Begins a function of a job."""
 
 
 def default_workers() -> int:
@@ -40,33 +32,30 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_order(
-    function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int | None = None, scheduler: str | None = None
-) -> Generator[Done]:
-    """Result of each job, in their order; closing the iterator ends the processes, or cancels the rest.
+def in_order(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int | None = None) -> Generator[Done]:
+    """Result of each job, in their order; closing the iterator ends the processes.
 
     ``function``: a function of a module, or `functools.partial` of one, which other processes can import.
-    ``workers``: number of processes of this machine; 1 computes in this one, None is `default_workers`.
-    ``scheduler``: address of a Dask scheduler, to compute on its workers, which need the same version of this package.
+    ``workers``: number of processes; 1 computes in this one, None is `default_workers`.
     """
     count = default_workers() if workers is None else workers
     if count < 1:
         raise ConfigError(f"workers is {count}, at least 1 is needed")
-    if scheduler is None and count == 1:
+    if count == 1:
         yield from map(function, jobs)
         return
-    with _processes(count) if scheduler is None else _cluster(scheduler) as (submit, threads):
+    with _processes(count) as pool:
         under_way: deque[Future[Done]] = deque()
         for job in jobs:
-            under_way.append(submit(function, job))
-            if len(under_way) >= _AHEAD * threads:
+            under_way.append(_submit(pool, function, job))
+            if len(under_way) >= _AHEAD * count:
                 yield under_way.popleft().result()
         while under_way:
             yield under_way.popleft().result()
 
 
 @contextmanager
-def _processes(workers: int) -> Iterator[tuple[_Submit, int]]:
+def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     # The command that starts a worker would import from the current folder, before it takes over our own path.
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -76,7 +65,7 @@ def _processes(workers: int) -> Iterator[tuple[_Submit, int]]:
     others = set(multiprocessing.active_children())
     over = False
     try:
-        yield partial(_submit, pool), workers
+        yield pool
         over = True
     except BrokenProcessPool as problem:
         raise MarkerseekError(
@@ -85,7 +74,7 @@ def _processes(workers: int) -> Iterator[tuple[_Submit, int]]:
         ) from problem
     finally:
         if not over:
-            # What is under way is lost, and begins again later: an entry of the benchmark may think for minutes.
+            # What is under way is lost, and begins again later.
             for process in set(multiprocessing.active_children()) - others:
                 process.kill()
         pool.shutdown(wait=True, cancel_futures=True)
@@ -96,35 +85,25 @@ def _processes(workers: int) -> Iterator[tuple[_Submit, int]]:
             os.environ["PYTHONSAFEPATH"] = before
 
 
-def _submit(pool: ProcessPoolExecutor, function: Callable[[Any], Any], job: object) -> Future[Any]:
+def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
     """Submit a job, which may start a process; Ctrl-C takes effect afterwards.
 
-    A Ctrl-C goes to all processes of a terminal: a worker that does not block it prints a traceback while it imports.
+    A Ctrl-C goes to all processes of a terminal. A worker that does not block it prints a traceback while it imports,
+    and so does one whose parent is interrupted while it sends what to import.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         return pool.submit(function, job)
+    came: list[int] = []
+    # Blocked for the worker. Another thread of this process may take the signal nevertheless.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
     try:
         return pool.submit(function, job)
     finally:
+        signal.signal(signal.SIGINT, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[tuple[_Submit, int]]:
-    with needs_package("distributed", extra="cluster", purpose="a study on a cluster"):
-        distributed = importlib.import_module("distributed")
-    try:
-        # Not the default client: the caller may have one of its own.
-        client = distributed.Client(address, timeout=_TIMEOUT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as problem:
-        raise ConfigError(f"scheduler: nothing answers at {address}: {problem}; is `dask scheduler` running?") from None
-    with client:
-        try:
-            # Not pure: Dask would hash all arguments to find equal calls, and there are none.
-            yield client.get_executor(pure=False).submit, sum(client.nthreads().values()) or 1
-        except (distributed.KilledWorker, distributed.comm.CommClosedError, CancelledError) as problem:
-            raise MarkerseekError(f"the cluster failed: {problem}; run the same command again to continue") from problem
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _begin() -> None:

@@ -21,7 +21,7 @@ _PORTABLE = re.compile(rb"P([56])\s+(?:#[^\n]*\s+)*(\d+)\s+(?:#[^\n]*\s+)*(\d+)\
 _PURPOSE = "reading camera images"
 
 
-def brightness(image: UInt8[np.ndarray, " ..."]) -> UInt8[np.ndarray, "rows columns"]:
+def brightness(image: np.ndarray) -> UInt8[np.ndarray, "rows columns"]:
     """Of each pixel the brightest colour, without transparency, as `find_spot` has it.
 
     ``image``: shape (rows, columns), or (rows, columns, channels) with 1, 3 or 4 channels. Raises `ConfigError` if a

@@ -375,13 +375,12 @@ def lit_pairs(pairs: Sequence[StereoPair], dark: Sequence[StereoPair]) -> list[S
     return [pair for pair, counts in zip(pairs, light, strict=True) if counts >= least]
 
 
-def _light(image: UInt8[np.ndarray, "rows columns"], dark: Float32[np.ndarray, "rows columns"]) -> float:
+def _light(image: UInt8[np.ndarray, "rows columns"], dark: Float32[np.ndarray, "half_rows half_columns"]) -> float:
     """The most that a place of an image is brighter than with the laser off, in counts."""
     return float(opencv(_PURPOSE).GaussianBlur(_halved(image) - dark, (0, 0), _LIT_BLUR_PX).max())
 
 
-def _halved(image: UInt8[np.ndarray, "rows columns"]) -> UInt8[np.ndarray, "rows columns"]:
+def _halved(image: UInt8[np.ndarray, "rows columns"]) -> UInt8[np.ndarray, "half_rows half_columns"]:
     """The image at half its size: the mean of each four pixels."""
     cv2 = opencv(_PURPOSE)
-    half: UInt8[np.ndarray, "rows columns"] = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    return half
+    return np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))

@@ -106,8 +106,8 @@ def test_a_policy_of_one_s_own_is_run_as_the_method_of_the_same_rule(folder: Pat
         ("mine_of_this_test:made", "", "acquisitions is None, a policy of your own needs the number"),
         ("mine_of_this_test:made", "acquisitions = 0", "acquisitions is 0"),
         ("mine_of_this_test:made", "acquisitions = 9\nearly_end = false", "early_end is False, a policy of your own"),
-        ("mine_of_this_test:made", "acquisitions = 9\nchannels = false", "channels is False, but only an entry"),
-        ("ternary", "channels = false", "ternary: channels is False, but only an entry, a policy with command"),
+        ("mine_of_this_test:made", "acquisitions = 9\nsweep = true", "sweep is True, a policy of your own"),
+        ("mine_of_this_test:made", "acquisitions = 9\nprior = true", "prior is True, a policy of your own"),
         ("unheard-of", "", "in a study also a policy of your own as module:name"),
     ],
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from markerseek.core import MissingExtraError, RecordError
+from markerseek.core import RecordError
 from markerseek.studies import (
     Axis,
     CurveSettings,
@@ -140,14 +139,3 @@ def test_a_folder_in_use_cannot_be_used_and_one_that_cannot_be_made_is_named(tmp
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordError, match="with --out"):
         run_study(STUDY, tmp_path / "file" / "below")
-
-
-def test_without_dask_the_answer_is_the_command_that_installs_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def missing(name: str) -> None:
-        raise ModuleNotFoundError(name, name=name)
-
-    monkeypatch.setattr(importlib, "import_module", missing)
-    with pytest.raises(MissingExtraError, match=r"pip install 'markerseek\[cluster\]'"):
-        run_study(STUDY, tmp_path, scheduler="tcp://127.0.0.1:1")

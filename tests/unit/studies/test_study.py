@@ -232,7 +232,7 @@ def test_a_summary_agrees_with_its_rows() -> None:
         assert said.error_deg.interval95 == pytest.approx(
             stats.t.interval(0.95, 39, loc=np.mean(errors), scale=stats.sem(errors))  # type: ignore[arg-type]
         )
-        assert said.failures.hits == sum(error > 4.33 for error in errors)  # type: ignore[operator]
+        assert said.wrong_claims.hits == sum(error > 2 * mine[0].tolerance_deg for error in errors)  # type: ignore[operator]
         assert said.travel_deg.mean == pytest.approx(np.mean([row.travel_deg for row in mine]))  # type: ignore[arg-type]
         assert said.answers["found"].share == 1.0
     for pair in summary.differences:
@@ -244,16 +244,20 @@ def test_a_summary_agrees_with_its_rows() -> None:
         assert pair.error_deg.interval95 == pytest.approx((paired.low, paired.high))
 
 
-def test_a_marker_found_where_there_is_none_is_a_failure_and_not_found_is_none() -> None:
+def test_a_marker_found_where_there_is_none_is_counted_and_has_no_error() -> None:
     checked = study_policy(method="weighted-average", acquisitions=29)
     nothing = SimulatedSettings(marker=MarkerSettings(present=False))
     study = Study(
         name="nothing", trials=10, policies=(TERNARY, checked), rig=nothing, curve=CurveSettings(family="sech")
     )
     published_row, checked_row = summarise(study, all_rows(study)).policies
-    assert (published_row.failures.hits, published_row.failures.count, published_row.error_deg.count) == (10, 10, 0)
+    assert (published_row.false_found.hits, published_row.false_found.count, published_row.error_deg.count) == (
+        10,
+        10,
+        0,
+    )
     assert checked_row.answers["not found"].hits == 10
-    assert (checked_row.failures.count, checked_row.failures.share) == (0, None)
+    assert (checked_row.false_found.hits, checked_row.false_found.count) == (0, 10)
 
 
 def test_many_policies_are_compared_at_equal_acquisitions() -> None:

@@ -1,7 +1,7 @@
-"""OpenIGTLink: a search, or a recording, for 3D Slicer, PLUS and robot controllers.
+"""OpenIGTLink: a search for 3D Slicer, PLUS and robot controllers.
 
 `IgtlServer` sends messages to all clients and takes their commands; `SearchService` runs the searches that they ask
-for; `play` sends a recording.
+for.
 """
 
 import lazy_loader

@@ -22,7 +22,6 @@ from markerseek.bridges.igtl.commands import (
 )
 from markerseek.bridges.igtl.peer import LOOPBACK, SLOW_S, IPAddress, Peer, plain_address
 from markerseek.bridges.igtl.streams import Stream, Streams
-from markerseek.bridges.recordings import Recording
 from markerseek.bridges.searches import Searches, SearchOptions
 from markerseek.core import ConfigError, SearchError
 from markerseek.records.journal import JournalItem
@@ -38,26 +37,24 @@ FOLLOWED_S = 0.1
 class SearchService:
     """The server, and one search at a time.
 
-    ``options``: of the searches; None if a recording is played, and no search can be asked for. ``registration``: of
-    the da Vinci system to the probe, to be shown, and withdrawn when it holds no longer. ``on_note``: receives
-    sentences for the terminal.
+    ``options``: of the searches. ``registration``: of the da Vinci system to the probe, to be shown, and withdrawn when
+    it holds no longer. ``on_note``: receives sentences for the terminal.
     """
 
     def __init__(
         self,
-        options: SearchOptions | None,
+        options: SearchOptions,
         *,
-        recording: str | None = None,
         registration: RegistrationSource | None = None,
         version: Literal[1, 2] = 2,
         allowed: Collection[IPAddress] = (),
         on_note: Callable[[str], None],
     ) -> None:
         self._on_note = on_note
-        self._searches = None if options is None else self._made(options)
+        self._searches = Searches(options, on_start=self._started, on_item=self._seen, on_end=self._ended)
         self._registration = registration
         known = self._registration_state = None if registration is None else registration.state
-        self._streams = Streams(recording=recording, registration=known)
+        self._streams = Streams(registration=known)
         self.server = IgtlServer(on_request=self._requested, allowed=allowed, version=version, on_note=on_note)
         self._publish(self._streams.idle())
 
@@ -71,26 +68,11 @@ class SearchService:
     async def close(self) -> None:
         """Stop the search that runs, wait for its end, and end all connections."""
         try:
-            if self._searches is not None:
-                await asyncio.to_thread(self._searches.close)
+            await asyncio.to_thread(self._searches.close)
         finally:
             for task in self._tasks:
                 task.cancel()
             await self.server.close()
-
-    async def play(self, recording: Recording, *, pace: float) -> None:
-        """Send a recording once, with its own timing.
-
-        ``pace``: real seconds per second of the recording; 0 as fast as images can be made.
-        """
-        loop, items = asyncio.get_running_loop(), recording.items()
-        self._publish(self._streams.started())
-        began_s = loop.time()
-        # In threads: an image takes milliseconds, in which no client must wait.
-        while (timed := await asyncio.to_thread(next, items, None)) is not None:
-            await asyncio.sleep(began_s + pace * timed[0] - loop.time())
-            self._publish(await asyncio.to_thread(self._streams.after, timed[1]))
-        self._publish(self._streams.ended(recording.outcome))
 
     def _publish(self, streams: Iterable[Stream]) -> None:
         for stream in streams:
@@ -108,9 +90,6 @@ class SearchService:
                 self._publish(self._streams.registered(state))
                 self._on_note(state.sentence)
             await asyncio.sleep(FOLLOWED_S)
-
-    def _made(self, options: SearchOptions) -> Searches:
-        return Searches(options, on_start=self._started, on_item=self._seen, on_end=self._ended)
 
     def _started(self, _process_id: int) -> None:
         self._publish(self._streams.started())
@@ -131,15 +110,13 @@ class SearchService:
         raise ConfigError(f"there is no command {request.name[:80]!r}; there are StartSearch and StopSearch")
 
     def _start(self, request: Request) -> CommandAnswer:
-        if self._searches is None:
-            raise ConfigError("this bridge plays a recording; start markerseek igtl without --play to search")
         self._searches.start(search_request(request.values), asked_by=f"an OpenIGTLink client, {request.client}")
         return CommandAnswer(done=True, sentence="a search has begun; SearchState and PaSearch report it")
 
     def _stop(self, request: Request) -> CommandAnswer:
         if request.values:
             raise ConfigError(f"StopSearch has no {next(iter(request.values))}; send its name alone")
-        done, sentence = (False, "no search is running") if self._searches is None else self._searches.stop()
+        done, sentence = self._searches.stop()
         return CommandAnswer(done=done, sentence=sentence)
 
 

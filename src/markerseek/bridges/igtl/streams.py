@@ -1,4 +1,4 @@
-"""What a search, or a recording, shows on OpenIGTLink: pure, contents of messages made from its view.
+"""What a search shows on OpenIGTLink: pure, contents of messages made from its view.
 
 TRANSFORM ``ProbeToProbeHome`` and ``DaVinciToProbeHome``, IMAGE ``PA_ProbeHome``, POINT
 ``PaMarker`` and POSITION ``PaMarkerToProbeHome``, STRING ``SearchState``, STATUS ``PaSearch`` and
@@ -42,18 +42,17 @@ class Stream:
     metadata: Mapping[str, str] = field(default_factory=dict)
     """Metadata of this stream alone."""
     time_s: float | None = None
-    """Time of the content in seconds since 1970; None for now, 0 if a recording does not say."""
+    """Time of the content in seconds since 1970; None for now."""
 
 
 class Streams:
     """Shows the searches of one bridge, one after the other.
 
-    ``recording``: name of the recording that is played; None if searches run. ``registration``: of the da Vinci system
-    to the probe, as it is now; None if none is shown.
+    ``registration``: of the da Vinci system to the probe, as it is now; None if none is shown.
     """
 
-    def __init__(self, *, recording: str | None = None, registration: RegistrationState | None = None) -> None:
-        self._recording, self._registration = recording, registration
+    def __init__(self, *, registration: RegistrationState | None = None) -> None:
+        self._registration = registration
         self._withdrawn = False
         self._begin("idle")
 
@@ -64,10 +63,8 @@ class Streams:
 
     @property
     def metadata(self) -> dict[str, str]:
-        """Sent with each message: kind of the rig, name of a recording, kind of the registration."""
+        """Sent with each message: kind of the rig, kind of the registration."""
         known = {} if self._view is None else {"rig": str(self._view.facts.kind)}
-        if self._recording is not None:
-            known["recording"] = self._recording
         if self._known_registration is not None:
             known["registration"] = "simulated" if self._known_registration.simulated else "measured"
         return known
@@ -87,12 +84,8 @@ class Streams:
         match self._state:
             case "idle":
                 return igtl.OK, "IDLE", "no search runs"
-            case "playing":
-                return igtl.BUSY, "PLAYING", f"plays {self._recording}"
             case "running":
                 return igtl.BUSY, "SEARCHING", (self._view and self._view.line) or "the search begins"
-            case "played":
-                return igtl.OK, "ENDED", f"{self._recording} is over"
         outcome, answer = self._outcome, self._outcome.answer or {}
         if outcome.answered and "answer" in answer:
             # The answer's own name: a marker that is unsure, ambiguous or at a bound may well be there.
@@ -123,8 +116,8 @@ class Streams:
         return [*streams, _registration_status(state, withdrawn=self._withdrawn), self._said()]
 
     def started(self) -> list[Stream]:
-        """A search, or a recording, begins: the marker of the one before is withdrawn."""
-        self._begin("running" if self._recording is None else "playing")
+        """A search begins: the marker of the one before is withdrawn."""
+        self._begin("running")
         return [*_marker(None), self.status, self._said()]
 
     def after(self, item: JournalItem) -> list[Stream]:
@@ -141,7 +134,7 @@ class Streams:
         if isinstance(item.event, Measured):
             streams += self._pictured(item.event.sample)
         # One time for all: an image belongs to the transform of its acquisition.
-        time_s = max(_written_s(item.written) - since_fired_s(view, item), 0.0)
+        time_s = datetime.fromisoformat(item.written).timestamp() - since_fired_s(view, item)
         return [replace(each, time_s=time_s) for each in [*streams, self._said()]]
 
     def _pictured(self, sample: Sample) -> list[Stream]:
@@ -161,11 +154,10 @@ class Streams:
         matrix = probe_to_probe_home(angle_deg) @ image_to_probe(geometry, face_radius_m=radius_m)
         return [Stream(device=device, content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
 
-    def ended(self, outcome: Outcome | None) -> list[Stream]:
-        """The search has ended, or a recording, which may have no outcome."""
-        self._state = "played" if outcome is None else "ended"
-        self._outcome = outcome or self._outcome
-        answer = self._outcome.answer or {}
+    def ended(self, outcome: Outcome) -> list[Stream]:
+        """The search has ended."""
+        self._state, self._outcome = "ended", outcome
+        answer = outcome.answer or {}
         marker = []
         # A place that is known roughly is not for a robot that aims at it.
         if answer.get("found") and not answer.get("as_published") and answer.get("marker_trus_m"):
@@ -175,9 +167,7 @@ class Streams:
 
     def _said(self) -> Stream:
         """STRING: the state as JSON."""
-        state: dict[str, Any] = {"state": "ended" if self._state == "played" else self._state}
-        if self._recording is not None:
-            state["recording"] = self._recording
+        state: dict[str, Any] = {"state": self._state}
         if self._registration is not None:
             state["registration"] = self._registration.known
         if self._view is not None:
@@ -258,12 +248,3 @@ def _marker(point: igtl.Point | None) -> list[Stream]:
 def _validity(*, known: bool) -> dict[str, str]:
     """What PLUS and 3D Slicer call the status of a transform."""
     return {"TransformStatus": "OK" if known else "INVALID"}
-
-
-def _written_s(text: str) -> float:
-    """Seconds since 1970; 0 if a recording has no time, or a time that cannot be sent."""
-    try:
-        time_s = datetime.fromisoformat(text).timestamp()
-    except (ValueError, OverflowError, OSError):
-        return 0.0
-    return time_s if 0 <= time_s < 2**32 else 0.0

@@ -19,9 +19,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PAGES
-from markerseek.bridges.page.race_page import build_race_page
 from markerseek.bridges.page.registration_page import build_registration_page
-from markerseek.bridges.page.replay_page import ReplayPage
 from markerseek.bridges.page.search_page import build_search_page
 
 WATCH_S = 0.5
@@ -134,14 +132,6 @@ def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
     @ui.page("/search")
     def search(request: Request) -> None:
         build_search_page(searches, USUAL.with_query(request.query_params))
-
-    @ui.page("/race")
-    def race(request: Request) -> None:
-        build_race_page(searches, USUAL.with_query(request.query_params))
-
-    @ui.page("/replay")
-    def replay(recording: str = "") -> None:
-        ReplayPage(searches, recording)
 
     ui.run_with(
         application,

@@ -1,4 +1,4 @@
-"""What all viewers of the page share: the search that runs, what may be done now, and the recordings to replay."""
+"""What all viewers of the page share: the search and the registration, and what may be done now."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from markerseek.bridges.asked import AskedRegistration, AskedSearch
 from markerseek.bridges.child import ChildRun
 from markerseek.bridges.page.child_registration import ChildRegistration
 from markerseek.bridges.page.child_search import ChildSearch, Launch
-from markerseek.core import Interval, RecordError, SearchError
+from markerseek.core import Interval, SearchError
 from markerseek.drivers import BenchSettings
-from markerseek.records.journal import default_journal, journals_folder, journals_in, make_folder
+from markerseek.records.journal import default_journal, make_folder
 from markerseek.registration import default_folder
 from markerseek.sim import SimulatedSettings
 
@@ -49,9 +49,6 @@ class ChangeSignal:
         for each in self._viewers:
             each.set()
 
-
-MAX_LISTED = 50
-"""Journals of the data folder that are offered for replay, the newest."""
 
 END_S, DEVICES_END_S = 2.5, 10.0
 """Time for a search to end with the page, in seconds, on a simulated rig and on one of devices, which must stop too."""
@@ -93,28 +90,21 @@ class PageRig:
 
 
 class PageSearches:
-    """The searches of one page.
+    """The searches of one page."""
 
-    ``named``: journals and banks named when the page was started; the browser can choose no other file but journals of
-    the data folder.
-    """
-
-    def __init__(self, rig: PageRig, named: Sequence[Path] = (), *, launch: Launch = ChildRun) -> None:
+    def __init__(self, rig: PageRig, *, launch: Launch = ChildRun) -> None:
         self.rig = rig
         self.changes = ChangeSignal()
         self.registration: ChildRegistration | None = None
         self.search: ChildSearch[AskedSearch] | None = None
-        self.race: tuple[ChildSearch[AskedSearch], ...] = ()
-        self.bank: ChildSearch[AskedSearch] | None = None
         self._launch = launch
-        self._named = tuple(named)
         # Held while something starts, so that STOP waits for what it would otherwise miss.
         self._lock = threading.Lock()
         self._closed = False
 
     @property
     def searching(self) -> bool:
-        """Whether the search runs; a race or the search of a bank does not count."""
+        """Whether the search runs."""
         return self.search is not None and self.search.status != "ended"
 
     @property
@@ -123,7 +113,7 @@ class PageSearches:
         return any(run.status != "ended" for run in self._runs())
 
     def _runs(self) -> tuple[ChildSearch[Any], ...]:
-        return (*self.race, *(each for each in (self.registration, self.search, self.bank) if each is not None))
+        return tuple(each for each in (self.registration, self.search) if each is not None)
 
     def register(self, asked: AskedRegistration) -> None:
         """Start a registration session; the terminal asks whether to arm a rig of devices.
@@ -187,28 +177,6 @@ class PageSearches:
             return False
         return run is None or run.last.phase not in {"finished", "fault"}
 
-    def start_race(self, one: AskedSearch, other: AskedSearch) -> None:
-        """Start two searches on the same simulated rig, side by side; they keep no journal."""
-        with self._idle():
-            if not self.rig.simulated:
-                raise SearchError("a race needs two rigs: it is for simulated ones only")
-            self.race = tuple(
-                self._live(["search", *self.rig.arguments(), *each.arguments(), "--no-journal"], each)
-                for each in (one, other)
-            )
-
-    def replay(self, name: str, asked: AskedSearch) -> ChildSearch[AskedSearch]:
-        """Search a recorded bank with a method; no device and no journal is involved.
-
-        ``name``: one of `recordings`.
-        """
-        path = self.recordings().get(name)
-        with self._idle():
-            if path is None:
-                raise SearchError(f"{name[:80]!r}: no such recording; choose one from the list")
-            self.bank = self._live(["replay", str(path), *asked.arguments(simulated=False)], asked)
-            return self.bank
-
     def stop(self) -> None:
         """Stop whatever runs; allowed at any time, by any thread."""
         with self._lock:
@@ -228,21 +196,6 @@ class PageSearches:
         for run in self._runs():
             if not run.join(max(0.0, ends_s - time.monotonic())):
                 run.kill()
-
-    def recordings(self) -> dict[str, Path]:
-        """Recordings that may be replayed, by name: those named at the start, then the newest journals."""
-        try:
-            folder = journals_folder()
-        except RecordError:
-            # A user without a home folder has no journals there.
-            found = []
-        else:
-            found = journals_in(folder) if folder.is_dir() else []
-        recordings: dict[str, Path] = {}
-        for path in (*self._named, *reversed(found[-MAX_LISTED:])):
-            # Two of one name are told apart by their folders.
-            recordings.setdefault(path.name if path.name not in recordings else str(path), path)
-        return recordings
 
     @contextmanager
     def _idle(self) -> Iterator[None]:

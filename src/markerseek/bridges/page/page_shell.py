@@ -14,7 +14,7 @@ from nicegui.events import GenericEventArguments
 
 from markerseek.bridges.page.elements import Heading, Heartbeat
 from markerseek.bridges.page.page_searches import PageSearches
-from markerseek.core import MarkerseekError, RigKind, listed
+from markerseek.core import MarkerseekError, listed
 
 TICK_S = 0.1
 """Least time between two updates of one viewer, and longest time without one, in seconds."""
@@ -26,15 +26,15 @@ STALE_S = 2.0
 """Age of the news behind a command beyond which it is refused, in seconds: the second after which the browser itself
 switches commands off, and one for the way."""
 
-_BANNERS: dict[RigKind, str] = {
-    "simulated": "SIMULATED: no hardware is involved",
-    "replayed": "REPLAYED: recorded data; nothing moves and nothing is fired",
-    "bench": "A RIG OF DEVICES: armed only in the terminal of the page",
+_BANNERS = {
+    True: ("simulated", "SIMULATED: no hardware is involved"),
+    False: ("bench", "A RIG OF DEVICES: armed only in the terminal of the page"),
 }
+"""Class and text of the banner, by whether the rig is simulated."""
 
 _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")
 
-PAGES = {"/": "register", "/search": "search", "/race": "race", "/replay": "replay"}
+PAGES = {"/": "register", "/search": "search"}
 """Paths of the pages, and their names."""
 
 
@@ -66,15 +66,12 @@ class PageShell:
             ui.element("button").classes("ms-stop").props('type="button" title="stops everything (Escape)"').on(
                 "click", js_handler="() => window.markerseekStop()"
             ).mark("stop").props('innerHTML="STOP"')
-        self._banner = ui.label("").mark("banner")
-        self.show_kind("simulated" if searches.rig.simulated else "bench")
+        kind, self._kind_said = _BANNERS[searches.rig.simulated]
+        self._banner = ui.label(self._kind_said).classes(f"ms-banner ms-banner-{kind}")
 
-    def show_kind(self, kind: RigKind, *, emulated: Sequence[str] = ()) -> None:
-        """Say in the banner what kind of rig is shown, and which of its devices are emulated."""
-        text = (f"EMULATED {listed(emulated)}. " if emulated else "") + _BANNERS[kind]
-        if text != self._banner.text:
-            self._banner.set_text(text)
-            self._banner.classes(replace=f"ms-banner ms-banner-{kind}")
+    def show_emulated(self, devices: Sequence[str]) -> None:
+        """Say in the banner which devices of the rig are emulated."""
+        self._banner.set_text((f"EMULATED {listed(devices)}. " if devices else "") + self._kind_said)
 
     def show_status(self, text: str, *, alarms: bool = False) -> None:
         """Say in one line what happens, or how it ended; in bold red where a person must see to it."""

@@ -17,9 +17,6 @@ from markerseek.runs import RunView, Verdict, curve_of, numbers_of, verdict_of
 LOG_LINES = 10
 """Lines of the log that are shown."""
 
-PLAY_TICKS = 4
-"""Updates of the page for which each event is shown while a run is played."""
-
 LEGEND = (
     ("ms-key-glow", "probability"),
     ("ms-key-dot", "acquisition (outer: stronger)"),
@@ -81,17 +78,17 @@ class VerdictPanel:
 
 
 class RunPanels:
-    """All panels of one run at a time, in a grid; the lane of a race has fan and curve only.
+    """All panels of one run at a time, in a grid; those of a registration are fan and curve only.
 
     ``search``: range to show before there is a run.
     """
 
-    def __init__(self, search: Interval, *, lane: bool = False) -> None:
+    def __init__(self, search: Interval, *, charts: bool = False) -> None:
         facts = RigFacts(kind="simulated", description="", fingerprint="", search=search, probe="")
         self._nothing = RunView(plan=SearchPlan(method="posterior"), facts=facts)
-        self._lane = lane
+        self._charts = charts
         self._rows: dict[str, ui.label] = {}
-        with ui.element("div").classes("ms-lane" if lane else "ms-panels") as self._grid:
+        with ui.element("div").classes("ms-run" if charts else "ms-panels") as self._grid:
             with panel("probe, from its end", "fan"):
                 self._fan = Fan().classes("ms-fan")
                 with ui.element("ul").classes("ms-legend"):
@@ -101,7 +98,7 @@ class RunPanels:
                             ui.label(meaning)
             with panel("intensity and probability; dashed: detection threshold", "curve"):
                 self._curve = ui.html(sanitize=False).classes("ms-chart").mark("curve")
-            if not lane:
+            if not charts:
                 with panel("photoacoustic image", "image") as self._image_title:
                     self._image = Image().classes("ms-image")
                     self._image_note = ui.label("").classes("ms-note")
@@ -116,7 +113,7 @@ class RunPanels:
         self._keys: dict[str, tuple[object, ...]] = {}
         self._grid.classes("ms-empty")
         self._draw(None, self._nothing, reveal=False)
-        if not self._lane:
+        if not self._charts:
             self._rows.clear()
             self._table.clear()
             self._log.set_text("")
@@ -125,7 +122,7 @@ class RunPanels:
         """Show a run after one of its events; the true angle only if it is to be revealed."""
         self._grid.classes(remove="ms-empty")
         self._draw(run, view, reveal=reveal)
-        if not self._lane and self._has_changed("numbers", run, view):
+        if not self._charts and self._has_changed("numbers", run, view):
             self._show_rows(numbers_of(view, name=run.name, pulse_j=run.pulse_j))
             self._log.set_text("\n".join(run.lines(view, most=LOG_LINES)))
 
@@ -135,7 +132,7 @@ class RunPanels:
         # While the probe moves, only the needle changes.
         if self._has_changed("curve", run, len(view.points), view.belief, reveal):
             self._curve.set_content(curve_of(view, reveal=reveal).svg())
-        if self._lane:
+        if self._charts:
             return
         picture = run.picture(view) if run else None
         elsewhere = picture is not None and not is_image_of(picture, view)
@@ -180,31 +177,26 @@ def panel(title: str, name: str) -> Iterator[Heading]:
 class RunPlayer:
     """Panels of a run, and the slider over its events, which at its end follows a run that goes on.
 
-    ``verdict``: stands above the panels, where the page has put it. ``playable``: whether a button plays the run from
-    the event shown, or from its beginning.
+    ``verdict``: stands above the panels, where the page has put it.
     """
 
-    def __init__(self, search: Interval, verdict: VerdictPanel, *, playable: bool = False) -> None:
+    def __init__(self, search: Interval, verdict: VerdictPanel) -> None:
         self._verdict, self._panels = verdict, RunPanels(search)
         with ui.element("div").classes("ms-foot"):
-            if playable:
-                self._play = ui.button(icon="play_arrow", on_click=self._toggle).props('flat dense aria-label="play"')
             self._label = ui.label("").classes("ms-note").style("min-width: 128px")
             self._slider = Slider(min=0, max=1, step=1, value=0, on_change=lambda event: self._choose(int(event.value)))
             self._slider.props('aria-label="event shown" label').mark("timeline")
             self._follow = ui.button("newest", on_click=self._to_newest).props("flat dense")
-        self._playing = self._moving = False
+        self._moving = False
         self.clear()
 
     def clear(self) -> None:
         """Empty everything, so that facts of one run are not shown as those of the next, which may never begin."""
-        if self._playing:
-            self._toggle()
         self._verdict.show(Verdict())
         self._panels.clear()
         self._run: RunHistory | None = None
         self._key: tuple[RunView, str] | None = None
-        self._following, self._chosen, self._ticks = True, 0, 0
+        self._following, self._chosen = True, 0
         self._move(0, last=1)
         self._label.set_text("event 0 of 0")
 
@@ -221,23 +213,11 @@ class RunPlayer:
         if run is not self._run:
             self._run, self._following = run, True
         last = len(run.views) - 1
-        self._ticks += self._playing
-        if self._playing and self._ticks % PLAY_TICKS == 0:
-            self._chosen = min(self._chosen + 1, last)
-            self._following = self._chosen == last
-            if self._following:
-                self._toggle()
         shown = last if self._following else min(self._chosen, last)
         self._move(shown, last=last)
         self._label.set_text(f"event {shown} of {last}")
         self._follow.set_enabled(not self._following)
         return run.views[shown]
-
-    def _toggle(self) -> None:
-        self._playing = not self._playing
-        self._play.props(f"icon={'pause' if self._playing else 'play_arrow'}")
-        if self._playing and self._following:
-            self._chosen, self._following = 0, False
 
     def _move(self, number: int, *, last: int) -> None:
         """Move the slider without choosing an event: a run may have gone on in the meantime."""
@@ -253,6 +233,4 @@ class RunPlayer:
             self._chosen, self._following = number, number >= last
 
     def _to_newest(self) -> None:
-        if self._playing:
-            self._toggle()
         self._following = True

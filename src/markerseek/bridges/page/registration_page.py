@@ -43,7 +43,7 @@ class RegistrationPanels:
                             with ui.element("li"):
                                 ui.element("span").classes(f"ms-key {key}")
                                 ui.label(meaning)
-            self._run = RunPanels(searches.rig.search, lane=True)
+            self._run = RunPanels(searches.rig.search, charts=True)
             with panel("expected error, marker by marker", "tre"):
                 self._chart = ui.html(sanitize=False).classes("ms-chart").mark("tre")
             with panel("markers", "markers"):
@@ -100,7 +100,7 @@ def build_registration_page(searches: PageSearches, link: tuple[AskedRegistratio
         said = session_verdict(live, simulated=simulated)
         verdict.show(said)
         elsewhere = searches.busy and (live is None or live.status == "ended")
-        status = "a search runs on another page" if elsewhere else "ready" if live is None else said.word.lower()
+        status = "a search runs on the other page" if elsewhere else "ready" if live is None else said.word.lower()
         frame.show_status(status, alarms=live is not None and live.failed)
         if live is not None:
             panels.show(live.state, live.images_ns, live.run)

@@ -32,7 +32,7 @@ def make_report(journal: Path) -> dict[str, bytes]:
         command = ["resume", str(journal), "--plot", "--out", folder, "--json"]
         try:
             # -P: a file in the current folder must not replace a module.
-            done = subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps or was started with
+            done = subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps
                 [sys.executable, "-P", "-m", "markerseek", *command],
                 capture_output=True,
                 timeout=REPORT_S,

@@ -12,7 +12,7 @@ import numpy as np
 
 from markerseek.bridges.page.image_bytes import Picture, picture_of
 from markerseek.core import NO_HEADER, ChannelFrame, Measured, ReadingFrame, Sample
-from markerseek.records.journal import Configuration, JournalEvent, RecordedRun
+from markerseek.records.journal import Configuration, JournalEvent
 from markerseek.runs import RunView, rebuild_image_reader
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 from markerseek.sim import StageMotion
@@ -36,19 +36,11 @@ class RunHistory:
         settings: dict[str, Any] = recipe.get("settings", {})
         stage = {name: settings.get("stage", {}).get(name) for name in ("speed_deg_s", "acceleration_deg_s2")}
         self._motion = StageMotion(**{name: value for name, value in stage.items() if value is not None})
-        self._pace: float = recipe.get("pace", 0.0 if configuration.facts.kind == "replayed" else 1.0)
+        self._pace: float = recipe.get("pace", 1.0)
         self.pulse_j: float | None = settings.get("laser", {}).get("pulse_energy_j")
         forms = (("as published", plan.as_published), ("sweeping", plan.sweep_speed_deg_s is not None))
         seed = [] if recipe.get("seed") is None else [f"seed {recipe['seed']}"]
         self.name = ", ".join([plan.method, *(form for form, holds in forms if holds), *seed])
-
-    @classmethod
-    def of(cls, recorded: RecordedRun) -> RunHistory:
-        """A recorded run from its beginning to its end."""
-        run = cls(recorded.configuration)
-        for entry in recorded.entries:
-            run.add(entry.event, clock_s=entry.clock_s)
-        return run
 
     @property
     def last(self) -> RunView:
@@ -92,9 +84,7 @@ class RunHistory:
         # A move is a line until its acquisition replaces it, and a pulse of a sweep until the next.
         passing = {"dark", "moving", "turning", "sweeping"}
         known = [each for each in self.views[1 : view.number + 1] if each.phase not in passing or each is view]
-        # The clock of a recording that is searched again does not run.
-        replayed = view.facts.kind == "replayed"
-        return [each.line if replayed else f"{each.elapsed_s:6.1f} s  {each.line}" for each in reversed(known[-most:])]
+        return [f"{each.elapsed_s:6.1f} s  {each.line}" for each in reversed(known[-most:])]
 
 
 def _without_counts(sample: Sample) -> Sample:

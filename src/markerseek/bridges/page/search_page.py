@@ -32,13 +32,13 @@ def build_search_page(searches: PageSearches, link: LinkSettings) -> None:
         outcome = None if live is None else live.outcome
         results.show(None if outcome is None else outcome.answer, None if live is None else live.journal)
         elsewhere = searches.busy and not searches.searching
-        status = "a race, or the search of a recording, runs" if elsewhere else None
+        status = "a registration runs on the other page" if elsewhere else None
         frame.show_status(status or status_text(live), alarms=live is not None and live.failed)
         if live is None or live.run is None:
             verdict.show(verdict_before(live, next_step=next_step_text(searches)))
             return
         view = live.run.last
-        frame.show_kind(view.facts.kind, emulated=view.facts.emulated)
+        frame.show_emulated(view.facts.emulated)
         player.show(live.run, reveal=view.phase == "finished", next_step=next_step_text(searches))
 
     frame.run(update)

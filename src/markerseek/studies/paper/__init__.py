@@ -5,16 +5,24 @@ them except the condition `markerseek.studies.paper.fig5.FITTED`, which is marke
 """
 
 from markerseek.studies.paper.methods import RunOptions
-from markerseek.studies.paper.offline import OfflineBank
-from markerseek.studies.paper.report import Reproduction, comparison_table, shown, write_report, write_section
+from markerseek.studies.paper.offline import own_bank
+from markerseek.studies.paper.report import (
+    SECTIONS,
+    comparison_table,
+    make_sections,
+    shown,
+    write_report,
+    write_section,
+)
 from markerseek.studies.paper.section import Section
 
 __all__ = [
-    "OfflineBank",
-    "Reproduction",
+    "SECTIONS",
     "RunOptions",
     "Section",
     "comparison_table",
+    "make_sections",
+    "own_bank",
     "shown",
     "write_report",
     "write_section",

@@ -6,11 +6,10 @@ study is one search; here the longest search of TS, GSS or the posterior also gi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import islice
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,27 +20,29 @@ from markerseek.studies.paper.methods import (
     AVERAGE_ACQUISITIONS,
     BRACKET_ACQUISITIONS,
     BRACKETS,
-    BUILT,
     PEAK_COUNTS,
+    RUNS,
     AnyMethod,
+    PaperSearch,
     RunOptions,
+    paper_search,
+    policy_of,
 )
-from markerseek.studies.paper.printed import PaperNumber, paper_number, printed_value
+from markerseek.studies.paper.printed import paper_number, printed_value
 from markerseek.studies.paper.section import (
-    Answer,
     Comparison,
     Errors,
+    Group,
     Panel,
     Section,
     compared,
+    errors_by_group,
     errors_figure,
     errors_table,
     make_section,
-    summary_of,
 )
-from markerseek.studies.policies import build_policy, study_policy
+from markerseek.studies.policies import study_policy
 from markerseek.studies.study import CurveSettings, Study, cells
-from markerseek.studies.trial import searched
 from markerseek.studies.worlds import draw_trial, intensity_curve, study_rig
 
 if TYPE_CHECKING:
@@ -69,6 +70,11 @@ class Condition:
             laser=LaserSettings(energy_jitter=0.0),
             receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
         )
+
+    @property
+    def radius_mm(self) -> str:
+        """Radius of the absorber, for a table."""
+        return f"{1e3 * self.source_radius_m:g}"
 
     @property
     def words(self) -> str:
@@ -99,101 +105,76 @@ FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
 POSTERIOR_SHARE = 0.2
 """Share of the markers that the posterior searches for: it computes a hundred times as long as TS."""
 
-_ALL_OF_THE_POSTERIOR = study_policy(method="posterior", acquisitions=28, early_end=False, others=0.0)
 
-_Summary: TypeAlias = Mapping[tuple[AnyMethod, int], Errors]
-"""Errors over the markers, by method and number of acquisitions."""
+class Marker(NamedTuple):
+    """A marker to be searched for, by its number in a condition, and the searches."""
 
-
-def study_of(condition: Condition, *, seed: int, trials: int, sweeps: Sequence[int] = AVERAGE_ACQUISITIONS) -> Study:
-    """Study of TS and GSS at 28 acquisitions and of full scans of WA, as published, on the curves of one condition.
-
-    ``sweeps``: acquisitions of the full scans of WA.
-    """
-    named = [*(("WA", count) for count in sweeps), *((name, max(BRACKET_ACQUISITIONS)) for name in BRACKETS)]
-    return Study(
-        name="paper",
-        policies=tuple(
-            study_policy(method=BUILT[name], acquisitions=count, as_published=True, early_end=name != "WA")
-            for name, count in named
-        ),
-        seed=seed,
-        trials=trials,
-        stay=True,
-        rig=condition.settings,
-    )
+    condition: Condition
+    seed: int
+    trial: int
+    runs: tuple[tuple[AnyMethod, tuple[int, ...]], ...] = RUNS
+    """Methods, with the numbers of acquisitions after which each is asked for its answer."""
 
 
-MarkerAnswers: TypeAlias = dict[tuple[AnyMethod, int], Answer]
-"""Answers for one marker, by method and number of acquisitions."""
+def study_of(condition: Condition, *, seed: int) -> Study:
+    """Study in which markers, curves and noise of one condition are drawn."""
+    return Study(name="paper", policies=(study_policy(method="ternary"),), seed=seed, rig=condition.settings)
 
 
-def answers_of_trial(trial_of: tuple[Study, int]) -> MarkerAnswers:
-    """Answers of all policies for the marker of a trial of the first cell of a study."""
-    study, trial = trial_of
+def searches_for(marker: Marker) -> list[PaperSearch]:
+    """Search for one marker with every method; the posterior takes dark frames first."""
+    study = study_of(marker.condition, seed=marker.seed)
     cell = cells(study)[0]
-    draw = draw_trial(study, cell, trial)
-    names = {built: name for name, built in BUILT.items()}
-    answers: MarkerAnswers = {}
-    for settings in study.policies:
-        name, rig = names[settings.plan.method], study_rig(study, cell, draw)
-        found = searched(
-            build_policy(settings, limits=rig.limits.search, start_deg=rig.stage.angle_deg),
-            rig.scanner,
-            dark_frames=0 if settings.plan.as_published else rig.dark_frames,
-            # The angles of a full scan depend on their number, so that each number is a search of its own.
-            counts=(settings.most,) if name == "WA" else BRACKET_ACQUISITIONS,
+    draw = draw_trial(study, cell, marker.trial)
+    searches = []
+    for name, counts in marker.runs:
+        rig = study_rig(study, cell, draw)
+        searches.append(
+            paper_search(
+                policy_of(name, acquisitions=max(counts), limits=rig.limits.search, start_deg=rig.stage.angle_deg),
+                rig,
+                truth_deg=draw.marker_deg,
+                counts=counts,
+                dark_frames=rig.dark_frames if name == "posterior" else 0,
+                place=marker.condition.radius_mm,
+                peak_snr_db=marker.condition.peak_snr_db,
+                method=name,
+            )
         )
-        answers |= {(name, n): Answer.of(each, truth_deg=draw.marker_deg) for n, each in found.answers.items()}
-    return answers
+    return searches
 
 
 def fig5(options: RunOptions) -> Section:
     """Fig. 5: mean error over the number of acquisitions, for the rig's defaults and for the nearest condition."""
-
-    def searches(studies: Sequence[Study], stage: str, part: int) -> list[list[MarkerAnswers]]:
-        trials = [(study, trial) for study in studies for trial in range(study.trials)]
-        found = iter(options.each(answers_of_trial, trials, stage=stage, part=part))
-        return [list(islice(found, study.trials)) for study in studies]
-
-    studies = [study_of(condition, seed=options.seed, trials=options.markers) for condition in (FITTED, USUAL)]
     fewer = max(4, round(POSTERIOR_SHARE * options.markers))
-    by_paper = searches(studies, "Fig. 5 from curves", 20)
-    studies = [replace(study, trials=fewer, policies=(_ALL_OF_THE_POSTERIOR,)) for study in studies]
-    by_posterior = searches(studies, f"Fig. 5, posterior, {fewer} markers", 5)
-    errors: dict[Condition, _Summary] = {
-        condition: {key: summary_of(each[key] for each in found) for found in both for key in found[0]}
-        for condition, *both in zip((FITTED, USUAL), by_paper, by_posterior, strict=True)
-    }
+    markers = [
+        Marker(condition, options.seed, trial, RUNS if trial < fewer else RUNS[:-1])
+        for condition in (FITTED, USUAL)
+        for trial in range(options.markers)
+    ]
+    found = options.each(searches_for, markers, stage="Fig. 5 from curves", part=5)
+    errors = errors_by_group(search for searches in found for search in searches)
     return make_section(
         "fig5",
-        comparisons=tuple(each for condition in errors for each in _comparisons(condition, errors[condition])),
-        tables=(
-            errors_table(
-                "fig5",
-                "Errors over the number of acquisitions",
-                "source_radius_mm peak_snr_db method acquisitions",
-                {
-                    (1e3 * condition.source_radius_m, condition.peak_snr_db, *key): each
-                    for condition, by_key in errors.items()
-                    for key, each in by_key.items()
-                },
-            ),
-        ),
+        comparisons=tuple(each for condition in (FITTED, USUAL) for each in _comparisons(condition, errors)),
+        tables=(errors_table("fig5", "Errors over the number of acquisitions", "source_radius_mm", errors),),
         draw=partial(_draw, errors),
-        markers=options.markers,
-        usual=USUAL.words,
-        fitted=FITTED.words,
-        fewer=fewer,
-        paper=str(paper_number("fig5/TS")),
-        exact=70 * (2 / 3) ** 14 / 4,
+        results={
+            "markers": options.markers,
+            "usual": USUAL.words,
+            "fitted": FITTED.words,
+            "fewer": fewer,
+            "paper": str(paper_number("fig5/TS")),
+            "exact": 70 * (2 / 3) ** 14 / 4,
+        },
     )
 
 
-def _comparisons(condition: Condition, errors: _Summary) -> Iterator[Comparison]:
+def _comparisons(condition: Condition, errors: Mapping[Group, Errors]) -> Iterator[Comparison]:
+    of = condition.radius_mm, condition.peak_snr_db
     # The paper prints one number for WA: the mean of its mean errors over N, and their scatter over N.
-    sweeps = [errors["WA", count] for count in AVERAGE_ACQUISITIONS]
-    means_deg = [sweep.mean_deg for sweep in sweeps]
+    sweeps = [errors[*of, "WA", count] for count in AVERAGE_ACQUISITIONS]
+    means_deg = [sweep.error_deg.mean or 0.0 for sweep in sweeps]
     yield Comparison(
         paper=paper_number("fig5/WA"),
         ours=float(np.mean(means_deg)),
@@ -202,16 +183,17 @@ def _comparisons(condition: Condition, errors: _Summary) -> Iterator[Comparison]
         condition=condition.words,
     )
     for name in BRACKETS:
-        yield compared(f"fig5/{name}", errors[name, max(BRACKET_ACQUISITIONS)], condition=condition.words)
+        yield compared(f"fig5/{name}", errors[*of, name, max(BRACKET_ACQUISITIONS)], condition=condition.words)
     for count in (8, 16, 28):
-        own = PaperNumber(quantity=f"posterior (ours) after {count} acquisitions, mean error")
-        yield compared(own, errors["posterior", count], condition=condition.words)
+        own = f"posterior (ours) after {count} acquisitions, mean error"
+        yield compared(own, errors[*of, "posterior", count], condition=condition.words, of_paper=False)
 
 
-def _draw(by_condition: Mapping[Condition, _Summary]) -> Figure:
-    printed_deg = {(name, 28): printed_value(f"fig5/{name}") for name in BRACKETS}
+def _draw(errors: Mapping[Group, Errors]) -> Figure:
+    printed_deg: dict[tuple[AnyMethod, int], float] = {(name, 28): printed_value(f"fig5/{name}") for name in BRACKETS}
     return errors_figure(
-        [Panel(condition.words, errors, printed_deg) for condition, errors in by_condition.items()],
+        errors,
+        [Panel(each.radius_mm, each.peak_snr_db, each.words, printed_deg) for each in (FITTED, USUAL)],
         heading="Random markers, searched on simulated intensity curves",
         columns=2,
         panel_in=(5.2, 3.8),

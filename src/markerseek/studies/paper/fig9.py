@@ -109,16 +109,18 @@ def fig9(options: RunOptions) -> Section:
             ),
         ),
         draw=partial(_draw, shown[len(PLACES_M) // 2]),
-        last=STEPS - 1,
-        tip_mm=1e3 * tip_m,
-        tip_db=tip_db,
-        ours=means[_SHOWN],
-        paper=str(paper),
-        least=min(means.values()),
-        most=max(means.values()),
-        nearest_mm=1e3 * nearest[0],
-        nearest_db=nearest[1],
-        nearest=means[nearest],
+        results={
+            "last": STEPS - 1,
+            "tip_mm": 1e3 * tip_m,
+            "tip_db": tip_db,
+            "ours": means[_SHOWN],
+            "paper": str(paper),
+            "least": min(means.values()),
+            "most": max(means.values()),
+            "nearest_mm": 1e3 * nearest[0],
+            "nearest_db": nearest[1],
+            "nearest": means[nearest],
+        },
     )
 
 

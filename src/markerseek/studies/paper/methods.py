@@ -1,15 +1,17 @@
-"""The paper's three methods as published, the posterior beside them, and what a reproduction may use."""
+"""The paper's methods as published and the posterior beside them, their searches, and what a reproduction may use."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
-from markerseek.core import PAPER_RANGE, ConfigError, Estimate, Interval, Policy, Sample, SearchPlan
+from markerseek.core import PAPER_RANGE, ConfigError, Estimate, Found, Interval, Policy, Sample, SearchPlan
+from markerseek.rigs import Rig
 from markerseek.search import build
 from markerseek.sim import StageMotion
+from markerseek.studies.trial import searched
 from markerseek.studies.workers import Done, Job, in_order
 
 PaperMethod: TypeAlias = Literal["TS", "GSS", "WA"]
@@ -35,6 +37,16 @@ BRACKET_ACQUISITIONS = tuple(range(2, 29, 2))
 
 AVERAGE_ACQUISITIONS = tuple(range(8, 29))
 """N of WA in Fig. 5 and 6: full scans."""
+
+RUNS: tuple[tuple[AnyMethod, tuple[int, ...]], ...] = (
+    *((name, BRACKET_ACQUISITIONS) for name in BRACKETS),
+    *(("WA", (count,)) for count in AVERAGE_ACQUISITIONS),
+    ("posterior", BRACKET_ACQUISITIONS),
+)
+"""Searches of Fig. 5 and 6, with the numbers of acquisitions after which each is asked for its answer.
+
+The angles of TS, GSS and the posterior do not depend on N; the steps of WA do, so that each N is its own search.
+"""
 
 TABLE_ACQUISITIONS = 16
 """N of Table 1 and Table 2."""
@@ -66,8 +78,6 @@ class RunOptions:
             raise ConfigError(f"seed is {self.seed}, it must be 0 or more")
         if not 10 <= self.markers <= 1_000_000:
             raise ConfigError(f"markers is {self.markers}, it must lie between 10 and 1000000; the paper has 1000")
-        if not 1 <= self.workers <= 256:
-            raise ConfigError(f"workers is {self.workers}, it must lie between 1 and 256")
 
     @property
     def share(self) -> float:
@@ -91,6 +101,65 @@ class RunOptions:
 
 def _all(function: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:
     return [function(job) for job in jobs]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """Angle and absolute error of an answer, and whether it claims its angle; the paper's methods always do."""
+
+    angle_deg: float
+    error_deg: float
+    claimed: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperSearch:
+    """One search, with the answers of the shorter searches that it contains."""
+
+    place: str
+    """What was searched: a material, a user's bank, or the condition of Fig. 5."""
+    peak_snr_db: float | None
+    """Noise of a simulation; None for a user's own bank."""
+    method: AnyMethod
+    position: int = 1
+    """At which of the nine positions, counted from 1."""
+    repeat: int = 0
+    """Number of the visit to the nine positions."""
+    truth_deg: float
+    """Angle that counts as true."""
+    track_deg: tuple[float, ...]
+    """Angles reached, one for each acquisition."""
+    answers: dict[int, Answer]
+    """By number of acquisitions."""
+
+
+def paper_search(
+    policy: Policy,
+    rig: Rig,
+    *,
+    truth_deg: float,
+    counts: Sequence[int] = (),
+    dark_frames: int = 0,
+    stay: bool = True,
+    **what: Any,
+) -> PaperSearch:
+    """Search on a rig.
+
+    ``counts``: numbers of acquisitions after which the answer is kept; empty: at the end. ``what``: the first fields.
+    """
+    found = searched(policy, rig.scanner, stay=stay, dark_frames=dark_frames, counts=counts)
+    estimates = found.answers or {len(found.samples): found.finished.estimate}
+    return PaperSearch(
+        truth_deg=truth_deg,
+        track_deg=tuple(sample.angle_deg for sample in found.samples),
+        answers={
+            count: Answer(
+                angle_deg=each.mean_deg, error_deg=abs(each.mean_deg - truth_deg), claimed=isinstance(each, Found)
+            )
+            for count, each in estimates.items()
+        },
+        **what,
+    )
 
 
 def policy_of(

@@ -7,47 +7,46 @@ user's own. Simulated ones are made from channel data and written as CSV files, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from markerseek import rigs
-from markerseek.core import Estimate
+from markerseek.core import ConfigError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank, write_bank
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.methods import (
     ALL_METHODS,
-    AVERAGE_ACQUISITIONS,
-    BRACKET_ACQUISITIONS,
     BRACKETS,
     PAPER_METHODS,
     PEAK_COUNTS,
+    RUNS,
     TABLE_ACQUISITIONS,
     AnyMethod,
+    PaperSearch,
     QuantisedPolicy,
     RunOptions,
+    paper_search,
     policy_of,
 )
-from markerseek.studies.paper.printed import MATERIALS, PaperNumber, printed_value
+from markerseek.studies.paper.printed import MATERIALS, printed_value
 from markerseek.studies.paper.section import (
-    Answer,
     Comparison,
     Errors,
+    Group,
     Panel,
     Section,
-    Table,
     compared,
+    errors_by_group,
     errors_figure,
     errors_table,
     make_section,
     make_table,
-    summary_of,
 )
-from markerseek.studies.trial import searched
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,10 +94,10 @@ def grid(rng: np.random.Generator) -> list[MarkerSettings]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OfflineBank:
-    """A bank on disk, and where its marker is."""
+    """A bank of intensities on disk, and where its marker is."""
 
     path: Path
-    """CSV, HDF5 file or folder."""
+    """Table of angles and intensities."""
     material: str
     """What was scanned."""
     position: int = 1
@@ -107,8 +106,20 @@ class OfflineBank:
     """Noise of a simulated bank; None for a user's own."""
     reference_deg: float | None
     """Angle that counts as true; None: that of the bank's largest intensity."""
-    probe: str | None = None
-    """Preset of the imaging chain for a bank of channel data; None: the bank's own, or the first of all."""
+
+
+def own_bank(path: Path, *, reference_deg: float | None) -> OfflineBank:
+    """A user's own bank.
+
+    Raises `ConfigError` for channel data: the paper interpolates intensities between two angles (section 2.5), and
+    frames cannot be interpolated.
+    """
+    if isinstance(read_bank(path), FrameBank):
+        raise ConfigError(
+            f"{path}: the bank holds frames, and intensities are needed; 'markerseek bank export {path} NEW.csv' makes "
+            "them"
+        )
+    return OfflineBank(path=path, material=path.stem, reference_deg=reference_deg)
 
 
 class _Scan(NamedTuple):
@@ -173,214 +184,134 @@ def _scan(scan: _Scan) -> None:
         write_bank(intensities, bank.path)
 
 
-def as_intensities(bank: OfflineBank, folder: Path, options: RunOptions) -> OfflineBank:
-    """Return the bank itself if it holds intensities; otherwise image each frame once, and write the intensities.
-
-    Intensities are interpolated between two angles, as in section 2.5; channel data cannot be.
-
-    ``folder``: where the CSV of the intensities goes.
-    """
-    frames = read_bank(bank.path)
-    if not isinstance(frames, FrameBank):
-        return bank
-    # Measured by the scanner, whose guard refuses frames that a search would not get either.
-    rig = rigs.replayed(bank.path, probe=bank.probe)
-    intensities = []
-    for number, angle_deg in enumerate(frames.angles_deg):
-        options.progress("frames of the bank", number, len(frames.angles_deg))
-        intensities.append(rig.scanner.measure(angle_deg).reading.intensity)
-    options.progress("frames of the bank", len(intensities), len(intensities))
-    path = folder / f"{bank.path.stem}-intensities.csv"
-    write_bank(IntensityBank(angles_deg=frames.angles_deg, intensities=tuple(intensities)), path)
-    known_deg = frames.facts.reference_angle_deg if bank.reference_deg is None else bank.reference_deg
-    return replace(bank, path=path, reference_deg=known_deg)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OfflineSearch:
-    """One search on one bank."""
-
-    bank: OfflineBank
-    method: AnyMethod
-    acquisitions: int
-    estimate: Estimate
-    reference_deg: float
-    """Angle that counts as true."""
-    maximum_deg: float
-    """Angle of the bank's largest intensity."""
-
-    @property
-    def answer(self) -> Answer:
-        """Its error from the reference, and whether it claims its angle."""
-        return Answer.of(self.estimate, truth_deg=self.reference_deg)
-
-
-def offline_searches(banks: Sequence[OfflineBank], options: RunOptions) -> list[OfflineSearch]:
+def offline_searches(banks: Sequence[OfflineBank], options: RunOptions) -> list[PaperSearch]:
     """Searches with every method and every number of acquisitions of Fig. 6 on each bank."""
     return [search for found in options.each(_searches, banks, stage="offline searches") for search in found]
 
 
-def _searches(bank: OfflineBank) -> list[OfflineSearch]:
+def _searches(bank: OfflineBank) -> list[PaperSearch]:
     rig = rigs.replayed(bank.path, reference_deg=bank.reference_deg, between="interpolated")
     limits = rig.limits.search
     recorded = [rig.scanner.measure(angle_deg) for angle_deg in read_bank(bank.path).angles_deg]
     maximum_deg = max(recorded, key=lambda sample: sample.reading.intensity).angle_deg
-    # The angles of TS, GSS and the posterior do not depend on N; the steps of WA do, so that each N is its own search.
-    runs: list[tuple[AnyMethod, tuple[int, ...]]] = [
-        *((name, BRACKET_ACQUISITIONS) for name in BRACKETS),
-        *(("WA", (count,)) for count in AVERAGE_ACQUISITIONS),
-        ("posterior", BRACKET_ACQUISITIONS),
-    ]
     searches = []
-    for name, counts in runs:
+    for name, counts in RUNS:
         policy = policy_of(name, acquisitions=max(counts), limits=limits, start_deg=limits.low_deg)
-        found = searched(QuantisedPolicy(policy=policy, limits=limits), rig.scanner, counts=counts)
-        searches += [
-            OfflineSearch(
-                bank=bank,
+        searches.append(
+            paper_search(
+                QuantisedPolicy(policy=policy, limits=limits),
+                rig,
+                truth_deg=maximum_deg if bank.reference_deg is None else bank.reference_deg,
+                counts=counts,
+                place=bank.material,
+                peak_snr_db=bank.peak_snr_db,
                 method=name,
-                acquisitions=count,
-                estimate=answer,
-                reference_deg=maximum_deg if bank.reference_deg is None else bank.reference_deg,
-                maximum_deg=maximum_deg,
+                position=bank.position,
             )
-            for count, answer in found.answers.items()
-        ]
+        )
     return searches
 
 
-_Group: TypeAlias = tuple[str, float | None, AnyMethod, int]
-"""Material, peak SNR, method, number of acquisitions."""
+def fig6(searches: Sequence[PaperSearch], own: OfflineBank | None = None) -> Section:
+    """Fig. 6: mean error over the number of acquisitions, one panel for each material.
 
-_COLUMNS = "material peak_snr_db method acquisitions"
-
-
-def fig6(searches: Sequence[OfflineSearch]) -> Section:
-    """Fig. 6: mean error over the number of acquisitions, one panel for each material."""
-    errors = _errors(searches)
+    ``own``: the user's own bank that was searched; None for the simulated ones.
+    """
+    errors = errors_by_group(searches)
     rows = (
         (
-            each.bank.path.name, each.bank.position, each.method, each.acquisitions, each.estimate.mean_deg,
-            each.reference_deg, each.maximum_deg, each.answer.error_deg, "yes" if each.answer.claimed else "no",
+            each.place, each.peak_snr_db, each.position, each.method, count, answer.angle_deg, each.truth_deg,
+            answer.error_deg, "yes" if answer.claimed else "no",
         )
         for each in searches
+        for count, answer in each.answers.items()
     )  # fmt: skip
+    columns = "bank peak_snr_db position method acquisitions angle_deg reference_deg error_deg claimed"
     return _section(
         "fig6",
-        searches,
-        comparisons=_of_own_bank(errors) or _worst_after_28(errors),
+        own,
+        comparisons=_worst_after_28(errors) if own is None else _of_own_bank(errors),
         tables=(
-            errors_table("fig6", "Errors of the offline searches", _COLUMNS, errors),
-            make_table(
-                "fig6_searches",
-                "Every offline search",
-                "bank position method acquisitions angle_deg reference_deg bank_maximum_deg error_deg claimed",
-                rows,
-                shown=False,
-            ),
+            errors_table("fig6", "Errors of the offline searches", "material", errors),
+            make_table("fig6_searches", "Every offline search", columns, rows, shown=False),
         ),
-        draw=partial(_draw, errors),
+        draw=partial(_draw, errors, is_simulated=own is None),
     )
 
 
-def table1(searches: Sequence[OfflineSearch]) -> Section:
-    """Table 1: errors after 16 acquisitions."""
-    errors = {group: each for group, each in _errors(searches).items() if group[3] == TABLE_ACQUISITIONS}
-    after = f"after {TABLE_ACQUISITIONS} acquisitions, mean error"
-    comparisons = (
-        compared(
-            PaperNumber(quantity=f"posterior (ours) on {material} {after}")
-            if name == "posterior"
-            else f"table1/{name}/{material}",
-            each,
-            condition=f"{level_db:g} dB",
+def table1(searches: Sequence[PaperSearch], own: OfflineBank | None = None) -> Section:
+    """Table 1: errors after 16 acquisitions; ``own`` as in `fig6`."""
+    errors = {group: each for group, each in errors_by_group(searches).items() if group[3] == TABLE_ACQUISITIONS}
+    comparisons = _of_own_bank(errors)
+    if own is None:
+        after = f"after {TABLE_ACQUISITIONS} acquisitions, mean error"
+        comparisons = tuple(
+            compared(
+                f"posterior (ours) on {material} {after}" if name == "posterior" else f"table1/{name}/{material}",
+                errors[material, level_db, name, TABLE_ACQUISITIONS],
+                condition=f"{level_db:g} dB",
+                of_paper=name != "posterior",
+            )
+            # Of each material by method, then by noise.
+            for material in MATERIALS
+            for name in ALL_METHODS
+            for level_db in LEVELS_DB
         )
-        # Of each material by method, then by noise.
-        for material in MATERIALS
-        for name in ALL_METHODS
-        for level_db in LEVELS_DB
-        if (each := errors.get((material, level_db, name, TABLE_ACQUISITIONS))) is not None
-    )
-    return _section(
-        "table1",
-        searches,
-        comparisons=(
-            *_of_own_bank(errors),
-            *comparisons,
-        ),
-        tables=(errors_table("table1", "Errors of the offline searches", _COLUMNS, errors, shown=True),),
-    )
+    table = errors_table("table1", "Errors of the offline searches", "material", errors, shown=True)
+    return _section("table1", own, comparisons=comparisons, tables=(table,))
 
 
-def _section(
-    name: str,
-    searches: Sequence[OfflineSearch],
-    *,
-    comparisons: tuple[Comparison, ...],
-    tables: tuple[Table, ...],
-    draw: Callable[[], Figure] | None = None,
-) -> Section:
+def _section(name: str, own: OfflineBank | None, **parts: Any) -> Section:
     """Section with the text on the banks."""
-    bank = searches[0].bank
-    own = bank.peak_snr_db is None
-    return make_section(
-        name,
-        method=("offline, own" if own else "offline, simulated", "offline"),
-        comparisons=comparisons,
-        tables=tables,
-        draw=draw,
-        bank=bank.path,
-        reference="given" if bank.reference_deg is not None else "the angle of the bank's largest intensity",
-        acquisitions=TABLE_ACQUISITIONS,
-    )
+    results: dict[str, object] = {"acquisitions": TABLE_ACQUISITIONS}
+    if own is not None:
+        given = own.reference_deg is not None
+        results |= {"bank": own.path, "reference": "given" if given else "the angle of the bank's largest intensity"}
+    banks = "offline, simulated" if own is None else "offline, own"
+    return make_section(name, method=(banks, "offline"), results=results, **parts)
 
 
-def _errors(searches: Sequence[OfflineSearch]) -> dict[_Group, Errors]:
-    groups: dict[_Group, list[Answer]] = {}
-    for each in searches:
-        group = (each.bank.material, each.bank.peak_snr_db, each.method, each.acquisitions)
-        groups.setdefault(group, []).append(each.answer)
-    return {group: summary_of(found) for group, found in groups.items()}
-
-
-def _of_own_bank(errors: dict[_Group, Errors]) -> tuple[Comparison, ...]:
-    """Errors of the searches on a user's own bank, to which none of the paper's numbers belongs; else nothing."""
+def _of_own_bank(errors: Mapping[Group, Errors]) -> tuple[Comparison, ...]:
+    """Errors of the searches on a user's own bank, to which none of the paper's numbers belongs."""
     return tuple(
-        compared(PaperNumber(quantity=f"{name} after {count} acquisitions, error"), each)
-        for (_, level_db, name, count), each in errors.items()
-        if level_db is None
+        compared(f"{name} after {count} acquisitions, error", each, of_paper=False)
+        for (_, _, name, count), each in errors.items()
     )
 
 
-def _worst_after_28(errors: dict[_Group, Errors]) -> tuple[Comparison, ...]:
+def _worst_after_28(errors: Mapping[Group, Errors]) -> tuple[Comparison, ...]:
     """The conclusion's "below 0.5° on all materials": the largest mean error of TS, of GSS, and of the posterior."""
-    ours = PaperNumber(quantity="posterior (ours) on every material after 28 acquisitions, mean error: at most")
+    ours = "posterior (ours) on every material after 28 acquisitions, mean error: at most"
+    methods: tuple[AnyMethod, ...] = (*BRACKETS, "posterior")
     comparisons = []
-    for level_db in dict.fromkeys(level_db for _, level_db, _, _ in errors if level_db is not None):
-        for name in (*BRACKETS, "posterior"):
-            found = [each for (_, *group), each in errors.items() if group == [level_db, name, 28]]
-            worst = max(found, key=lambda each: each.mean_deg)
-            number = ours if name == "posterior" else "fig6/28"
-            comparisons.append(compared(number, worst, condition=f"{name}, the worst material, {level_db:g} dB"))
+    for level_db in LEVELS_DB:
+        for name in methods:
+            found = [errors[material, level_db, name, 28] for material in MATERIALS]
+            comparisons.append(
+                compared(
+                    ours if name == "posterior" else "fig6/28",
+                    max(found, key=lambda each: each.error_deg.mean or 0.0),
+                    condition=f"{name}, the worst material, {level_db:g} dB",
+                    of_paper=name != "posterior",
+                )
+            )
     return tuple(comparisons)
 
 
-def _draw(errors: dict[_Group, Errors]) -> Figure:
+def _draw(errors: Mapping[Group, Errors], *, is_simulated: bool) -> Figure:
     places = list(dict.fromkeys((level_db, material) for material, level_db, _, _ in errors))
     # By noise first: each noise has a row of panels, one for each material.
     places.sort(key=lambda place: place[0] or 0.0)
-    is_simulated = places[0][0] is not None
+
+    def printed_deg(material: str) -> dict[tuple[AnyMethod, int], float]:
+        if not is_simulated:
+            return {}
+        return {(name, TABLE_ACQUISITIONS): printed_value(f"table1/{name}/{material}") for name in PAPER_METHODS}
+
     return errors_figure(
+        errors,
         [
-            Panel(
-                material if level_db is None else f"{material}, {level_db:g} dB",
-                {group[2:]: each for group, each in errors.items() if group[:2] == (material, level_db)},
-                {
-                    (name, TABLE_ACQUISITIONS): printed_value(f"table1/{name}/{material}")
-                    for name in PAPER_METHODS
-                    if is_simulated
-                },
-            )
+            Panel(material, level_db, material + (f", {level_db:g} dB" if is_simulated else ""), printed_deg(material))
             for level_db, material in places
         ],
         heading="Offline searches" + (" on simulated materials" if is_simulated else ""),

@@ -1,14 +1,10 @@
-"""All figures and tables by name, and their files: CSV, PNG and SVG, and one HTML page with all of them.
-
-What several of them share is computed once.
-"""
+"""All figures and tables by name, and their files: CSV, PNG and SVG, and one HTML page with all of them."""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cached_property
-from itertools import zip_longest
+from functools import cache
 from pathlib import Path
 
 from markerseek._version import __version__
@@ -16,74 +12,53 @@ from markerseek.core import ConfigError
 from markerseek.pictures import new_picture, png_data_uri, save_figure, write_page
 from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig9 import fig9
-from markerseek.studies.paper.methods import PAPER_MARKERS, RunOptions
-from markerseek.studies.paper.offline import (
-    OfflineBank,
-    OfflineSearch,
-    as_intensities,
-    fig6,
-    offline_searches,
-    simulated_banks,
-    table1,
-)
-from markerseek.studies.paper.online import OnlineSearch, fig7, fig8, online_searches, table2
+from markerseek.studies.paper.methods import PAPER_MARKERS, PaperSearch, RunOptions
+from markerseek.studies.paper.offline import OfflineBank, fig6, offline_searches, simulated_banks, table1
+from markerseek.studies.paper.online import fig7, fig8, online_searches, table2
 from markerseek.studies.paper.printed import PAPER_NUMBERS, PaperNumber
 from markerseek.studies.paper.section import Cell, Section, Table, make_table
+
+SECTIONS = ("fig5", "fig6", "table1", "table2", "fig7", "fig8", "fig9")
+"""Names of the sections, in the order of the report."""
 
 OFFLINE = ("fig6", "table1")
 """What can be made from a user's own bank."""
 
 
-class Reproduction:
-    """Makes the sections of the report, one by one.
+def make_sections(
+    names: Sequence[str], *, options: RunOptions, folder: Path, own: OfflineBank | None = None
+) -> Iterator[Section]:
+    """Sections of these names, in this order; what several of them share is computed once.
 
-    ``folder``: where banks are written. ``own_bank``: a user's bank instead of the simulated ones; None for those.
+    ``folder``: where banks are written. ``own``: a user's bank instead of the simulated ones; None for those. Raises
+    `ConfigError` if a name is unknown, or cannot be made from a user's own bank; nothing is made then.
     """
 
-    def __init__(self, *, options: RunOptions, folder: Path, own_bank: OfflineBank | None = None) -> None:
-        self._options = options
-        self._folder = folder
-        self._own_bank = own_bank
-
-    @cached_property
-    def _offline(self) -> list[OfflineSearch]:
-        own, folder, options = self._own_bank, self._folder / "banks", self._options
-        banks = simulated_banks(folder, options) if own is None else [as_intensities(own, folder, options)]
+    @cache
+    def offline() -> list[PaperSearch]:
+        banks = simulated_banks(folder / "banks", options) if own is None else [own]
         return offline_searches(banks, options)
 
-    @cached_property
-    def _online(self) -> list[OnlineSearch]:
-        return online_searches(self._options)
+    @cache
+    def online() -> list[PaperSearch]:
+        return online_searches(options)
 
-    @property
-    def makers(self) -> dict[str, Callable[[], Section]]:
-        """Functions that make the sections, by name, in the order of the report.
-
-        Each function of a section gets what it may use (`RunOptions`), or the searches that several sections share.
-        """
-        return {
-            "fig5": lambda: fig5(self._options),
-            "fig6": lambda: fig6(self._offline),
-            "table1": lambda: table1(self._offline),
-            "table2": lambda: table2(self._online),
-            "fig7": lambda: fig7(self._online),
-            "fig8": lambda: fig8(self._online),
-            "fig9": lambda: fig9(self._options),
-        }
-
-    def sections(self, names: Sequence[str]) -> Iterator[Section]:
-        """Sections of these names, in this order.
-
-        Raises `ConfigError` if a name is unknown, or cannot be made from a user's own bank; nothing is made then.
-        """
-        makers = self.makers
-        for name in names:
-            if name not in makers:
-                raise ConfigError(f"reproduce: {name!r} is unknown; there are: {', '.join(makers)}, all")
-            if self._own_bank is not None and name not in OFFLINE:
-                raise ConfigError(f"reproduce: {name} uses no bank; give --bank with {' or '.join(OFFLINE)}")
-        # Not `yield`: the names are checked at the call, before the first section takes its minutes.
-        return (makers[name]() for name in names)
+    makers: dict[str, Callable[[], Section]] = {
+        "fig5": lambda: fig5(options),
+        "fig6": lambda: fig6(offline(), own),
+        "table1": lambda: table1(offline(), own),
+        "table2": lambda: table2(online()),
+        "fig7": lambda: fig7(online()),
+        "fig8": lambda: fig8(online()),
+        "fig9": lambda: fig9(options),
+    }
+    for name in names:
+        if name not in makers:
+            raise ConfigError(f"reproduce: {name!r} is unknown; there are: {', '.join(SECTIONS)}, all")
+        if own is not None and name not in OFFLINE:
+            raise ConfigError(f"reproduce: {name} uses no bank; give --bank with {' or '.join(OFFLINE)}")
+    # Not `yield`: the names are checked at the call, before the first section takes its minutes.
+    return (makers[name]() for name in names)
 
 
 REPORT = "report.html"
@@ -107,13 +82,12 @@ def write_report(
     folder: Path,
     *,
     options: RunOptions,
-    durations_s: Sequence[float] = (),
     own_bank: Path | None = None,
 ) -> Path:
     """Write the page of all sections, and return its path.
 
-    ``sections``: in the order of the page. ``folder``: where `write_section` put their files. ``durations_s``: how long
-    each took; empty if not measured. ``own_bank``: the user's bank from which they were made; None for simulated ones.
+    ``sections``: in the order of the page. ``folder``: where `write_section` put their files. ``own_bank``: the user's
+    bank from which they were made; None for simulated ones.
     """
     if own_bank is not None:
         note = f"Searches on your own bank {own_bank}, with the intensities that it holds."
@@ -128,7 +102,7 @@ def write_report(
         note=note,
         made_with=f"markerseek {__version__}"
         + (f", seed {options.seed}, {options.markers} markers" if own_bank is None else ""),
-        sections=list(zip_longest(sections, durations_s)),
+        sections=sections,
         numbers=PAPER_NUMBERS.values(),
         shown=shown,
         comparison_table=comparison_table,

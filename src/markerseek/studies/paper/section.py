@@ -8,17 +8,18 @@ The text is in `prose.toml`; results stand in it as fields of `str.format`.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from markerseek.core import ConfigError, Estimate, Found
-from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
-from markerseek.studies.paper.methods import ALL_METHODS, AnyMethod, PaperMethod
+from markerseek.pictures import panel_grid, shared_legend
+from markerseek.studies.figure import draw_means
+from markerseek.studies.paper.methods import ALL_METHODS, Answer, AnyMethod, PaperSearch
 from markerseek.studies.paper.printed import SENSITIVE_DEG, PaperNumber, paper_number
 from markerseek.studies.statistics import Mean
 
@@ -45,41 +46,25 @@ class Table:
 
 def make_table(name: str, caption: str, columns: str, rows: Iterable[tuple[Cell, ...]], *, shown: bool = True) -> Table:
     """Return a table; ``columns``: their names, separated by spaces."""
-    names, lines = tuple(columns.split()), tuple(rows)
-    if any(len(line) != len(names) for line in lines):
-        raise ConfigError(f"table {name}: a row has not the {len(names)} columns {columns}")
-    return Table(name=name, caption=caption, columns=names, rows=lines, shown=shown)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """Absolute error of an answer in degrees, and whether it claims its angle; the paper's methods always do."""
-
-    error_deg: float
-    claimed: bool = True
-
-    @classmethod
-    def of(cls, estimate: Estimate, *, truth_deg: float) -> Answer:
-        """Answer of an estimate: it claims its angle if it is `Found`."""
-        return cls(error_deg=abs(estimate.mean_deg - truth_deg), claimed=isinstance(estimate, Found))
+    return Table(name=name, caption=caption, columns=tuple(columns.split()), rows=tuple(rows), shown=shown)
 
 
 class Errors(NamedTuple):
-    """Summary of the errors of many searches; the cells of a table under `ERRORS`."""
+    """Summary of the absolute errors of many searches."""
 
-    searches: int
-    mean_deg: float
-    """Mean of the absolute error."""
-    sd_deg: float | None
-    """Standard deviation of the absolute error; None for one search."""
-    half_deg: float | None
-    """Half the width of the 95 % interval of the mean; None for one search."""
+    error_deg: Mean
     failed: float
     """Share of searches with an error beyond `SENSITIVE_DEG`, whether they claim their angle or not."""
     unclaimed: float
     """Share of searches that claim no angle: not found, at bound, ambiguous or unsure."""
     claimed_failed: float
     """Share of searches that claim an angle with an error beyond `SENSITIVE_DEG`."""
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """Cells of a table under `ERRORS`."""
+        mean, *shares = self
+        return (mean.count, mean.mean, mean.sd, mean.half, *shares)
 
 
 ERRORS = (
@@ -88,37 +73,36 @@ ERRORS = (
 )
 """Columns of `Errors`."""
 
-
-def errors_of(errors_deg: Iterable[float]) -> Errors:
-    """Summary of the absolute errors of searches that claim their angle, in degrees."""
-    return summary_of(Answer(error_deg=error_deg) for error_deg in errors_deg)
+Group: TypeAlias = tuple[str, float | None, AnyMethod, int]
+"""What was searched, peak SNR, method, number of acquisitions."""
 
 
-def summary_of(answers: Iterable[Answer]) -> Errors:
+def errors_of(answers: Iterable[Answer]) -> Errors:
     """Summary of one answer or more."""
     of_all = list(answers)
     errors = np.array([each.error_deg for each in of_all])
-    if errors.size == 0:
-        raise ConfigError("errors: there is no search to summarise; run at least one")
     claimed = np.array([each.claimed for each in of_all])
-    mean = Mean.of(errors.tolist())
     return Errors(
-        searches=mean.count,
-        mean_deg=float(np.mean(errors)),
-        sd_deg=mean.sd,
-        half_deg=mean.half,
+        error_deg=Mean.of(errors.tolist()),
         failed=float(np.mean(errors > SENSITIVE_DEG)),
         unclaimed=float(np.mean(~claimed)),
         claimed_failed=float(np.mean(claimed & (errors > SENSITIVE_DEG))),
     )
 
 
-def errors_table(
-    name: str, caption: str, columns: str, errors: Mapping[tuple[Any, ...], Errors], *, shown: bool = False
-) -> Table:
-    """Table of the errors of groups of searches, whose names go into the first columns."""
-    rows = ((*group, *each) for group, each in errors.items())
-    return make_table(name, caption, f"{columns} {ERRORS}", rows, shown=shown)
+def errors_by_group(searches: Iterable[PaperSearch]) -> dict[Group, Errors]:
+    """Errors of every number of acquisitions, by group."""
+    groups: dict[Group, list[Answer]] = {}
+    for each in searches:
+        for count, answer in each.answers.items():
+            groups.setdefault((each.place, each.peak_snr_db, each.method, count), []).append(answer)
+    return {group: errors_of(found) for group, found in groups.items()}
+
+
+def errors_table(name: str, caption: str, place: str, errors: Mapping[Group, Errors], *, shown: bool = False) -> Table:
+    """Table of the errors of groups of searches; ``place``: what the first column is called."""
+    rows = ((*group, *each.cells) for group, each in errors.items())
+    return make_table(name, caption, f"{place} peak_snr_db method acquisitions {ERRORS}", rows, shown=shown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,13 +128,13 @@ class Comparison:
         return None if self.paper.value is None else self.ours - self.paper.value
 
 
-def compared(number: str | PaperNumber, ours: Errors, *, condition: str = "") -> Comparison:
-    """Return our errors beside the paper's number with that key, or under a name of our own."""
+def compared(number: str, ours: Errors, *, condition: str = "", of_paper: bool = True) -> Comparison:
+    """Return our errors beside the paper's number with that key; or, if it has none, under a name of our own."""
     return Comparison(
-        paper=paper_number(number) if isinstance(number, str) else number,
-        ours=ours.mean_deg,
-        sd=ours.sd_deg,
-        half=ours.half_deg,
+        paper=paper_number(number) if of_paper else PaperNumber(quantity=number),
+        ours=ours.error_deg.mean or 0.0,
+        sd=ours.error_deg.sd,
+        half=ours.error_deg.half,
         failed=ours.failed,
         unclaimed=ours.unclaimed,
         condition=condition,
@@ -164,7 +148,7 @@ class Section:
     name: str
     """Its name on the command line, and the stem of the picture's files."""
     title: str
-    method: tuple[str, ...]
+    method: tuple[str, ...] = ()
     """What was done, in paragraphs."""
     comparisons: tuple[Comparison, ...] = ()
     """The paper's numbers beside ours, and those of the posterior."""
@@ -178,17 +162,12 @@ class Section:
 
 
 def make_section(
-    name: str,
-    *,
-    method: tuple[str, ...] = (),
-    comparisons: tuple[Comparison, ...] = (),
-    tables: tuple[Table, ...] = (),
-    draw: Callable[[], Figure] | None = None,
-    **results: object,
+    name: str, *, method: tuple[str, ...] = (), results: Mapping[str, object] = MappingProxyType({}), **parts: Any
 ) -> Section:
     """Return a section with its text.
 
-    ``method``: headings whose paragraphs come first. ``results``: values of the fields of the text.
+    ``method``: headings whose paragraphs come first. ``results``: values of the fields of the text. ``parts``: its
+    comparisons, tables and picture.
     """
     prose = _prose()
     text = prose[name]
@@ -200,11 +179,9 @@ def make_section(
         name=name,
         title=text["title"].format(**results),
         method=paragraphs("\n\n".join(prose[heading].get("method", "") for heading in (*method, name))),
-        comparisons=comparisons,
-        tables=tables,
-        draw=draw,
         alt=text.get("alt", ""),
         remarks=paragraphs(text.get("remarks", "")),
+        **parts,
     )
 
 
@@ -223,15 +200,16 @@ MARKS: dict[AnyMethod, str] = {"TS": "o", "GSS": "s", "WA": "^", "posterior": "D
 class Panel(NamedTuple):
     """One panel of the figure."""
 
+    place: str
+    peak_snr_db: float | None
     title: str
-    errors: Mapping[tuple[AnyMethod, int], Errors]
-    """Ours, by method and number of acquisitions."""
-    printed_deg: Mapping[tuple[PaperMethod, int], float]
-    """Mean errors that the paper prints, likewise."""
+    printed_deg: Mapping[tuple[AnyMethod, int], float]
+    """Mean errors that the paper prints, by method and number of acquisitions."""
 
 
 def errors_figure(
-    panels: Sequence[Panel],
+    errors: Mapping[Group, Errors],
+    panels: Iterable[Panel],
     *,
     heading: str,
     columns: int,
@@ -244,6 +222,7 @@ def errors_figure(
     ``printed``: what the legend calls the paper's numbers, which are open marks. ``average_deg``: the paper's mean
     error of WA over all N, as a line; None draws none.
     """
+    panels = list(panels)
     figure, grid = panel_grid(
         [panel.title for panel in panels],
         heading=heading,
@@ -255,42 +234,19 @@ def errors_figure(
     )
     for axes, panel in zip(grid, panels, strict=True):
         for name in ALL_METHODS:
-            ours = {count: each for (method, count), each in panel.errors.items() if method == name}
+            group = (panel.place, panel.peak_snr_db, name)
+            ours = {count: each.error_deg for (*of, count), each in errors.items() if tuple(of) == group}
+            style: dict[str, Any] = {"color": COLOURS[name], "marker": MARKS[name]}
             if ours:
-                axes.errorbar(
-                    list(ours),
-                    [errors.mean_deg for errors in ours.values()],
-                    yerr=[_drawn_half(errors) for errors in ours.values()],
-                    label="posterior (ours, not in the paper)" if name == "posterior" else f"{name}, ours",
-                    color=COLOURS[name],
-                    marker=MARKS[name],
-                    **ERROR_BARS,
-                )
+                label = "posterior (ours, not in the paper)" if name == "posterior" else f"{name}, ours"
+                draw_means(axes, ours, label=label, **style)
             theirs = {count: value for (method, count), value in panel.printed_deg.items() if method == name}
             if theirs:
-                axes.plot(
-                    list(theirs),
-                    list(theirs.values()),
-                    label=f"{name}, {printed}",
-                    color=COLOURS[name],
-                    marker=MARKS[name],
-                    linestyle="none",
-                    markersize=8,
-                    markerfacecolor="none",
-                    markeredgewidth=1.6,
-                    zorder=5,
-                )
+                style |= {"linestyle": "none", "markersize": 8, "markerfacecolor": "none", "markeredgewidth": 1.6}
+                axes.plot(*zip(*theirs.items(), strict=True), label=f"{name}, {printed}", zorder=5, **style)
         if average_deg is not None:
             axes.axhline(
                 average_deg, color=COLOURS["WA"], linestyle="--", linewidth=1.2, label="WA, paper (mean over N)"
             )
     shared_legend(figure, columns=4)
     return figure
-
-
-def _drawn_half(errors: Errors) -> float:
-    """Half the interval. A logarithmic scale ends above 0; the interval of fewer than five searches means nothing."""
-    if errors.half_deg is None or errors.searches < 5:
-        return 0.0
-    # Errors are positive: below 0.05 of the mean a logarithmic axis would show the bar and little else.
-    return min(errors.half_deg, 0.95 * errors.mean_deg)

@@ -196,34 +196,6 @@ def test_search_that_cannot_be_shown_is_stopped(stream, monkeypatch):
     assert (child.stopped.is_set(), live.message) == (True, "the page cannot show this search; it was stopped")
 
 
-def test_published_form_wins_no_race():
-    race_page = pytest.importorskip("markerseek.bridges.page.race_page", reason="needs the extra page")
-    verdict, leader = race_page.race_verdict, race_page.leader
-
-    def racer(method, elapsed_s, *, as_published=False):
-        plan = SearchPlan(method=method, as_published=as_published)
-        run = SimpleNamespace(last=SimpleNamespace(plan=plan, elapsed_s=elapsed_s))
-        return SimpleNamespace(status="ended", run=run, outcome=FOUND)
-
-    slow, quick = racer("posterior", 90.0), racer("ternary", 60.0)
-    published = racer("ternary", 30.0, as_published=True)
-    assert verdict((slow, quick)) == "ternary is first, after 60 s (virtual)"
-    assert verdict((slow, published)) == "posterior is first, after 90 s (virtual)"
-    assert verdict((published, published)) == "nothing is claimed"
-    stopped = SimpleNamespace(status="ended", run=slow.run, outcome=STOPPED)
-    assert verdict((slow, stopped)) == "no result: stopped, or ended by a fault"
-    nothing = SimpleNamespace(
-        status="ended", run=slow.run, outcome=Outcome(exit_code=3, answer={"answer": "not found"})
-    )
-    assert verdict((nothing, nothing)) == "no marker was found"
-    # The quick one leads once the other's clock has passed its end, and not before.
-    runs = [racer("posterior", at_s).run for at_s in (50.0, 61.0)]
-    running = [SimpleNamespace(status="running", run=each, outcome=None) for each in runs]
-    assert [leader((each, quick)) for each in running] == [None, quick]
-    assert [verdict((each, quick)) for each in running] == ["", "ternary is first, after 60 s (virtual)"]
-    assert leader((quick, stopped)) is None
-
-
 def searches(children, tmp_path, monkeypatch, **rig):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     asked = []
@@ -240,8 +212,6 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
     shared.start(USUAL.changed(seed=4), asked_by=BROWSER)
     for another in (
         lambda: shared.start(USUAL, asked_by=BROWSER),
-        lambda: shared.start_race(USUAL, USUAL),
-        lambda: shared.replay("x", USUAL),
         shared.go_on,
     ):
         with pytest.raises(SearchError, match="a search or a registration runs"):
@@ -267,30 +237,6 @@ def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypat
     assert not shared.paused
     with pytest.raises(SearchError, match="resume it in the terminal"):
         shared.go_on()
-    with pytest.raises(SearchError, match="simulated"):
-        shared.start_race(USUAL, USUAL)
-
-
-def test_stop_while_a_race_starts_stops_both(stream, tmp_path, monkeypatch):
-    """STOP comes when the racers run already and the page does not yet know them."""
-    children = [ScriptedChild(stream[:5], endless=True) for _ in range(2)]
-    shared, _ = searches(list(children), tmp_path, monkeypatch)
-    pressed = []
-    live = shared._live
-
-    def slowly(*arguments, **options):
-        run = live(*arguments, **options)
-        pressed.append(threading.Thread(target=shared.stop))
-        pressed[-1].start()
-        time.sleep(0.05)
-        return run
-
-    monkeypatch.setattr(shared, "_live", slowly)
-    shared.start_race(USUAL, USUAL)
-    for each in pressed:
-        each.join()
-    assert all(each.join(10) for each in shared.race)
-    assert all(each.stopped.is_set() for each in children)
 
 
 def test_pause_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):
@@ -329,25 +275,6 @@ def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
     shared.start(USUAL, asked_by=BROWSER)
     shared.close()
     assert child.stopped.is_set()
-
-
-def test_recordings_of_one_name_are_told_apart(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    named = [tmp_path / "a" / "run.journal", tmp_path / "b" / "run.journal"]
-    kept = tmp_path / "markerseek" / "journals" / "run.journal"
-    kept.parent.mkdir(parents=True)
-    kept.touch()
-    shared = PageSearches(PageRig(), named, launch=lambda *_, **__: ScriptedChild())
-    assert list(shared.recordings().values()) == [*named, kept]
-    assert next(iter(shared.recordings())) == "run.journal"
-
-
-def test_only_named_recordings_are_replayed(tmp_path, monkeypatch):
-    shared, asked = searches([], tmp_path, monkeypatch)
-    for name in ("/etc/passwd", "../../etc/passwd", "scan.hdf5"):
-        with pytest.raises(SearchError, match="no such recording"):
-            shared.replay(name, USUAL)
-    assert asked == []
 
 
 def test_a_rig_of_devices_registers_only_with_its_endoscope_and_a_known_face(tmp_path, monkeypatch):

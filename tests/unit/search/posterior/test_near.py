@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -26,6 +28,7 @@ from markerseek.core import (
 from markerseek.search import build, most_acquisitions
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.expected import WRONG, ExpectedAngle, survey_angles_deg
+from markerseek.search.posterior.inference import AnglePosterior
 from tests.unit.search.posterior.test_sources import arrival, sample
 
 NEAR = AnglePrior(mean_deg=-20.0, sigma_deg=2.0)
@@ -188,14 +191,11 @@ def test_a_prior_outside_of_the_range_or_for_another_method_is_refused() -> None
         build(SearchPlan(method="ternary", near=NEAR))
 
 
-class Known:
+def known(angle_deg: float) -> Mock:
     """A posterior that knows the angle to 0.1 degrees."""
-
-    def __init__(self, angle_deg: float) -> None:
-        self._angle_deg = angle_deg
-
-    def cumulative(self, ends_deg):
-        return stats.norm.cdf(ends_deg, self._angle_deg, 0.1)
+    posterior = Mock(spec=AnglePosterior)
+    posterior.cumulative = partial(stats.norm.cdf, loc=angle_deg, scale=0.1)
+    return posterior
 
 
 @pytest.mark.parametrize("angle_deg", [-20.0, -17.0, -14.0, -12.0, 10.0])
@@ -204,16 +204,16 @@ def test_the_probability_that_it_is_wrong_is_that_of_bayes_rule(angle_deg: float
     right = (1 - WRONG) * stats.norm.pdf(angle_deg, -20.0, 4.0)
     wrong = WRONG / PAPER_RANGE.width_deg
     expected = ExpectedAngle(near, limits=PAPER_RANGE)
-    assert expected.wrong_probability(Known(angle_deg)) == pytest.approx(wrong / (wrong + right), rel=0.05)
+    assert expected.wrong_probability(known(angle_deg)) == pytest.approx(wrong / (wrong + right), rel=0.05)
     # What hides is weighed by the same density.
-    weights = expected.weights(Known(-20.0))
+    weights = expected.weights(known(-20.0))
     angles_deg = survey_angles_deg(PAPER_RANGE)
     assert weights[np.argmin(np.abs(angles_deg + 20.0))] == pytest.approx(1.0, rel=0.01)
     assert weights[-1] == pytest.approx(wrong / (wrong + 0.95 * stats.norm.pdf(0.0, 0.0, 4.0)), rel=0.05)
 
 
 def test_beyond_the_range_a_marker_contradicts_it() -> None:
-    assert ExpectedAngle(NEAR, limits=PAPER_RANGE).wrong_probability(Known(50.0)) == pytest.approx(1.0)
+    assert ExpectedAngle(NEAR, limits=PAPER_RANGE).wrong_probability(known(50.0)) == pytest.approx(1.0)
     assert ExpectedAngle(NEAR, limits=Interval(low_deg=-30.0, high_deg=0.0)).window.low_deg == -30.0
 
 

@@ -14,10 +14,11 @@ import pytest
 
 from markerseek.core import ConfigError
 from markerseek.studies.paper import RunOptions, Section, write_report, write_section
+from markerseek.studies.paper.methods import Answer
 from markerseek.studies.paper.offline import OfflineBank, fig6, grid, offline_searches
 from markerseek.studies.paper.printed import MATERIALS, PAPER_NUMBERS, paper_number
 from markerseek.studies.paper.report import REPORT
-from markerseek.studies.paper.section import compared, errors_of
+from markerseek.studies.paper.section import Errors, compared, errors_of
 
 
 class Tables(HTMLParser):
@@ -59,16 +60,21 @@ def test_the_papers_numbers_are_those_of_the_paper() -> None:
         paper_number("fig12")
 
 
+def of(*errors_deg: float, claimed: bool = True) -> Errors:
+    return errors_of([Answer(angle_deg=0.0, error_deg=each, claimed=claimed) for each in errors_deg])
+
+
 def test_errors_are_summed_up_as_by_hand() -> None:
-    errors = errors_of(np.array([1.0, 2.0, 6.0]))
-    assert errors.mean_deg == 3.0
-    assert errors.sd_deg == pytest.approx(math.sqrt((4 + 1 + 9) / 2))
-    assert errors.failed == pytest.approx(1 / 3)
+    errors = of(1.0, 2.0, 6.0)
+    (count, mean_deg, sd_deg, half_deg, failed, unclaimed, claimed_failed) = errors.cells
+    assert (count, unclaimed) == (3, 0.0)
+    assert mean_deg == 3.0
+    assert sd_deg == pytest.approx(math.sqrt((4 + 1 + 9) / 2))
+    assert failed == claimed_failed == pytest.approx(1 / 3)
     # Student's t for two degrees of freedom
-    assert errors.half_deg == pytest.approx(4.302653 * errors.sd_deg / math.sqrt(3), rel=1e-5)
-    assert errors_of(np.array([0.5])).half_deg is None
-    with pytest.raises(ConfigError, match="no search to summarise"):
-        errors_of(np.array([]))
+    assert half_deg == pytest.approx(4.302653 * math.sqrt(7) / math.sqrt(3), rel=1e-5)
+    assert of(0.5).error_deg.half is None
+    assert of(6.0, claimed=False)[1:] == (1.0, 1.0, 0.0)
 
 
 def test_the_grid_is_that_of_the_paper_but_rough() -> None:
@@ -83,9 +89,10 @@ def test_the_page_holds_the_numbers_of_the_csv_and_loads_nothing(tmp_path: Path)
     pytest.importorskip("matplotlib")
     options = RunOptions(markers=20)
     example = Path(__file__).parents[4] / "examples" / "simulated_scan.csv"
-    searches = offline_searches([OfflineBank(path=example, material="mine", reference_deg=-8.25)], options)
-    of_paper = Section(name="s", title="s", method=(), comparisons=(compared("fig7/TS/2", errors_of([0.1, 0.2])),))
-    sections = [fig6(searches), of_paper]
+    own = OfflineBank(path=example, material="mine", reference_deg=-8.25)
+    searches = offline_searches([own], options)
+    of_paper = Section(name="s", title="s", method=(), comparisons=(compared("fig7/TS/2", of(0.1, 0.2)),))
+    sections = [fig6(searches, own), of_paper]
     paths = [path for section in sections for path in write_section(section, tmp_path)]
     text = write_report(sections, tmp_path, options=options).read_text(encoding="utf-8")
     assert (tmp_path / REPORT).exists()
@@ -117,7 +124,7 @@ def _same(seen: str, exact: str) -> bool:
 def test_a_report_that_cannot_be_written_is_refused_in_words(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
-    ours = compared("fig5/TS", errors_of(np.array([0.1, 0.2])))
+    ours = compared("fig5/TS", of(0.1, 0.2))
     section = Section(name="s", title="s", method=(), comparisons=(ours,))
     with pytest.raises(ConfigError, match="name another --out"):
         write_section(section, blocked / "below")
@@ -134,9 +141,7 @@ def test_results_do_not_depend_on_the_number_of_processes(monkeypatch: pytest.Mo
     assert "PYTHONSAFEPATH" not in os.environ, "it would keep later programs from importing of the current folder"
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"), [({"markers": 3}, "between 10 and"), ({"workers": 0}, "workers"), ({"seed": -1}, "0 or more")]
-)
+@pytest.mark.parametrize(("wrong", "said"), [({"markers": 3}, "between 10 and"), ({"seed": -1}, "0 or more")])
 def test_options_out_of_range_are_is_refused(wrong: dict[str, int], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         RunOptions(**wrong)  # type: ignore[arg-type]
