@@ -350,13 +350,7 @@ class KnownRegistration:
     """From the camera of the da Vinci system to the probe at 0 degrees, in metres."""
     simulated: bool
     """Whether markers and camera were simulated."""
-    fre_m: float
-    tre_m: float
-    tre95_m: float
-    """``fre_m``, ``tre_m`` and ``tre95_m``: fiducial registration error, expected error at the target, and the bound of
-    95 % of the errors there."""
-    markers: int
-    """Number of the markers, or points, of which it is made."""
+    report: RegistrationReport
 
     @classmethod
     def of(cls, report: RegistrationReport, *, source: Path, simulated: bool) -> Self:
@@ -368,22 +362,15 @@ class KnownRegistration:
         if rows is None or [len(row) for row in rows] != [4] * 4 or rows[3] != [0, 0, 0, 1]:
             raise RecordError(f"{source}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
         try:
-            transform = davinci_to_probe_home(rows)
+            return cls(davinci_to_trus=davinci_to_probe_home(rows), simulated=simulated, report=report)
         except ConfigError as problem:
             raise RecordError(f"{source}: {problem}") from problem
-        return cls(
-            davinci_to_trus=transform,
-            simulated=simulated,
-            fre_m=report.fre_m,
-            tre_m=report.tre_m,
-            tre95_m=report.tre95_m,
-            markers=len(report.points),
-        )
 
     @property
     def errors(self) -> dict[str, float | int]:
-        """Its errors, as they are shown beside the transform."""
-        return {"fre_m": self.fre_m, "tre_m": self.tre_m, "tre95_m": self.tre95_m, "markers": self.markers}
+        """Its errors and the number of its markers, as they are shown beside the transform."""
+        report = self.report
+        return {"fre_m": report.fre_m, "tre_m": report.tre_m, "tre95_m": report.tre95_m, "markers": len(report.points)}
 
 
 class _File(RegistrationReport, frozen=True, kw_only=True):
