@@ -21,7 +21,6 @@ from markerseek.registration.steps import Registered, TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.rigs import Beside, Rig, movable
 from markerseek.sim import (
-    EndoscopeFaults,
     EndoscopeSettings,
     SimulatedEndoscope,
     SimulatedSettings,
@@ -73,8 +72,6 @@ class SimulatedRoomSettings:
     """Draws what is beside each marker; None: nothing but the clutter of the material."""
     places_m: tuple[tuple[float, float], ...] | None = None
     """Places (x, y) in the TRUS frame that are lit in turn, whatever is asked for; None: the places asked for."""
-    faults: EndoscopeFaults = field(default_factory=EndoscopeFaults)
-    """What goes wrong with the images."""
 
     def __post_init__(self) -> None:
         if not 0.03 <= self.camera_m <= 0.5:
@@ -138,7 +135,6 @@ class SimulatedRoom:
             clock=self.rig.scanner.clock,
             flashes=lambda: len(self._movable.world.flashes),
             focal_error=FOCAL_LENGTH * float(drawn[3]),
-            faults=settings.faults,
         )
         self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
         self._turn, self._asked = 0, dict[str, int]()

@@ -22,7 +22,7 @@ from markerseek.sim.settings import (
     with_options,
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
-from markerseek.sim.stereo_endoscope import EndoscopeFaults, SimulatedEndoscope
+from markerseek.sim.stereo_endoscope import SimulatedEndoscope
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.trapezoid import phases
 from markerseek.sim.world import Flash, SimulatedWorld, World
@@ -34,7 +34,6 @@ __all__ = [
     "BModeSettings",
     "BModeWorld",
     "CurveWorld",
-    "EndoscopeFaults",
     "EndoscopeSettings",
     "Flash",
     "GaussianCurve",

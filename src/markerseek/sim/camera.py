@@ -75,6 +75,10 @@ class EndoscopeSettings:
     """Mean brightness of the tissue."""
     noise_counts: Annotated[float, Within(0, 50, "counts")] = 3.0
     """Standard deviation of a pixel's noise."""
+    motion_px: Annotated[float, Within(0, 500, "px")] = 0.0
+    """How far the spot moves in both images once it has been seen in as many pairs as there are frames."""
+    dropped_share: Annotated[float, Within(0, 1)] = 0.0
+    """Share of the image pairs that do not come."""
 
     def __post_init__(self) -> None:
         require_fields(self, "endoscope")
