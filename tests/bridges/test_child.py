@@ -180,7 +180,7 @@ def test_a_second_search_is_refused_while_one_runs() -> None:
         ("Seed", "-1", "seed is -1"),
         ("Seed", "1 --arm", "seed is '1 --arm', it must be a whole number"),
         ("Stay", "yes", "stay is 'yes', it must be true or false"),
-        ("ToleranceMm", "nan", "tolerance is nan mm"),
+        ("ToleranceMm", "nan", "tolerance_mm is nan"),
         ("Rig", "/dev/tty", "StartSearch has no Rig"),
     ],
 )

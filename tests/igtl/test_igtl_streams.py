@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from datetime import datetime
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -17,10 +16,8 @@ from markerseek.bridges.igtl import Stream, Streams
 from markerseek.core import (
     PAPER_RANGE,
     Asked,
-    BModeFrame,
     ChannelFrame,
     Measured,
-    RFFrame,
     Sample,
     ScanGeometry,
     SearchPlan,
@@ -32,15 +29,14 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Entry
 from markerseek.runs import configuration_of
-from markerseek.sim import ReceiverSettings, SimulatedSettings
 from markerseek.wire import igtl
 
 WRITTEN = "2026-03-01T12:00:00+00:00"
 
 
-def sent_at_5_degrees(receiver: ReceiverSettings) -> tuple[rigs.Rig, Sample, dict[str, igtl.Image]]:
-    """Rig, acquisition, and its images as a client reads them."""
-    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=receiver))
+def sent_at_5_degrees() -> tuple[rigs.Rig, Sample, dict[str, igtl.Image]]:
+    """Rig, acquisition, and its image as a client reads it."""
+    rig = rigs.simulated(seed=1)
     scanner = rig.scanner
     scanner.guard.arm(by="a test")
     sample = replace(scanner.measure(5.0), angle_deg=5.0)
@@ -63,23 +59,11 @@ def require_place(rig: rigs.Rig, image: igtl.Image, geometry: ScanGeometry, *, r
     assert (image.matrix @ (column, row, 0, 1))[:3] == pytest.approx(expected, abs=1e-3)
 
 
-def test_a_b_mode_image_lies_where_its_pixels_are() -> None:
-    rig, sample, images = sent_at_5_degrees(ReceiverSettings(data="b-mode"))
-    assert isinstance(sample.frame, BModeFrame)
-    assert set(images) == {"BMode_ProbeHome"}
-    np.testing.assert_array_equal(images["BMode_ProbeHome"].pixels[0], sample.frame.pixels)
-    require_place(rig, images["BMode_ProbeHome"], sample.frame.geometry, row=40, column=7)
-
-
-@pytest.mark.parametrize("data", ["channels", "rf"])
-def test_both_images_of_a_frame_lie_where_their_pixels_are(data: Literal["channels", "rf"]) -> None:
-    rig, sample, images = sent_at_5_degrees(ReceiverSettings(data=data, b_mode=True))
-    assert isinstance(sample.frame, ChannelFrame | RFFrame)
-    assert sample.frame.b_mode is not None
+def test_the_image_of_a_frame_lies_where_its_pixels_are() -> None:
+    rig, sample, images = sent_at_5_degrees()
+    assert isinstance(sample.frame, ChannelFrame)
     assert rig.imaging is not None
-    assert set(images) == {"PA_ProbeHome", "BMode_ProbeHome"}
-    np.testing.assert_array_equal(images["BMode_ProbeHome"].pixels[0], sample.frame.b_mode.pixels)
-    require_place(rig, images["BMode_ProbeHome"], sample.frame.b_mode.geometry, row=40, column=7)
+    assert set(images) == {"PA_ProbeHome"}
     require_place(rig, images["PA_ProbeHome"], rig.imaging.picture(sample.frame).geometry, row=300, column=90)
 
 
@@ -173,7 +157,7 @@ def test_a_transform_before_the_first_search_says_that_no_angle_is_known() -> No
     ],
 )
 def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, written: str, expected_s: float) -> None:
-    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(b_mode=True)))
+    rig = rigs.simulated(seed=1)
     rig.scanner.guard.arm(by="a test")
     sample = replace(rig.scanner.measure(5.0), angle_deg=5.0)
     configuration = configuration_of(rig, SearchPlan(method="ternary"))
@@ -187,8 +171,8 @@ def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, w
             event=Measured(role="search", index=1, sample=sample),
         )
     )
-    assert [each.device for each in sent] == ["ProbeToProbeHome", "BMode_ProbeHome", "PA_ProbeHome", "SearchState"]
-    assert [each.time_s for each in sent] == [expected_s] * 4
+    assert [each.device for each in sent] == ["ProbeToProbeHome", "PA_ProbeHome", "SearchState"]
+    assert [each.time_s for each in sent] == [expected_s] * 3
     assert sent[0].metadata == {"TransformStatus": "OK"}
 
 

@@ -23,7 +23,7 @@ def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() 
     streams.started()
     streams.after(configuration_of(rigs.simulated(seed=1), SearchPlan(method="ternary")))
     event = Started(start_deg=1.0, limits=Interval(low_deg=-10, high_deg=10))
-    item = Entry(number=1, written="", clock_s=0.0, event=event)
+    item = Entry(number=1, written="2026-01-01T00:00:00+00:00", clock_s=0.0, event=event)
     sent = streams.after(item)
     names = [stream.device for stream in sent if stream.content.kind == device.get("MessageType")]
     # PLUS names a transform "<tool>To<reference>".

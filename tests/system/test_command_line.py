@@ -160,7 +160,7 @@ def test_a_frame_reports_its_source_as_text_and_as_json(shell: Shell, scan_folde
         (("search", "--tissue", "beef"), "the simulated ones are"),
         (("ros2", "sim", "--write-rig", "/none/a.toml"), "/none/a.toml: the rig file cannot be written: No such file"),
         (("search", "--colour", "red"), "no such option: --colour"),
-        (("search", "--tolerance-mm", 0), "tolerance is 0.0 mm, it must be a positive number"),
+        (("search", "--tolerance-mm", 0), "--tolerance-mm is 0.0, it must be a positive number"),
         (("search", "--others", 0.1, "--single"), "--others is 0.1, and --single states that it is 0"),
         (("search", "--out", "pictures"), "--out pictures: only pictures go there, and none is asked for; add --plot"),
         (("replay", EXAMPLES / "simulated_scan.csv", "--probe", "L3-8"), "--probe is L3-8, and"),

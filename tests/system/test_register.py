@@ -174,7 +174,7 @@ def test_a_point_that_does_not_fit_is_named_and_nothing_is_registered(shell: She
     assert [point["name"] for point in report["points"]] == list("12356")
     code, out, _ = shell("register", tmp_path / "p.csv", "--without", 9, "--json")
     assert code == 2
-    assert "without is '9', which is no point; there are 1, 2, 3" in json.loads(out)["error"]
+    assert "--without is '9', which is no point; there are 1, 2, 3" in json.loads(out)["error"]
 
 
 def test_a_mirror_image_that_fits_better_is_reported(shell: Shell, tmp_path: Path) -> None:
@@ -313,10 +313,6 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
     assert by_images["points"] == json.loads(out)["points"]
     for point, true_m in zip(by_images["points"], camera_m, strict=True):
         assert np.linalg.norm(np.array(point["camera_m"]) - true_m) < 1e-3
-    _, _, said = shell("register", "--frames", left, right, *words[:-1], "--plot", "--out", tmp_path / "drawn")
-    # The three points were not moved with the searches: they do not fit, and no place of the target is known.
-    assert not (tmp_path / "drawn" / "target.png").exists()
-    assert "no target.png: the points do not fit" in " ".join(said.split())
     (left / "a" / "0.png").write_bytes(b"no image")
     for change, said in (
         (["--frames", left, right, *words], "cannot be read as an image"),
@@ -366,7 +362,7 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
         ),
         (["register", EXAMPLE, "--simulate"], "a session makes its own points; leave the CSV"),
         (["register", "--simulate", "--images", "a b"], "the simulated rig has a simulated endoscope"),
-        (["register", "--simulate", "--markers", 2], "markers is 2, it must lie between 3 and 12"),
+        (["register", "--simulate", "--markers", 2], "--markers is 2, it must lie between 3 and 12"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
     ],
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from markerseek.core import AcquisitionError, BModeImage, ChannelFrame, Measured, PaImage, RFFrame, Sample
+from markerseek.core import AcquisitionError, ChannelFrame, Measured, PaImage, Sample
 from markerseek.records.journal import Configuration, Entry
 from markerseek.runs import RunView, rebuild_image_reader
 
@@ -23,19 +23,17 @@ class RunImages:
         self.brightest = 0.0
         self.problem = ""
 
-    def of(self, sample: Sample) -> tuple[PaImage | None, BModeImage | None]:
-        """Photoacoustic and B-mode image of an acquisition; None for each that it does not have."""
-        frame = sample.frame
-        b_mode: BModeImage | None = frame if isinstance(frame, BModeImage) else getattr(frame, "b_mode", None)
-        if self._imaging is None or not isinstance(frame, ChannelFrame | RFFrame):
-            return None, b_mode
+    def of(self, sample: Sample) -> PaImage | None:
+        """Photoacoustic image of an acquisition; None if it has none."""
+        if self._imaging is None or not isinstance(sample.frame, ChannelFrame):
+            return None
         try:
-            image = self._imaging.picture(frame)
+            image = self._imaging.picture(sample.frame)
         except AcquisitionError as problem:
             self.problem = str(problem)
-            return None, b_mode
+            return None
         self.brightest = max(self.brightest, float(image.envelope.max()))
-        return image, b_mode
+        return image
 
 
 def since_fired_s(view: RunView, entry: Entry) -> float:

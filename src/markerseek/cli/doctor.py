@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import platform
-import sys
 import time
 import warnings
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,7 +13,7 @@ import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek import drivers, rigs, ros
+from markerseek import rigs, ros
 from markerseek.cli.direction import prove_direction, require_source_deg
 from markerseek.cli.open_rig import open_rig
 from markerseek.cli.options import AsJson
@@ -45,18 +41,6 @@ EXTRAS = {
 }
 """A module of each extra, and what needs it."""
 
-
-_NAP_S, _STEPS = 0.01, 100
-"""Short waits of a search, in seconds, and their number, to measure how late this computer wakes up."""
-
-_BUSY_PER_CORE = 2
-"""Programs that compute meanwhile, for each core: a search on a computer that does other things as well."""
-
-_BUSY = "import time\nends = time.monotonic() + 30\nwhile time.monotonic() < ends: pass"
-"""A program that only computes, and ends by itself even if this process is killed."""
-
-_WORK_S = 0.005
-"""Time for which a step of the search computes between two waits, in seconds."""
 
 _MARKER_DEG = 10.0
 """Angle of the marker in the two simulated searches, in degrees."""
@@ -94,10 +78,9 @@ def command(
         raise ConfigError("--arm: without --source-deg nothing moves and nothing is fired; leave it out")
     if source_deg is not None:
         require_source_deg(source_deg)
-    lease_s = None if rig is None else _lease_s(rig)
+    if rig is not None:
+        rigs.read_rig_file(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
-    if lease_s is not None:
-        findings.append(_punctuality(lease_s))
     if rig is not None:
         findings += _rig(rig)
         if source_deg is not None and all(finding.state == "ok" for finding in findings if finding.needed):
@@ -165,57 +148,6 @@ def _rig(path: Path) -> list[CheckResult]:
 def _kept(checks: tuple[RuleCheck, ...]) -> str:
     """The rules that were kept."""
     return f"kept without a move or light: {'; '.join(check.rule for check in checks)}"
-
-
-def _lease_s(path: Path) -> float | None:
-    """Supervisor's lease in a rig file, in seconds; None for a simulated rig."""
-    settings = rigs.read_rig_file(path)
-    return settings.supervisor.lease_s if isinstance(settings, drivers.BenchSettings) else None
-
-
-def _punctuality(lease_s: float) -> CheckResult:
-    """How much of the supervisor's lease is left while other programs compute on every core."""
-    programs = _BUSY_PER_CORE * (os.cpu_count() or 1)
-    with _busy(programs):
-        longest_s = max(_timed_step() for _ in range(_STEPS)) - _NAP_S - _WORK_S
-    # Between two beats the search waits for this long, and wakes up late.
-    margin_s = lease_s - drivers.LONGEST_WAIT_S - longest_s
-    detail = (
-        f"with {programs} programs that compute meanwhile, a step of {1e3 * (_NAP_S + _WORK_S):.0f} ms ends up to "
-        f"{1e3 * longest_s:.1f} ms late: of the lease of {lease_s:g} s "
-    )
-    if margin_s > 0:
-        return CheckResult(what="scheduling", state="ok", detail=f"{detail}{1e3 * margin_s:.0f} ms are left")
-    cure = (
-        "nothing is left: a search on a busy computer would be stopped in the middle; close other programs before a "
-        "search, or raise its priority (nice, chrt); for emulated devices raise supervisor.lease_s"
-    )
-    return CheckResult(what="scheduling", state="broken", detail=detail + cure, needed=False)
-
-
-@contextmanager
-def _busy(programs: int) -> Iterator[None]:
-    """That many other processes that compute."""
-    import subprocess
-
-    command = [sys.executable, "-I", "-S", "-c", _BUSY]
-    with ExitStack() as running:
-        for _ in range(programs):
-            process = running.enter_context(subprocess.Popen(command))  # noqa: S603  our own interpreter
-            running.callback(process.kill)
-        yield
-
-
-def _timed_step() -> float:
-    """Measured duration of a short wait and some computation, as in a step of a search, in seconds."""
-    clock = drivers.SystemClock()
-    began_s = clock.now_s()
-    clock.wait(_NAP_S)
-    # The system wakes up a process that mostly waits at once, and keeps one that computes waiting.
-    ends_s = time.thread_time() + _WORK_S
-    while time.thread_time() < ends_s:
-        pass
-    return clock.now_s() - began_s
 
 
 def _search(method: str) -> CheckResult:

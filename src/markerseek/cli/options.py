@@ -86,14 +86,24 @@ def with_values(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def with_options(**given: Any) -> None:
-        made = {
-            name: kind(**{each.name: given.pop(each.name) for each in _options(kind)}) for name, kind in values.items()
-        }
+        made = {name: _value(kind, given) for name, kind in values.items()}
         command(**given, **made)
 
     with_options.__signature__ = signature(command).replace(parameters=options)  # type: ignore[attr-defined]
     with_options.__annotations__ = {each.name: each.annotation for each in options}
     return with_options
+
+
+def _value(kind: type[Any], given: dict[str, Any]) -> Any:
+    """A value of the options that are its fields, which are taken away; a field that is refused is named as typed."""
+    names = [each.name for each in _options(kind)]
+    try:
+        return kind(**{name: given.pop(name) for name in names})
+    except ConfigError as refusal:
+        name, _, rest = str(refusal).partition(" ")
+        if name not in names:
+            raise
+        raise ConfigError(f"--{name.replace('_', '-')} {rest}") from refusal
 
 
 def _options(kind: type[Any]) -> list[Parameter]:

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
-from markerseek.cli.registering import Session, SessionOptions, require_registered, run_session
+from markerseek.cli.registering import SessionOptions, SessionOver, run_session
 from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
 from markerseek.core import ConfigError, RecordError
 
@@ -99,10 +99,7 @@ def command(
         list[str] | None, typer.Option(help="Name of a point that is left out; give it once for each.")
     ] = None,
     session: SessionOptions,
-    plot: Annotated[
-        bool,
-        typer.Option("--plot", help="Write register.png into --out, and with --frames target.png: the target there."),
-    ] = False,
+    plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
     out: Out = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace another registration.json in the current folder.")
@@ -136,57 +133,47 @@ def command(
     title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
     report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or ())
     heading = f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
-    pictures = {"register.png": drawn(_figure, report, heading)}
-    notes: tuple[str, ...] = ()
-    if plot and frames is not None and cameras:
-        try:
-            stereo = registration.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
-            views = registration.target_views(report, *frames, stereo=stereo)
-        except ConfigError as problem:
-            notes = (f"no target.png: {escape(str(problem))}",)
-        else:
-            pictures["target.png"] = drawn(_target_figure, views, heading)
     shown = Report(
         values=msgspec.to_builtins(report),
         shown=_shown(report, title, []),
-        pictures=pictures,
+        pictures={"register.png": drawn(_figure, report, heading)},
         files=_file_of(report, force=force) if report.registered else {},
-        notes=notes,
         exit_code=0 if report.registered else 3,
     )
     output.show(shown)
 
 
-def _of_session(over: Session) -> Report:
+def _of_session(over: SessionOver) -> Report:
     """What a session has found; the registration is in its folder."""
-    report, last = require_registered(over), over.last
-    truth = None if over.truth is None else {"simulation": msgspec.to_builtins(over.truth)}
-    heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(over.taken)} markers"
+    report, session, registered = over.report, over.session, over.session.registered
+    heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(session.taken)} markers"
     values = msgspec.to_builtins(report) | {
-        "decided": over.registered,
-        "left_out": list(last.left_out) if last is not None else [],
-        "rig_s": over.rig_s,
+        "decided": registered,
+        "left_out": list(session.left_out),
+        "rig_s": session.rig_s,
         "session": str(over.folder),
-        **(truth or {}),
     }
+    if over.truth is not None:
+        values |= {"simulation": msgspec.to_builtins(over.truth)}
     return Report(
         values=values,
-        shown=_shown(report, over.title, _session_rows(over), decided=over.registered),
+        shown=_shown(report, over.title, _session_rows(over), decided=registered),
         pictures={"register.png": drawn(_figure, report, heading)},
-        notes=(file_line("registration", over.folder / registration.REGISTRATION),) if over.registered else (),
-        exit_code=0 if over.registered else 3,
+        notes=(file_line("registration", over.folder / registration.REGISTRATION),) if registered else (),
+        exit_code=0 if registered else 3,
     )
 
 
-def _session_rows(over: Session) -> list[tuple[str, str]]:
+def _session_rows(over: SessionOver) -> list[tuple[str, str]]:
     """What a session adds to its registration."""
-    counts = ", ".join(str(marker.acquisitions) for marker in over.taken)
+    session = over.session
+    counts = ", ".join(str(marker.acquisitions) for marker in session.taken)
     rows = [
-        ("markers", f"{len(over.taken)}, with {counts} frames"),
-        ("time of the rig", f"{over.rig_s:.0f} s, without waiting for spots"),
+        ("markers", f"{len(session.taken)}, with {counts} frames"),
+        ("time of the rig", f"{session.rig_s:.0f} s, without waiting for spots"),
     ]
-    if over.last is not None and over.last.left_out:
-        rows.insert(1, ("left out", f"marker {', '.join(over.last.left_out)}: it does not fit the others"))
+    if session.left_out:
+        rows.insert(1, ("left out", f"marker {', '.join(session.left_out)}: it does not fit the others"))
     if over.truth is None:
         return rows
     low_min, high_min = (seconds / 60 for seconds in over.truth.by_hand_s)
@@ -262,14 +249,6 @@ def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
         ("weights", report.weights),
         *((("without", ", ".join(report.without)),) if report.without else ()),
     ]
-
-
-def _target_figure(views: Sequence[registration.TargetView], title: str) -> Figure:
-    from markerseek.pictures import target_figure
-
-    return target_figure(
-        [(f"{view.camera} camera", view.image, view.pixel, view.covariance_px2) for view in views], title=title
-    )
 
 
 def _figure(report: registration.RegistrationReport, title: str) -> Figure:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +22,15 @@ from markerseek.cli.report import file_line
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_warning, progress_bar, show_view, stderr
 from markerseek.cli.watched import Heartbeat, WatchOptions
-from markerseek.core import ConfigError, MarkerseekError, SearchError, SearchPlan, SimulationOptions, require_range
+from markerseek.core import (
+    ConfigError,
+    MarkerseekError,
+    SearchError,
+    SearchPlan,
+    SimulationOptions,
+    require_pace,
+    require_range,
+)
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -77,23 +87,17 @@ class SessionOptions:
         """Whether a session is asked for."""
         return self.simulate or self.rig is not None or self.continue_ is not None
 
-    @property
-    def given(self) -> dict[str, object]:
-        """Values that differ from the defaults, by their option as it is typed."""
-        usual = SessionOptions()
-        return {
-            f"--{each.name.strip('_').replace('_', '-')}": value
-            for each in fields(self)
-            if (value := getattr(self, each.name)) != getattr(usual, each.name)
-        }
-
     def require_none(self) -> None:
         """Refuse options of a session where there is none."""
-        for option in self.given:
-            raise ConfigError(f"{option} is for a session; add --rig RIG.toml or --simulate, or leave it out")
+        usual = SessionOptions()
+        for each in fields(self):
+            if getattr(self, each.name) != getattr(usual, each.name):
+                option = each.name.strip("_").replace("_", "-")
+                raise ConfigError(f"--{option} is for a session; add --rig RIG.toml or --simulate, or leave it out")
 
     def __post_init__(self) -> None:
-        require_range("--wait-s", self.wait_s, low=1, high=3600, unit="s")
+        require_range("wait_s", self.wait_s, low=1, high=3600, unit="s")
+        require_pace(self.pace)
 
     def plan(self, target_trus_m: tuple[float, float, float] | None) -> registration.SessionPlan:
         """What the session is to reach."""
@@ -107,18 +111,23 @@ class SessionOptions:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Session:
+class SessionOver:
     """A session that is over."""
 
-    title: str
-    last: registration.Registered | None
-    registered: bool
-    """Whether its registration holds."""
-    taken: Sequence[registration.TakenMarker]
-    rig_s: float
+    session: registration.RegistrationSession
     truth: registration.SimulatedTruth | None
     """What only a simulation knows; None for a rig of devices."""
+    title: str
     folder: Path
+
+    @property
+    def report(self) -> registration.RegistrationReport:
+        """Its registration; `SearchError` with the reason where there is none."""
+        last = self.session.last
+        if last is None or last.report is None:
+            why = "no marker was taken" if last is None else last.said
+            raise SearchError(f"{why}; {self.folder} holds what was measured, and --continue goes on with it")
+        return last.report
 
 
 def run_session(
@@ -128,35 +137,27 @@ def run_session(
     calibration_sigma_px: float | None,
     target_trus_m: tuple[float, float, float] | None,
     as_json: bool,
-) -> Session:
+) -> SessionOver:
     """Run a session to its end; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
 
     ``cameras``, ``calibration_sigma_px``: calibration of the endoscope, for a rig of devices.
     """
     plan = options.plan(target_trus_m)
     with (
-        _room(options, cameras, calibration_sigma_px, as_json=as_json) as (room, begun),
-        closing(_record(options, begun(plan))) as record,
+        _room(options, cameras, calibration_sigma_px, as_json=as_json) as room,
+        closing(_record(options, _begun(room, plan, options))) as record,
     ):
         if not as_json:
             stderr.print(file_line("session", record.folder))
         if isinstance(room, registration.SimulatedRoom):
             room.skip(record.taken)
         session = registration.RegistrationSession(room, plan=plan, record=record)
-        again = _continue_command(options, cameras, calibration_sigma_px, target_trus_m, record.folder)
-        _watch(session, options.heartbeat, record.folder, again=again, as_json=as_json)
+        _watch(session, options.heartbeat, record.folder, as_json=as_json)
         truth = None
         if isinstance(room, registration.SimulatedRoom):
             truth = room.truth(session.last, session.taken, rig_s=session.rig_s)
-        return Session(
-            title="simulated rig and endoscope" if truth is not None else room.rig.facts.description,
-            last=session.last,
-            registered=session.registered,
-            taken=session.taken,
-            rig_s=session.rig_s,
-            truth=truth,
-            folder=record.folder,
-        )
+        title = "simulated rig and endoscope" if truth is not None else room.rig.facts.description
+        return SessionOver(session=session, truth=truth, title=title, folder=record.folder)
 
 
 @contextmanager
@@ -166,18 +167,17 @@ def _room(
     calibration_sigma_px: float | None,
     *,
     as_json: bool,
-) -> Iterator[tuple[registration.Room, _Begun]]:
-    """The room, and what its record begins with."""
+) -> Iterator[registration.Room]:
+    """Where the session takes place."""
     settings = None if options.rig is None else rigs.read_rig_file(options.rig)
     if not isinstance(settings, drivers.BenchSettings):
         for name, given in (("--cameras", cameras), ("--images", options.images)):
             if given:
                 raise ConfigError(f"{name} is for a rig of devices; the simulated rig has a simulated endoscope")
         announce_compilation()
-        simulated = registration.SimulatedRoom(
+        yield registration.SimulatedRoom(
             registration.SimulatedRoomSettings(rig=_simulated(options, settings), pace=options.pace), seed=options.seed
         )
-        yield simulated, _Begun(simulated, images="simulated endoscope", seed=options.seed)
         return
     if not cameras or options.images is None:
         raise ConfigError(
@@ -194,8 +194,7 @@ def _room(
                 "calibrate: markerseek bank scan point.hdf5 --rig RIG.toml, then markerseek calibrate point.hdf5"
             )
         arm_rig(rig, file=options.rig, arm=options.arm, what="register", as_json=as_json)
-        room = registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person(), wait_s=options.wait_s)
-        yield room, _Begun(room, images=images.name)
+        yield registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person(), wait_s=options.wait_s)
 
 
 def _simulated(options: SessionOptions, settings: SimulatedSettings | None) -> SimulatedSettings:
@@ -208,28 +207,21 @@ def _simulated(options: SessionOptions, settings: SimulatedSettings | None) -> S
     return replace(chosen, receiver=replace(chosen.receiver, single_pulses=single))
 
 
-@dataclass(frozen=True, slots=True)
-class _Begun:
-    """First line of the record of a room."""
-
-    room: registration.Room
-    images: str
-    seed: int | None = None
-
-    def __call__(self, plan: registration.SessionPlan) -> registration.Begun:
-        facts = self.room.rig.facts
-        return registration.Begun(
-            rig=facts.fingerprint,
-            description=facts.description,
-            simulated=self.room.rig.simulated,
-            images=self.images,
-            cameras=registration.camera_text(self.room.stereo),
-            size_px=self.room.stereo.left.size_px,
-            goal_m=plan.goal_m,
-            target_trus_m=plan.target_trus_m,
-            begun=datetime.now(UTC).isoformat(timespec="seconds"),
-            seed=self.seed,
-        )
+def _begun(room: registration.Room, plan: registration.SessionPlan, options: SessionOptions) -> registration.Begun:
+    """First line of the record of a session."""
+    facts = room.rig.facts
+    return registration.Begun(
+        rig=facts.fingerprint,
+        description=facts.description,
+        simulated=room.rig.simulated,
+        images=room.images.name,
+        cameras=registration.camera_text(room.stereo),
+        size_px=room.stereo.left.size_px,
+        goal_m=plan.goal_m,
+        target_trus_m=plan.target_trus_m,
+        begun=datetime.now(UTC).isoformat(timespec="seconds"),
+        seed=options.seed if isinstance(room, registration.SimulatedRoom) else None,
+    )
 
 
 def _record(options: SessionOptions, begun: registration.Begun) -> registration.SessionRecord:
@@ -240,28 +232,24 @@ def _record(options: SessionOptions, begun: registration.Begun) -> registration.
     if options.record is not None:
         raise ConfigError(f"--continue {options.continue_} has its record; leave --record out")
     record = registration.SessionRecord.reopen(options.continue_)
-    for what, mine, theirs in (
-        ("rig", begun.rig, record.begun.rig),
-        ("calibration of the cameras", begun.cameras, record.begun.cameras),
-        ("seed", begun.seed, record.begun.seed),
+    was = record.begun
+    other = f"not on {begun.description}" if begun.description != was.description else "with other settings of it"
+    for same, how in (
+        (begun.seed == was.seed, f"with --seed {was.seed}, and not {begun.seed}"),
+        (begun.rig == was.rig, f"on {was.description}, {other}"),
+        (begun.cameras == was.cameras, "with another calibration (--cameras)"),
     ):
-        if mine != theirs:
+        if not same:
             record.close()
             raise ConfigError(
-                f"{options.continue_}: the session has another {what}; name those with which it was begun, or begin a "
-                "new session"
+                f"{options.continue_}: the session was begun {how}; name the same, or begin a new session"
             )
     return record
 
 
-def _watch(
-    session: registration.RegistrationSession, heartbeat: Path | None, folder: Path, *, again: str, as_json: bool
-) -> None:
-    """Print each step of a session; a signal stops the rig and ends the command.
-
-    ``again``: the command that goes on with the session.
-    """
-    watch = WatchOptions(heartbeat=heartbeat)
+def _watch(session: registration.RegistrationSession, heartbeat: Path | None, folder: Path, *, as_json: bool) -> None:
+    """Print each step of a session; a signal stops the rig and ends the command."""
+    watch, again = WatchOptions(heartbeat=heartbeat), _continue_command(folder)
     with stopped_by_signals():
         try:
             with watch.stopping(), closing(session.steps()) as steps:
@@ -275,21 +263,18 @@ def _watch(
 
 def _show(steps: Iterator[registration.Step]) -> None:
     """Print the steps; a search has a bar of its own."""
-    searching: str | None = None
-    step = next(steps, None)
-    while step is not None:
-        if isinstance(step, registration.Searching):
-            searching = step.name
-            with progress_bar(None, what=f"searching marker {step.name}") as progress:
-                while isinstance(step, registration.Searching) and step.name == searching:
-                    show_view(progress, step.view)
-                    step = next(steps, None)
+    for name, group in groupby(steps, lambda step: step.name if isinstance(step, registration.Searching) else None):
+        if name is None:
+            for step in group:
+                stderr.print(_line(step))
             continue
-        stderr.print(_line(step))
-        step = next(steps, None)
+        with progress_bar(None, what=f"searching marker {name}") as progress:
+            for step in group:
+                if isinstance(step, registration.Searching):
+                    show_view(progress, step.view)
 
 
-def _line(step: registration.RecordedStep) -> str:
+def _line(step: registration.Step) -> str:
     """A step in a line."""
     match step:
         case registration.Waiting():
@@ -315,37 +300,21 @@ def _line(step: registration.RecordedStep) -> str:
             return f"[bold]{escape(step.said)}[/]"
         case registration.Begun():
             return escape(step.description)
-
-
-def _continue_command(
-    options: SessionOptions,
-    cameras: Sequence[Path] | None,
-    calibration_sigma_px: float | None,
-    target_trus_m: tuple[float, float, float] | None,
-    folder: Path,
-) -> str:
-    """The command that goes on with a session, with the options that it was begun with."""
-    words = ["markerseek", "register"]
-    for option, value in options.given.items():
-        if option not in _OF_COMMAND:
-            words += [option] if value is True else [option, str(value)]
-    for camera in cameras or ():
-        words += ["--cameras", str(camera)]
-    if calibration_sigma_px is not None:
-        words += ["--calibration-sigma-px", f"{calibration_sigma_px:g}"]
-    if target_trus_m is not None:
-        words += ["--target-mm", *(f"{1e3 * value:g}" for value in target_trus_m)]
-    return shlex.join([*words, "--continue", str(folder)])
+        case registration.Searching():
+            return escape(step.view.line)
 
 
 _OF_COMMAND = ("--record", "--continue", "--heartbeat")
 """Options that are of the command and not of the session: its folder, and what watches it."""
 
 
-def require_registered(session: Session) -> registration.RegistrationReport:
-    """The registration of a session; `SearchError` with the reason where there is none."""
-    last = session.last
-    if last is None or last.report is None:
-        why = "no marker was taken" if last is None else last.said
-        raise SearchError(f"{why}; {session.folder} holds what was measured, and --continue goes on with it")
-    return last.report
+def _continue_command(folder: Path) -> str:
+    """The command that goes on with a session: this one, with the session's folder."""
+    words, given = ["markerseek"], iter(sys.argv[1:])
+    for word in given:
+        if word.partition("=")[0] not in _OF_COMMAND:
+            words.append(word)
+        elif "=" not in word:
+            # Its value.
+            next(given, None)
+    return shlex.join([*words, "--continue", str(folder)])

@@ -12,11 +12,11 @@ import msgspec
 from rich.markup import escape
 
 from markerseek.cli.report import Output, Report, drawn, facts
-from markerseek.core import AnyPolicy, ChannelFrame, Estimate, RFFrame
+from markerseek.core import AnyPolicy, Estimate
 from markerseek.records import NAME_WITHOUT_CLAIM, SearchResult
 from markerseek.runs import RunView, curve_of, verdict_of
 from markerseek.search import WholeRecording
-from markerseek.signals import AnyImageReader
+from markerseek.signals import ImageReader
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +32,7 @@ def conclude(
     output: Output,
     *,
     name: str,
-    imaging: AnyImageReader | None,
+    imaging: ImageReader | None,
     policy: AnyPolicy | None,
     recorded: Curve | None = None,
 ) -> NoReturn:
@@ -78,7 +78,7 @@ def _density(policy: AnyPolicy | None) -> Curve | None:
 
 
 def _figure(
-    view: RunView, estimate: Estimate, result: SearchResult, imaging: AnyImageReader | None, **curves: Any
+    view: RunView, estimate: Estimate, result: SearchResult, imaging: ImageReader | None, **curves: Any
 ) -> Callable[..., Figure]:
     """A function that draws a search, with curves as of `search_figure`."""
     from markerseek.pictures import pictured_sample, search_figure
@@ -96,7 +96,6 @@ def _figure(
         confirmation=view.confirmation,
         pictured=pictured,
         image=None if imaging is None or frame is None else imaging.picture(frame),
-        b_mode=frame.b_mode if isinstance(frame, ChannelFrame | RFFrame) else None,
         **curves,
     )
 

@@ -50,8 +50,8 @@ from markerseek.core.events import (
     Swept,
     Turning,
 )
-from markerseek.core.frame import NO_HEADER, BModeFrame, ChannelFrame, Frame, FrameHeader, ReadingFrame, RFFrame
-from markerseek.core.image import BModeImage, LinearArray, PaImage, ScanGeometry
+from markerseek.core.frame import NO_HEADER, ChannelFrame, Frame, FrameHeader, ReadingFrame
+from markerseek.core.image import LinearArray, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerCandidate, MarkerPosition, marker_candidates, marker_position
 from markerseek.core.options import Option, arguments_of, as_text, option, options_of
@@ -125,8 +125,6 @@ __all__ = [
     "Arrival",
     "Asked",
     "AtBound",
-    "BModeFrame",
-    "BModeImage",
     "Bool",
     "ByHand",
     "ChannelFrame",
@@ -174,7 +172,6 @@ __all__ = [
     "Policy",
     "PriorEvidence",
     "Pulse",
-    "RFFrame",
     "Reader",
     "Reading",
     "ReadingError",

@@ -1,13 +1,12 @@
-"""Frames: the data of one acquisition (channels, beamformed lines, a B-mode image, or one intensity), with a header."""
+"""Frames: the data of one acquisition (channels, or one intensity), with a header."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from markerseek.core.errors import ConfigError
-from markerseek.core.image import BModeImage
 from markerseek.core.shapes import CHECKED, Int16
 
 if TYPE_CHECKING or CHECKED:
@@ -53,30 +52,7 @@ NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, start
 
 # eq=False: comparing arrays gives an array, so that == of two frames would raise.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _CountsFrame:
-    """What frames of counts have in common."""
-
-    header: FrameHeader
-    samples: Int16[np.ndarray, "rows samples"]
-    sampling_hz: float
-    b_mode: BModeImage | None = None
-
-    _NAME: ClassVar[str]
-    _ROWS: ClassVar[str]
-
-    def __post_init__(self) -> None:
-        # At run time too: the samples come from drivers and files that other people write.
-        if self.samples.ndim != 2 or self.samples.dtype != "int16":
-            raise ConfigError(
-                f"{self._NAME}: samples are {self.samples.dtype} of shape {self.samples.shape}, they must be int16 of "
-                f"shape ({self._ROWS}, samples)"
-            )
-        if not 0 < self.sampling_hz < math.inf:
-            raise ConfigError(f"{self._NAME}: sampling_hz is {self.sampling_hz} Hz, it must be positive and finite")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ChannelFrame(_CountsFrame):
+class ChannelFrame:
     """Channel data of one acquisition, before beamforming.
 
     Attributes
@@ -87,48 +63,21 @@ class ChannelFrame(_CountsFrame):
         ADC counts, shape (channels, samples); channel 0 is the first element along the array. Sample 0 is the trigger.
     sampling_hz
         Sampling frequency in Hz.
-    b_mode
-        B-mode image that the receiver took without light just after the samples, before the stage's angle was read for
-        the second time; None where the rig takes none.
-    """
-
-    _NAME = "channel frame"
-    _ROWS = "channels"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RFFrame(_CountsFrame):
-    """Lines that an ultrasound machine has beamformed for pulse-echo imaging, before the envelope (post-beamformed RF).
-
-    Attributes
-    ----------
-    header
-        See `FrameHeader`.
-    samples
-        Counts, shape (lines, samples); line 0 is at the first element. Sample 0 is the machine's time of transmission.
-    sampling_hz
-        Sampling frequency in Hz.
-    b_mode
-        As of `ChannelFrame`.
-    """
-
-    _NAME = "RF frame"
-    _ROWS = "lines"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BModeFrame(BModeImage):
-    """B-mode image as the only data of an acquisition.
-
-    Attributes
-    ----------
-    header
-        See `FrameHeader`; ``pulses`` counts the images that were averaged.
-    pixels, geometry
-        As of `BModeImage`.
     """
 
     header: FrameHeader
+    samples: Int16[np.ndarray, "channels samples"]
+    sampling_hz: float
+
+    def __post_init__(self) -> None:
+        # At run time too: the samples come from drivers and files that other people write.
+        if self.samples.ndim != 2 or self.samples.dtype != "int16":
+            raise ConfigError(
+                f"channel frame: samples are {self.samples.dtype} of shape {self.samples.shape}, they must be int16 of "
+                "shape (channels, samples)"
+            )
+        if not 0 < self.sampling_hz < math.inf:
+            raise ConfigError(f"channel frame: sampling_hz is {self.sampling_hz} Hz, it must be positive and finite")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,5 +100,5 @@ class ReadingFrame:
     cells: int | None = None
 
 
-Frame: TypeAlias = ChannelFrame | RFFrame | BModeFrame | ReadingFrame
+Frame: TypeAlias = ChannelFrame | ReadingFrame
 """Any frame; each kind has a reader of its own."""

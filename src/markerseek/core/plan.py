@@ -43,7 +43,7 @@ class Tolerance:
         for name in ("mm", "deg"):
             value = getattr(self, name)
             if not (is_finite(value) and value > 0):
-                raise ConfigError(f"tolerance is {value} {name}, it must be a positive number")
+                raise ConfigError(f"tolerance_{name} is {value}, it must be a positive number")
 
     def half_width_deg(self, radius_m: float | None) -> float:
         """The tolerance to either side in degrees, for a marker at this distance from the axis in metres."""

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from markerseek.core import Clock, ConfigError
+from markerseek.core import Clock
 from markerseek.emulators.endoscope import EmulatedEndoscope
 from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
@@ -47,12 +47,6 @@ class EmulatedBench:
         stage: EmulatedKdc101 | None = None,
         receiver: Literal["sonixdaq", "plus", "vantage"] = "sonixdaq",
     ) -> None:
-        if settings.receiver.data != "channels":
-            raise ConfigError(
-                f'receiver.data is "{settings.receiver.data}", and a SonixDAQ gives channel data; leave it out'
-            )
-        if settings.receiver.b_mode:
-            raise ConfigError("receiver.b_mode: a SonixDAQ takes no B-mode images; leave it out")
         scene = draw_scene(settings, rng)
         self.truth_deg = scene.marker.angle_deg if settings.marker.present else None
         self.world = scene.world(settings, rng)

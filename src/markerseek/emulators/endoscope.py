@@ -10,7 +10,15 @@ import numpy as np
 
 from markerseek.core import Clock, ConfigError, UInt8
 from markerseek.rigs import marker_scene
-from markerseek.sim import EndoscopeSettings, SimulatedEndoscope, SimulatedSettings, World, camera_above, endoscope
+from markerseek.sim import (
+    EndoscopeSettings,
+    SimulatedEndoscope,
+    SimulatedSettings,
+    World,
+    camera_above,
+    endoscope,
+    on_tissue_m,
+)
 
 EVERY_S = 0.1
 """Time between two image pairs, in seconds."""
@@ -87,10 +95,8 @@ class EmulatedEndoscope:
 
         Raises `ConfigError` outside the image.
         """
-        # The line of sight meets the tissue, a plane across the probe's middle.
         x, y = self.cameras.left.undistort(np.array([left_px]))[0]
-        origin_m, towards = self.true.translation_m, self.true.rotation @ np.array([x, y, 1.0])
-        spot_m = origin_m + towards * (self._settings.marker.radius_m - origin_m[2]) / towards[2]
+        spot_m = on_tissue_m(self.true, np.array([x, y, 1.0]), height_m=self._settings.marker.radius_m)
         angle_deg = math.degrees(math.atan2(spot_m[0], spot_m[2]))
         scene = marker_scene(
             self._settings,

@@ -1,7 +1,6 @@
 from .cameras import Camera, StereoCameras
 from .errors import RegistrationErrors, registration_errors
 from .horn import best_rotation, mirror_image_fre
-from .leave_one_out import LeaveOneOut, leave_one_out
 from .registration import MIN_POINTS, Registration, register_points
 from .transform import RigidTransform
 from .triangulation import Triangulated, triangulate
@@ -9,14 +8,12 @@ from .triangulation import Triangulated, triangulate
 __all__ = [
     "MIN_POINTS",
     "Camera",
-    "LeaveOneOut",
     "Registration",
     "RegistrationErrors",
     "RigidTransform",
     "StereoCameras",
     "Triangulated",
     "best_rotation",
-    "leave_one_out",
     "mirror_image_fre",
     "register_points",
     "registration_errors",

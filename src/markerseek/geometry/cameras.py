@@ -44,17 +44,25 @@ class Camera:
         if not (points_m[:, 2] > 0).all():
             number = int(np.flatnonzero(~(points_m[:, 2] > 0))[0]) + 1
             raise ConfigError(f"point {number} is at z = {points_m[number - 1, 2]:.4g} m, behind the camera")
-        distorted, _ = self.distort(points_m[:, :2] / points_m[:, 2:])
-        return np.asarray(distorted * self.focal_px + self.centre_px)
+        return self.seen(points_m)[0]
+
+    def seen(
+        self, points_m: Float64[np.ndarray, "points 3"]
+    ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points 2 3"]]:
+        """Pixels of points in the camera's frame, also behind it, and their derivatives by the point, in px/m."""
+        direct = points_m[:, :2] / points_m[:, 2:]
+        distorted, bend = self.distort(direct)
+        # d(x/z, y/z) by (x, y, z): [1/z, 0, −x/z²] and [0, 1/z, −y/z²].
+        perspective = np.zeros((len(points_m), 2, 3))
+        perspective[:, 0, 0] = perspective[:, 1, 1] = 1 / points_m[:, 2]
+        perspective[:, :, 2] = -direct / points_m[:, 2:]
+        return distorted * self.focal_px + self.centre_px, np.array(self.focal_px)[:, None] * (bend @ perspective)
 
     def project_covariance(
         self, point_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"]
     ) -> Float64[np.ndarray, "2 2"]:
         """Covariance of the pixel of a point in the camera's frame, to first order, in px²."""
-        x, y, z = point_m
-        _, distorted = self.distort(point_m[None, :2] / z)
-        direct = np.array([[1 / z, 0, -x / z**2], [0, 1 / z, -y / z**2]])
-        slope = np.array(self.focal_px)[:, None] * (distorted[0] @ direct)
+        slope = self.seen(point_m[None])[1][0]
         return np.asarray(slope @ covariance_m2 @ slope.T)
 
     def distort(

@@ -91,18 +91,7 @@ def _projections(
     points_m: Float64[np.ndarray, "points 3"], cameras: StereoCameras
 ) -> tuple[Float64[np.ndarray, "points 4"], Float64[np.ndarray, "points 4 3"]]:
     """Left and right pixels of points, and their derivatives by the point, in pixels per metre."""
-    pixels, derivatives = [], []
-    turned = cameras.left_to_right.rotation
-    for camera, seen, turn in (
-        (cameras.left, points_m, np.eye(3)),
-        (cameras.right, cameras.left_to_right.apply(points_m), turned),
-    ):
-        direct = seen[:, :2] / seen[:, 2:]
-        distorted, bend = camera.distort(direct)
-        pixels.append(distorted * camera.focal_px + camera.centre_px)
-        # d(x/z, y/z) by (x, y, z): [1/z, 0, −x/z²] and [0, 1/z, −y/z²].
-        perspective = np.zeros((len(seen), 2, 3))
-        perspective[:, 0, 0] = perspective[:, 1, 1] = 1 / seen[:, 2]
-        perspective[:, :, 2] = -direct / seen[:, 2:]
-        derivatives.append(np.array(camera.focal_px)[:, None] * (bend @ perspective @ turn))
-    return np.concatenate(pixels, axis=1), np.concatenate(derivatives, axis=1)
+    left, by_left = cameras.left.seen(points_m)
+    right, by_right = cameras.right.seen(cameras.left_to_right.apply(points_m))
+    by_point = [by_left, by_right @ cameras.left_to_right.rotation]
+    return np.concatenate([left, right], axis=1), np.concatenate(by_point, axis=1)

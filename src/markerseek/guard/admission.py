@@ -9,14 +9,12 @@ import numpy as np
 
 from markerseek.core import (
     AcquisitionError,
-    BModeFrame,
     ChannelFrame,
     ConfigError,
     Frame,
     Permit,
     Reading,
     ReadingFrame,
-    RFFrame,
     SaturationError,
     is_finite,
     require_range,
@@ -106,7 +104,7 @@ class Admission:
         if saturated is not None and not saturated <= self.saturated_limit:
             why = f"saturated: {saturated:.0%} of the channels are at full scale in the marker's window, the limit is"
             raise SaturationError(f"{why} {self.saturated_limit:.0%}; reduce the gain or the laser's energy")
-        if isinstance(frame, ChannelFrame | RFFrame):
+        if isinstance(frame, ChannelFrame):
             dead, channels = len(reading.dead_channels), frame.samples.shape[0]
             if not dead <= self.dead_limit * channels:
                 why = f"{dead} of {channels} channels are dead, the limit is {self.dead_limit:.0%}"
@@ -130,15 +128,12 @@ def _shape(frame: Frame) -> str:
     """Text of what must not change within a run."""
     if isinstance(frame, ReadingFrame):
         return "a number"
-    if isinstance(frame, BModeFrame):
-        return f"a B-mode image of shape {frame.pixels.shape}, {frame.geometry}"
-    return f"{'RF lines ' * isinstance(frame, RFFrame)}of shape {frame.samples.shape} at {frame.sampling_hz:g} Hz"
+    return f"of shape {frame.samples.shape} at {frame.sampling_hz:g} Hz"
 
 
 def _is_old(frame: Frame, previous: Frame | None) -> bool:
     """Whether the data are not new; `previous` is of the same kind and shape."""
     if isinstance(frame, ReadingFrame):
         return frame.intensity in (0, getattr(previous, "intensity", None))
-    name = "pixels" if isinstance(frame, BModeFrame) else "samples"
-    data, before = getattr(frame, name).ravel(), getattr(previous, name, None)
+    data, before = frame.samples.ravel(), getattr(previous, "samples", None)
     return not np.any(data != data[:1]) or (before is not None and np.array_equal(data, before.ravel()))

@@ -11,7 +11,7 @@ from markerseek.pictures.files import (
     write_page,
 )
 from markerseek.pictures.images import frame_figure
-from markerseek.pictures.registration_picture import registration_figure, target_figure
+from markerseek.pictures.registration_picture import registration_figure
 from markerseek.pictures.search_picture import Curve, pictured_sample, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from markerseek.pictures.tip_picture import tip_figure
@@ -34,7 +34,6 @@ __all__ = [
     "save_figure",
     "search_figure",
     "shared_legend",
-    "target_figure",
     "tip_figure",
     "write_page",
 ]

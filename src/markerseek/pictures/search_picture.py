@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from markerseek.core import Ambiguous, AtBound, BModeImage, Estimate, Float64, Found, Interval, PaImage, Sample, Unsure
-from markerseek.pictures.images import draw_image, draw_overlay
+from markerseek.core import Ambiguous, AtBound, Estimate, Float64, Found, Interval, PaImage, Sample, Unsure
+from markerseek.pictures.images import draw_image
 from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ def search_figure(
     confirmation: Sample | None,
     pictured: Sample | None = None,
     image: PaImage | None,
-    b_mode: BModeImage | None = None,
     limits: Interval,
     density: Curve | None = None,
     recorded: Curve | None = None,
@@ -55,7 +54,6 @@ def search_figure(
     - ``confirmation``: the acquisition after the last move, None if there was none.
     - ``pictured``: acquisition whose image is shown; None: `pictured_sample` of ``samples``.
     - ``image``: its image, None where there are no channel data.
-    - ``b_mode``: B-mode image of the same angle, over which it is drawn.
     - ``limits``: range of the search, which both axes of angles show.
     - ``density``: angles in degrees, and the posterior's density at each per degree; None for methods without one.
     - ``recorded``: angles in degrees, and the intensities recorded there, of the scan that a replay searches; the
@@ -87,18 +85,14 @@ def search_figure(
         panel = figure.add_subplot(columns[:, 1])
         # Its upper edge is that of the curve beside it.
         panel.set_anchor("N")
-        if b_mode is None:
-            draw_image(panel, image)
-        else:
-            draw_overlay(panel, b_mode, image)
+        draw_image(panel, image)
         pictured = pictured or pictured_sample(samples, confirmation)
         reading = pictured.reading
         if isinstance(estimate, Found) and reading.lateral_m is not None and reading.depth_m is not None:
             place_mm = (1e3 * reading.lateral_m, 1e3 * reading.depth_m)
             panel.plot(*place_mm, marker="o", markersize=16, markerfacecolor="none", color=ACCENT)
         which = "photoacoustic image" if confirmation is not None else "image of the strongest acquisition,"
-        over = "" if b_mode is None else " over B-mode"
-        panel.set_title(f"{which} at {pictured.angle_deg:.2f}°{over}", fontsize=10)
+        panel.set_title(f"{which} at {pictured.angle_deg:.2f}°", fontsize=10)
     # The labels of the left column stand in one line, whatever the widths of the numbers beside them.
     figure.align_ylabels([curve, *([] if density is None else [posterior]), track])
     shared_legend(figure, columns=4, title=stand_in)

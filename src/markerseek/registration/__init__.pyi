@@ -42,7 +42,7 @@ from .steps import (
     Waiting,
 )
 from .stereo_files import StereoSettings, read_stereo
-from .target_views import TargetView, target_pixels, target_views
+from .target_pixels import target_pixels
 
 __all__ = [
     "CAMERA_IMAGES",
@@ -80,7 +80,6 @@ __all__ = [
     "Step",
     "StereoSettings",
     "TakenMarker",
-    "TargetView",
     "Waiting",
     "camera_shared_m",
     "camera_text",
@@ -98,6 +97,5 @@ __all__ = [
     "session_folder",
     "spot_pairs",
     "target_pixels",
-    "target_views",
     "trus_shared_m",
 ]

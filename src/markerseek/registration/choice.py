@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from markerseek.core import ConfigError, Float64, MarkerCandidate
-from markerseek.geometry import MIN_POINTS, Registration
+from markerseek.geometry import MIN_POINTS
 from markerseek.registration.report import (
     MIN_PROBABILITY,
     PointPair,
@@ -100,7 +100,8 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
     first = {marker.name: 0 for marker in useful}
     if len(useful) < MIN_POINTS:
         return Choice(report=None, chosen=first, reason=f"{len(useful)} of {MIN_POINTS} markers")
-    fits: list[_Fit] = []
+    fits: list[tuple[float, tuple[int | None, ...]]] = []
+    """Sets that fit, and the logarithm of their probability but for a constant."""
     problem = ""
     apart = _distance_misfits(useful)
     # As few markers as possible are left out: one more only where no set without it fits.
@@ -112,38 +113,30 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
                 problem = problem or str(refusal)
                 continue
             if found.probability >= MIN_PROBABILITY:
-                fits.append(_Fit(numbers=numbers, log=_log_prior(useful, numbers) - _chi_squared(found) / 2))
+                chi_squared = found.misfit * (3 * len(found.residuals_m) - 6)
+                fits.append((_log_prior(useful, numbers) - chi_squared / 2, numbers))
         if fits:
             break
     if not fits:
         return _unfit(useful, problem, target_trus_m)
-    fitting = sorted(fits, key=lambda fit: -fit.log)
-    best, *others = fitting
-    share = 1 / (1 + sum(math.exp(other.log - best.log) for other in others))
-    chosen = _chosen(useful, best.numbers)
-    rivals = [other for other in others if other.log - best.log > math.log(1 - MIN_SHARE) - math.log(len(others))]
+    (best_log, best), *others = sorted(fits, key=lambda fit: -fit[0])
+    share = 1 / (1 + sum(math.exp(log - best_log) for log, _ in others))
+    chosen = _chosen(useful, best)
+    rivals = [other for log, other in others if log - best_log > math.log(1 - MIN_SHARE) - math.log(len(others))]
     unsure = {
         marker.name
         for rival in rivals
-        for marker, mine, theirs in zip(useful, best.numbers, rival.numbers, strict=True)
+        for marker, mine, theirs in zip(useful, best, rival, strict=True)
         if mine != theirs
     }
-    left = tuple(marker.name for marker, number in zip(useful, best.numbers, strict=True) if number is None)
+    left = tuple(marker.name for marker, number in zip(useful, best, strict=True) if number is None)
     undecided = tuple(sorted(unsure)) if share < MIN_SHARE else ()
     reason = None
     if share < MIN_SHARE:
         named = f"marker {' or '.join(undecided)}"
         reason = f"{named} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
-    report = register_pairs(_pairs(useful, best.numbers), target_trus_m=target_trus_m)
+    report = register_pairs(_pairs(useful, best), target_trus_m=target_trus_m)
     return Choice(report=report, chosen=chosen, left_out=left, share=share, open=undecided, reason=reason)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Fit:
-    """A set of candidates that fits, and the logarithm of its probability but for a constant."""
-
-    numbers: tuple[int | None, ...]
-    log: float
 
 
 def _unfit(useful: Sequence[SeenMarker], problem: str, target_trus_m: tuple[float, float, float] | None) -> Choice:
@@ -242,10 +235,6 @@ def _log_prior(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> 
         for marker, number in zip(markers, numbers, strict=True)
     ]
     return sum(math.log(max(share, 1e-12)) for share in shares)
-
-
-def _chi_squared(found: Registration) -> float:
-    return found.misfit * (3 * len(found.residuals_m) - 6)
 
 
 def _chosen(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> dict[str, int]:

@@ -22,7 +22,7 @@ from markerseek.geometry import (
     registration_errors,
 )
 from markerseek.registration.choice import Choice, SeenMarker, chosen_pairs
-from markerseek.registration.report import PointPair, default_target, registered_pairs
+from markerseek.registration.report import PointPair, default_target, registered_pairs, triple
 from markerseek.registration.shared_errors import seen_point, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
 
@@ -249,7 +249,7 @@ class Poses:
                 continue
             trus_m = np.einsum("nij,nj->ni", self.rotations, points_m) + self.translations_m
             share = float(np.mean(reach.holds(*_polar(trus_m))))
-            place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=_triple(camera_m), tre_m=None)
+            place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=triple(camera_m), tre_m=None)
             if self.registration is None:
                 worth = share * _new_span(spots_m, camera_m)
             elif share < IN_REACH:
@@ -386,8 +386,3 @@ def _new_span(spots_m: Float64[np.ndarray, "spots 3"], camera_m: Float64[np.ndar
 def _pair(pixel: Float64[np.ndarray, " 2"]) -> tuple[float, float]:
     x, y = pixel.tolist()
     return x, y
-
-
-def _triple(point_m: Float64[np.ndarray, " 3"]) -> tuple[float, float, float]:
-    x, y, z = point_m.tolist()
-    return x, y, z

@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 from markerseek._version import __version__
 from markerseek.core import Bool, ConfigError, Float64, RecordError
 from markerseek.files import MIB, read_json
-from markerseek.geometry import Registration, RigidTransform, leave_one_out, mirror_image_fre, register_points
+from markerseek.geometry import Registration, RigidTransform, mirror_image_fre, register_points
 from markerseek.registration.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
 
 MIN_PROBABILITY = 1e-3
@@ -50,6 +50,12 @@ class PointPair:
 
 
 Triple = tuple[float, float, float]
+
+
+def triple(point_m: Float64[np.ndarray, " 3"]) -> Triple:
+    """The three numbers of a point."""
+    x, y, z = point_m.tolist()
+    return x, y, z
 
 
 class PointReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -133,20 +139,19 @@ def register_pairs(
     ``pairs``: at least three that are not on a line. ``target_trus_m``: where the error is wanted, in the TRUS frame;
     None: `TARGET_DEPTH_M` under the middle of the points. ``without``: names of points that are left out.
     """
-    if target_trus_m is not None and not np.isfinite(target_trus_m).all():
-        raise ConfigError(f"the target is {target_trus_m} m, its coordinates must be finite")
+    require_target(target_trus_m)
     names = [pair.name for pair in pairs]
     unknown = next((name for name in without if name not in names), None)
     if unknown is not None:
-        raise ConfigError(f"without is {unknown!r}, which is no point; there are {', '.join(names)}")
+        raise ConfigError(f"--without is {unknown!r}, which is no point; there are {', '.join(names)}")
     pairs = [pair for pair in pairs if pair.name not in without]
     points = _Points.of(pairs)
     weighed = points.camera_covariances is not None
     found = points.registered(np.ones(len(pairs), dtype=bool))
-    left_out = leave_one_out(points.camera_m, points.trus_m, points.registered)
+    left_out = points.without_each()
     fit = _Fit.of(found, len(pairs), weighed=weighed)
     rests = {
-        pair.name: _Fit.of(out.rest, len(pairs) - 1, weighed=weighed)
+        pair.name: _Fit.of(out[1], len(pairs) - 1, weighed=weighed)
         for pair, out in zip(pairs, left_out, strict=True)
         if out is not None
     }
@@ -175,15 +180,22 @@ def register_pairs(
         points=[
             PointReport(
                 name=pair.name,
-                trus_m=_triple(pair.trus_m),
-                camera_m=_triple(pair.camera_m),
-                transformed_m=_triple(pair.trus_m + residual_m),
+                trus_m=triple(pair.trus_m),
+                camera_m=triple(pair.camera_m),
+                transformed_m=triple(pair.trus_m + residual_m),
                 residual_m=float(np.linalg.norm(residual_m)),
-                left_out_m=None if out is None else out.error_m,
+                left_out_m=None if out is None else out[0],
             )
             for pair, residual_m, out in zip(pairs, found.residuals_m, left_out, strict=True)
         ],
     )
+
+
+def require_target(target_trus_m: Triple | None) -> None:
+    """Refuse a target that is no place; None is the usual one."""
+    if target_trus_m is not None and not np.isfinite(target_trus_m).all():
+        given = " ".join(f"{1e3 * each:g}" for each in target_trus_m)
+        raise ConfigError(f"--target-mm is {given}, its coordinates must be finite")
 
 
 def registered_pairs(pairs: Sequence[PointPair]) -> Registration:
@@ -229,6 +241,19 @@ class _Points:
             source_shared_m=self.camera_shared[chosen],
             target_shared_m=self.trus_shared[chosen],
         )
+
+    def without_each(self) -> list[tuple[float, Registration] | None]:
+        """Distance of each point from where the others put it, and their registration; None if they determine none."""
+        found: list[tuple[float, Registration] | None] = []
+        for number, (camera_m, trus_m) in enumerate(zip(self.camera_m, self.trus_m, strict=True)):
+            try:
+                rest = self.registered(np.arange(len(self.camera_m)) != number)
+            except ConfigError:
+                # The others are too few, or lie on a line.
+                found.append(None)
+            else:
+                found.append((float(np.linalg.norm(rest.transform.apply(camera_m) - trus_m)), rest))
+        return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -317,28 +342,15 @@ def default_target(trus_m: Float64[np.ndarray, "points 3"]) -> Triple:
     return share * x, y, share * z
 
 
-def _triple(point_m: Float64[np.ndarray, " 3"]) -> Triple:
-    x, y, z = point_m.tolist()
-    return x, y, z
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownRegistration:
     """A registration to be shown to other programs."""
 
-    name: str
-    """Name of its file, or of the folder of its session."""
     davinci_to_trus: RigidTransform
     """From the camera of the da Vinci system to the probe at 0 degrees, in metres."""
     simulated: bool
     """Whether markers and camera were simulated."""
-    fre_m: float
-    tre_m: float
-    tre95_m: float
-    """``fre_m``, ``tre_m`` and ``tre95_m``: fiducial registration error, expected error at the target, and the bound of
-    95 % of the errors there."""
-    markers: int
-    """Number of the markers, or points, of which it is made."""
+    report: RegistrationReport
 
     @classmethod
     def of(cls, report: RegistrationReport, *, source: Path, simulated: bool) -> Self:
@@ -350,23 +362,15 @@ class KnownRegistration:
         if rows is None or [len(row) for row in rows] != [4] * 4 or rows[3] != [0, 0, 0, 1]:
             raise RecordError(f"{source}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
         try:
-            transform = davinci_to_probe_home(rows)
+            return cls(davinci_to_trus=davinci_to_probe_home(rows), simulated=simulated, report=report)
         except ConfigError as problem:
             raise RecordError(f"{source}: {problem}") from problem
-        return cls(
-            name=source.name,
-            davinci_to_trus=transform,
-            simulated=simulated,
-            fre_m=report.fre_m,
-            tre_m=report.tre_m,
-            tre95_m=report.tre95_m,
-            markers=len(report.points),
-        )
 
     @property
     def errors(self) -> dict[str, float | int]:
-        """Its errors, as they are shown beside the transform."""
-        return {"fre_m": self.fre_m, "tre_m": self.tre_m, "tre95_m": self.tre95_m, "markers": self.markers}
+        """Its errors and the number of its markers, as they are shown beside the transform."""
+        report = self.report
+        return {"fre_m": report.fre_m, "tre_m": report.tre_m, "tre95_m": report.tre95_m, "markers": len(report.points)}
 
 
 class _File(RegistrationReport, frozen=True, kw_only=True):

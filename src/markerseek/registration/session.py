@@ -16,7 +16,6 @@ from typing import TypeVar
 import numpy as np
 
 from markerseek.core import (
-    AnglePrior,
     ConfigError,
     Finished,
     MarkerCurve,
@@ -31,7 +30,7 @@ from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
 from markerseek.registration.poses import Place, Poses, Prediction, Reach
 from markerseek.registration.record import SessionRecord
-from markerseek.registration.report import registered_pairs
+from markerseek.registration.report import registered_pairs, require_target, triple
 from markerseek.registration.room import Room
 from markerseek.registration.spots import SPOT_PAIRS, SpotFinder
 from markerseek.registration.steps import (
@@ -96,9 +95,10 @@ class SessionPlan:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.goal_m) and 1e-5 <= self.goal_m <= 0.02):
-            raise ConfigError(f"the goal is {1e3 * self.goal_m:g} mm, it must lie between 0.01 and 20 mm")
+            raise ConfigError(f"--tre-mm is {1e3 * self.goal_m:g}, it must lie between 0.01 and 20 mm")
         if self.markers is not None and not 3 <= self.markers <= MOST_MARKERS:
-            raise ConfigError(f"markers is {self.markers}, it must lie between 3 and {MOST_MARKERS}")
+            raise ConfigError(f"--markers is {self.markers}, it must lie between 3 and {MOST_MARKERS}")
+        require_target(self.target_trus_m)
 
 
 class RegistrationSession:
@@ -123,7 +123,7 @@ class RegistrationSession:
     """
 
     def __init__(self, room: Room, *, plan: SessionPlan | None = None, record: SessionRecord | None = None) -> None:
-        self._room, self._stereo, self._plan, self._record = room, room.stereo, plan or SessionPlan(), record
+        self._room, self._plan, self._record = room, plan or SessionPlan(), record
         # The same session gives the same places: only possible poses are drawn.
         self._rng = np.random.default_rng(0)
         self.taken: list[TakenMarker] = [] if record is None else list(record.taken)
@@ -173,6 +173,11 @@ class RegistrationSession:
         """Whether there is a registration, and the first marker has not moved since."""
         return self.last is not None and self.last.decided and not self._moved
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Markers that do not fit the others."""
+        return () if self.last is None else self.last.left_out
+
     def _recorded(self, step: _Recorded) -> _Recorded:
         if self._record is not None:
             self._record.add(step)
@@ -196,12 +201,11 @@ class RegistrationSession:
             return None
         prediction = self._prediction(seen)
         journal = None if self._record is None else self._record.journal_path(name)
-        x, y, z = seen.camera_m.tolist()
         yield self._recorded(
             SpotSeen(
                 name=name,
                 spot=looked.spot,
-                camera_m=(x, y, z),
+                camera_m=triple(seen.camera_m),
                 prediction=prediction,
                 journal=None if journal is None else journal.name,
             )
@@ -276,31 +280,33 @@ class RegistrationSession:
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
         """What the markers so far say of a spot; None where they say nothing."""
-        if not self._plan.guided:
-            return None
-        if self._possible is None:
+        if not self._plan.guided or self._possible is None:
             return None
         return self._possible.predict(seen.camera_m, seen.camera_covariance_m2, limits=self._room.rig.limits.search)
 
     def _search_plan(self, prediction: Prediction | None) -> SearchPlan:
-        near: AnglePrior | None = None if prediction is None else prediction.prior
+        near = None if prediction is None else prediction.prior
         # The next marker is searched from where this search ends, and the camera confirms.
         search = self._plan.search
         # A spot out of reach is not worth a minute: the next one is lit elsewhere.
         acquisitions = MOST_AT_REST if search.sweep and search.acquisitions is None else search.acquisitions
         return replace(search, prior=self._curve, near=near, stay=True, acquisitions=acquisitions)
 
-    def _poses(self) -> Poses | None:
-        missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
-        markers = [marker.seen for marker in self.taken]
-        return Poses.of(markers, self._choice, reach_of(self._room.rig), missed_m=missed_m, rng=self._rng)
-
     def _state(self) -> Registered:
         """What the markers say together."""
-        choice = choose([marker.seen for marker in self.taken], target_trus_m=self._plan.target_trus_m)
-        self._choice = choice
-        self._possible = self._poses()
-        place = self._place()
+        markers, rig = [marker.seen for marker in self.taken], self._room.rig
+        missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
+        choice = self._choice = choose(markers, target_trus_m=self._plan.target_trus_m)
+        self._possible = Poses.of(markers, choice, reach_of(rig), missed_m=missed_m, rng=self._rng)
+        place = None
+        if self._possible is not None:
+            place = self._possible.best_place(
+                self._room.stereo,
+                reach_of(rig),
+                target_trus_m=self._plan.target_trus_m,
+                probe_deg=rig.scanner.angle_deg,
+                avoid_m=missed_m,
+            )
         self.last = Registered(
             report=choice.report,
             decided=choice.decided,
@@ -313,17 +319,6 @@ class RegistrationSession:
             said=self._said(choice, place),
         )
         return self.last
-
-    def _place(self) -> Place | None:
-        if self._possible is None:
-            return None
-        return self._possible.best_place(
-            self._stereo,
-            reach_of(self._room.rig),
-            target_trus_m=self._plan.target_trus_m,
-            probe_deg=self._room.rig.scanner.angle_deg,
-            avoid_m=[np.array(marker.camera_m) for marker in self.taken if not marker.candidates],
-        )
 
     def _is_done(self, choice: Choice, place: Place | None) -> bool:
         """Whether the session ends: the goal is reached, or another marker would not help."""
@@ -368,7 +363,7 @@ class RegistrationSession:
         place = Place(
             left_px=first.spot.left_px,
             right_px=first.spot.right_px,
-            camera_m=(first.camera_m[0], first.camera_m[1], first.camera_m[2]),
+            camera_m=triple(np.array(first.camera_m)),
             tre_m=None,
         )
         waiting = Waiting(

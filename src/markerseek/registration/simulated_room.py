@@ -11,7 +11,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64
 from markerseek.geometry import RigidTransform
-from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
+from markerseek.registration.report import RegistrationReport, davinci_to_probe_home, triple
 from markerseek.registration.session import reach_of
 from markerseek.registration.shared_errors import (
     FOCAL_LENGTH,
@@ -21,12 +21,12 @@ from markerseek.registration.steps import Registered, TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.rigs import Beside, Rig, movable
 from markerseek.sim import (
-    EndoscopeFaults,
     EndoscopeSettings,
     SimulatedEndoscope,
     SimulatedSettings,
     camera_above,
     endoscope,
+    on_tissue_m,
 )
 
 RELIEF_M = 5e-3
@@ -72,8 +72,6 @@ class SimulatedRoomSettings:
     """Draws what is beside each marker; None: nothing but the clutter of the material."""
     places_m: tuple[tuple[float, float], ...] | None = None
     """Places (x, y) in the TRUS frame that are lit in turn, whatever is asked for; None: the places asked for."""
-    faults: EndoscopeFaults = field(default_factory=EndoscopeFaults)
-    """What goes wrong with the images."""
 
     def __post_init__(self) -> None:
         if not 0.03 <= self.camera_m <= 0.5:
@@ -107,7 +105,8 @@ class SimulatedRoom:
         rng = np.random.default_rng(seed)
         self._rng = rng
         self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace, beside=settings.beside)
-        self._rig = self._movable.rig
+        self.rig: Rig = self._movable.rig
+        """The simulated rig; another one for each place of the marker."""
         tissue_m = settings.rig.marker.radius_m
         self._tissue_m = tissue_m
         self.true = camera_above(
@@ -124,33 +123,22 @@ class SimulatedRoom:
             left=cameras.left,
             right=cameras.right,
             rotation_vector=(0.0, 0.0, 0.0),
-            translation_m=_triple(cameras.left_to_right.translation_m),
+            translation_m=triple(cameras.left_to_right.translation_m),
             calibration_sigma_px=settings.camera.calibration_sigma_px,
         )
         """The calibration of the cameras."""
-        self._images = SimulatedEndoscope(
+        self.images = SimulatedEndoscope(
             cameras=cameras,
             camera_to_trus=self.true,
             settings=settings.camera,
             rng=rng,
-            clock=self._rig.scanner.clock,
+            clock=self.rig.scanner.clock,
             flashes=lambda: len(self._movable.world.flashes),
             focal_error=FOCAL_LENGTH * float(drawn[3]),
-            faults=settings.faults,
         )
         self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
         self._turn, self._asked = 0, dict[str, int]()
         self._recalled: set[str] = set()
-
-    @property
-    def rig(self) -> Rig:
-        """The simulated rig."""
-        return self._rig
-
-    @property
-    def images(self) -> SimulatedEndoscope:
-        """The simulated endoscope."""
-        return self._images
 
     def ask(self, waiting: Waiting) -> bool:
         """Light the place that is asked for, or the next of the settings, as well as a person hits it."""
@@ -202,9 +190,9 @@ class SimulatedRoom:
 
     def _light(self, spot_m: Float64[np.ndarray, " 3"]) -> None:
         """Put the fibre there: the camera sees it, and the probe hears it where its errors put it."""
-        self._images.show(spot_m)
+        self.images.show(spot_m)
         x, y, z = self._seen_m(spot_m).tolist()
-        self._rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
+        self.rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
 
     def _seen_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
         """Where a probe whose sound speed, face radius and zero are wrong finds a spot."""
@@ -212,25 +200,18 @@ class SimulatedRoom:
 
     def _draw(self, waiting: Waiting) -> Float64[np.ndarray, " 3"]:
         """Where the person lights the tissue: near the place that is asked for, else anywhere in reach."""
-        reach = reach_of(self._rig)
+        reach = reach_of(self.rig)
         if waiting.place is None:
             # Somewhere in the middle of what the probe can reach.
             across_m = self._tissue_m * math.sin(math.radians(reach.angles.width_deg / 4))
             return self._at(self._rng.uniform(-across_m, across_m), self._rng.uniform(-0.5, 0.5) * reach.lateral_m)
-        # The line of sight meets the tissue at its mean height.
-        origin_m, towards = self.true.translation_m, self.true.rotation @ np.array(waiting.place.camera_m)
-        point_m = origin_m + towards * (self._tissue_m - origin_m[2]) / towards[2]
+        point_m = on_tissue_m(self.true, np.array(waiting.place.camera_m), height_m=self._tissue_m)
         missed_m = MISSED_M * self._rng.standard_normal(2)
         return self._at(point_m[0] + missed_m[0], point_m[1] + missed_m[1])
 
     def _at(self, x_m: float, y_m: float) -> Float64[np.ndarray, " 3"]:
         """A point of the tissue, whose height is uneven."""
         return np.array([x_m, y_m, self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)])
-
-
-def _triple(values: Float64[np.ndarray, " 3"]) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:

@@ -41,8 +41,8 @@ class RegistrationState:
     def of_file(cls, known: KnownRegistration, path: Path) -> Self:
         """State of a finished file."""
         said = (
-            f"registered: expected error at the target {1e3 * known.tre_m:.2f} mm, in 95 % below "
-            f"{1e3 * known.tre95_m:.2f} mm"
+            f"registered: expected error at the target {1e3 * known.report.tre_m:.2f} mm, in 95 % below "
+            f"{1e3 * known.report.tre95_m:.2f} mm"
         )
         return cls(
             source=path,
@@ -50,7 +50,7 @@ class RegistrationState:
             registration=known,
             said=said,
             session=None,
-            markers=known.markers,
+            markers=len(known.report.points),
         )
 
     @classmethod

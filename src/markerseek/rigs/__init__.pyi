@@ -4,13 +4,10 @@ from .probe_file import blanked_samples, chosen_probe, preset_of, probe_facts, r
 from .replay import replayed
 from .rig import (
     BenchRecipe,
-    ReaderRecipe,
     Recipe,
     ReplayedRecipe,
     Rig,
     SimulatedRecipe,
-    SpareRecipe,
-    TipRecipe,
     fingerprint,
 )
 from .rig_file import read_rig_file, read_simulated
@@ -23,14 +20,11 @@ __all__ = [
     "BenchRecipe",
     "Beside",
     "MovableMarker",
-    "ReaderRecipe",
     "Recipe",
     "ReplayedRecipe",
     "Rig",
     "Scene",
     "SimulatedRecipe",
-    "SpareRecipe",
-    "TipRecipe",
     "bench",
     "bench_part",
     "blanked_samples",

@@ -188,11 +188,6 @@ def _world_of(keys: SimulatedReceiverKeys) -> SimulatedSettings:
     from markerseek.rigs.rig_file import read_simulated
 
     settings = read_simulated(None if keys.world is None else Path(keys.world), cure="name one of kind simulated")
-    if settings.receiver.data != "channels":
-        raise ConfigError(
-            f"receiver: the world of a simulated receiver gives {settings.receiver.data}, channel data are needed; "
-            'name one with data = "channels"'
-        )
     return replace(settings, receiver=replace(settings.receiver, sampling_hz=keys.sampling_hz))
 
 

@@ -16,10 +16,9 @@ from markerseek.guard import Limits
 from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat
 from markerseek.rigs.probe_file import probe_facts
 from markerseek.scan import Scanner
-from markerseek.signals import AnyImageReader, ProbePreset
+from markerseek.signals import ImageReader, ProbePreset
 from markerseek.sim import SimulatedSettings, hashable_values
 from markerseek.testing import RuleCheck
-from markerseek.vision import TipSettings
 
 
 class Devices(Protocol):
@@ -42,8 +41,8 @@ class Rig(Closing):
     laser: Laser
     receiver: Receiver
     scanner: Scanner
-    imaging: AnyImageReader | None
-    """Imaging chain of its channel data or RF lines; None where there are intensities only, or B-mode images."""
+    imaging: ImageReader | None
+    """Imaging chain of its channel data; None where there are intensities only."""
     dark_frames: int
     """Number of dark frames at the start of a search; 0 if the rig cannot take any."""
     angles_deg: tuple[float, ...] | None = None
@@ -52,8 +51,6 @@ class Rig(Closing):
     """How a person turns its probe; None where a motor does."""
     closing_dark: bool = False
     """Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices."""
-    tip: TipSettings | None = None
-    """How its B-mode images are read; None where it gives other frames."""
     recipe: Recipe | None = None
     """Arguments to make the same rig again; None if unknown."""
     devices: Devices | None = None
@@ -95,7 +92,7 @@ class Rig(Closing):
         return self.facts.kind == "simulated"
 
 
-def with_probe(facts: RigFacts, imaging: AnyImageReader | None) -> RigFacts:
+def with_probe(facts: RigFacts, imaging: ImageReader | None) -> RigFacts:
     """The facts with those of the probe from an imaging chain; unchanged where there are intensities only."""
     return facts if imaging is None else replace(facts, **probe_facts(imaging.preset))
 
@@ -162,20 +159,3 @@ class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
 
 Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe | BenchRecipe
 """Recipe of any kind of rig."""
-
-
-class SpareRecipe(msgspec.Struct, frozen=True, kw_only=True, tag_field="reader", tag="spare"):
-    """Arguments of `markerseek.signals.SpareReader`."""
-
-    preset: ProbePreset
-    receive_focus_m: float | None
-
-
-class TipRecipe(msgspec.Struct, frozen=True, kw_only=True, tag_field="reader", tag="tooltip"):
-    """Arguments of `markerseek.vision.TipReader`."""
-
-    settings: TipSettings
-
-
-ReaderRecipe: TypeAlias = ProbePreset | SpareRecipe | TipRecipe | None
-"""What a journal holds of a rig's reader; a preset stands for channel data, None for intensities."""

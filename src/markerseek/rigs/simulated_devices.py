@@ -12,9 +12,8 @@ from markerseek.core import ConfigError, Reader, RigFacts
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.rig import Rig, SimulatedRecipe, fingerprint, with_probe
 from markerseek.scan import Scanner
-from markerseek.signals import ImageReader, IntensityReader, SpareReader
+from markerseek.signals import ImageReader, IntensityReader
 from markerseek.sim import (
-    BModeWorld,
     CurveWorld,
     IntensityCurve,
     SimulatedLaser,
@@ -52,19 +51,17 @@ def rig_in_world(
     rng: np.random.Generator,
     seed: int | None = None,
     recipe: SimulatedRecipe | None = None,
-    b_mode: BModeWorld | None = None,
     resumed_after: int = 0,
 ) -> Rig:
     """Assemble simulated devices in a world.
 
     ``settings``: settings of stage, laser, receiver and limits. ``reader``: turns the world's frames into readings.
     ``rng``: that of the world. ``seed``: its seed, if it has one. ``recipe``: arguments to make the same rig again, for
-    a journal. ``b_mode``: the same tissue in B-mode, for an image after each frame.
-    ``resumed_after``: as of `simulated`.
+    a journal. ``resumed_after``: as of `simulated`.
     """
     if resumed_after:
         rng.bit_generator.state = np.random.PCG64((seed or 0, resumed_after)).state
-    imaging = reader if isinstance(reader, ImageReader | SpareReader) else None
+    imaging = reader if isinstance(reader, ImageReader) else None
     stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
     light = settings.laser
     laser = SimulatedLaser(
@@ -84,7 +81,6 @@ def rig_in_world(
         world=world,
         clock=clock,
         readout_s=settings.receiver.readout_s,
-        b_mode=b_mode,
         meter_noise=light.energy_meter_noise,
         frame_period_s=settings.receiver.frame_period_s,
         rng=rng,

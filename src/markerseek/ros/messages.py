@@ -13,7 +13,6 @@ import msgspec
 import numpy as np
 
 from markerseek.core import (
-    BModeImage,
     Float32,
     Int16,
     MissingExtraError,
@@ -27,7 +26,7 @@ from markerseek.geometry import RigidTransform
 JOINT = "trus_roll"
 """Name of the joint."""
 
-HOME, PROBE, IMAGE, BMODE = "trus_home", "trus_probe", "trus_image", "trus_bmode"
+HOME, PROBE, IMAGE = "trus_home", "trus_probe", "trus_image"
 """Frames: the probe at 0 degrees, the probe, and the images (x along columns, y along rows, from the first pixel)."""
 
 CAMERA, SIMULATED_CAMERA = "davinci_camera_optical", "simulated_davinci_camera_optical"
@@ -270,11 +269,6 @@ def envelope(image: PaImage, *, time_s: float) -> Any:
 def picture(image: PaImage, *, time_s: float, brightest: float) -> Any:
     """Image message of the envelope in decibels, mono8: `RANGE_DB` below the brightest value is black."""
     return _image(grey(image.envelope, brightest=brightest), encoding="mono8", time_s=time_s)
-
-
-def b_mode(image: BModeImage, *, time_s: float) -> Any:
-    """Image message of a B-mode image, mono8, as the machine shows it."""
-    return _image(image.pixels, encoding="mono8", time_s=time_s, frame=BMODE)
 
 
 def grey(

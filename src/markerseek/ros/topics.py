@@ -37,9 +37,6 @@ FRAMES = "/tf"
 PICTURE, ENVELOPE = "/TRUS/pa/image", "/TRUS/pa/envelope"
 """Photoacoustic image to be looked at (mono8) and to be calculated with (32FC1): sensor_msgs/Image."""
 
-BMODE = "/TRUS/bmode/image"
-"""B-mode image of the machine: sensor_msgs/Image, mono8."""
-
 REGISTRATION, STATIC_FRAMES = "/pa_search/registration", "/tf_static"
 """The camera of the da Vinci system in the home frame of the probe, latched, as geometry_msgs/TransformStamped, and for
 tf2 with the type of `FRAMES`; that of a session is not static, and is sent on `FRAMES` while it holds."""

@@ -21,11 +21,10 @@ from markerseek.core import (
     SearchPlan,
 )
 from markerseek.records.journal import Configuration, Journal
-from markerseek.rigs import ReaderRecipe, Rig, SpareRecipe, TipRecipe
+from markerseek.rigs import Rig
 from markerseek.scan import RunLimits, Tally, run
 from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy, WholeRecording
 from markerseek.search.posterior import Posterior, SweepPosterior
-from markerseek.signals import SpareReader
 
 _RUN_LIMITS = RunLimits()
 
@@ -61,16 +60,9 @@ def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
         plan=plan,
         facts=rig.facts,
         recipe=msgspec.Raw(msgspec.json.encode(rig.recipe)),
-        imaging=msgspec.Raw(msgspec.json.encode(_reader_recipe(rig))),
+        # None stands for intensities.
+        imaging=msgspec.Raw(msgspec.json.encode(None if rig.imaging is None else rig.imaging.preset)),
     )
-
-
-def _reader_recipe(rig: Rig) -> ReaderRecipe:
-    if rig.tip is not None:
-        return TipRecipe(settings=rig.tip)
-    if isinstance(rig.imaging, SpareReader):
-        return SpareRecipe(preset=rig.imaging.preset, receive_focus_m=rig.imaging.receive_focus_m)
-    return None if rig.imaging is None else rig.imaging.preset
 
 
 def journalled(

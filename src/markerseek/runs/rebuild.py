@@ -13,12 +13,9 @@ from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration, Entry, RecordedRun, since_started
 from markerseek.rigs import (
     BenchRecipe,
-    ReaderRecipe,
     Recipe,
     Rig,
     SimulatedRecipe,
-    SpareRecipe,
-    TipRecipe,
     fingerprint,
     simulated,
 )
@@ -26,8 +23,7 @@ from markerseek.runs.journalled import is_scan
 from markerseek.runs.resume import tell_recorded
 from markerseek.scan import Tally, apply_confirmation
 from markerseek.search import build_sweeping
-from markerseek.signals import AnyImageReader, ImageReader, IntensityReader, ProbePreset, SpareReader
-from markerseek.vision import TipReader
+from markerseek.signals import ImageReader, IntensityReader, ProbePreset
 
 
 def recorded_bench(configuration: Configuration) -> BenchSettings | None:
@@ -77,39 +73,24 @@ def rebuild_reader(configuration: Configuration) -> Reader:
     return _reader(bytes(configuration.imaging))
 
 
-def rebuild_image_reader(configuration: Configuration) -> AnyImageReader | None:
+def rebuild_image_reader(configuration: Configuration) -> ImageReader | None:
     """The reader of a journal's rig where it makes photoacoustic images; None where it makes none."""
     return _image_reader(bytes(configuration.imaging))
 
 
 @lru_cache(maxsize=2)
-def _image_reader(imaging: bytes) -> AnyImageReader | None:
+def _image_reader(imaging: bytes) -> ImageReader | None:
     """Cached, because its tables take a quarter of a second."""
     reader = _reader(imaging)
-    return reader if isinstance(reader, ImageReader | SpareReader) else None
+    return reader if isinstance(reader, ImageReader) else None
 
 
-def _reader(imaging: bytes) -> Reader:
-    recipe = _reader_recipe(imaging)
-    match recipe:
-        case SpareRecipe():
-            return SpareReader(recipe.preset, receive_focus_m=recipe.receive_focus_m)
-        case TipRecipe():
-            return TipReader(recipe.settings)
-        case None:
-            return IntensityReader()
-    return ImageReader(recipe)
-
-
-def _reader_recipe(imaging: bytes) -> ReaderRecipe:
+def _reader(imaging: bytes) -> ImageReader | IntensityReader:
     try:
-        values = msgspec.json.decode(imaging)
-        # msgspec distinguishes structs by their tag, and a preset, which is no struct, has none.
-        named = isinstance(values, dict) and "reader" in values
-        recipe: ReaderRecipe = msgspec.convert(values, SpareRecipe | TipRecipe if named else ProbePreset | None)
+        preset = msgspec.json.decode(imaging, type=ProbePreset | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
         raise RecordError(f"the journal's imaging chain cannot be read: {problem}") from problem
-    return recipe
+    return IntensityReader() if preset is None else ImageReader(preset)
 
 
 def _recipe(configuration: Configuration) -> Recipe | None:

@@ -7,17 +7,14 @@ from .picks import common_wave
 from .pickup import pickup_amplitude
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
-from .spare import AnyImageReader, SpareReader
 
 __all__ = [
     "PRESET_NAMES",
-    "AnyImageReader",
     "FrameFindings",
     "ImageReader",
     "IntensityReader",
     "ProbeKeys",
     "ProbePreset",
-    "SpareReader",
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",

@@ -8,12 +8,11 @@ of channels in it: white noise is then equally strong at every depth. No apodisa
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import ConfigError, Float32, Float64, Int32, LinearArray
+from markerseek.core import ConfigError, Float32, Float64, Int32
 from markerseek.signals._kernel import PAD, beams, delay_and_sum
 from markerseek.signals.filtering import padded_columns
 from markerseek.signals.presets import ProbePreset
@@ -70,11 +69,27 @@ def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray
     array = preset.array
     lateral = array.lateral_m[0] + np.arange(array.elements) * array.pitch_m
     per_metre, origin = path_delay(preset)
-    table = delay_table(
-        array,
-        place=lambda offset_m: np.hypot(offset_m, depth_m) * per_metre + origin,
-        reach_m=half_aperture_m(preset, depth_m),
-        samples=samples,
+    reach_m = half_aperture_m(preset, depth_m)
+    reached = np.searchsorted(np.arange(array.elements) * array.pitch_m, reach_m.max(), side="right")
+    # Up to three more rows: the kernel takes four distances at a time.
+    number = np.arange(-(-int(reached) // 4) * 4)[:, None]
+    distance_m = number * array.pitch_m
+    delay = np.hypot(distance_m, depth_m) * per_metre + origin
+    # Linear interpolation between samples: weight 1 − w before the delay and w after it.
+    first = np.floor(delay)
+    usable = (distance_m <= reach_m) & (number < array.elements) & (first >= 0) & (first < samples - 1)
+    # Sound reaches far elements later: what is out of reach at one distance is so at all larger ones, unless the
+    # trigger's offset hides the start; then the kernel, which stops at the first gap, leaves the pixel out.
+    usable &= np.cumsum(~usable, axis=0) == 0
+    count = usable.sum(axis=0)[:, None]
+    column = np.arange(padded_columns(array.elements))
+    # Elements to the left and to the right within the aperture, and the one on the column.
+    used = np.minimum(column, count - 1) + np.minimum(array.elements - 1 - column, count - 1) + 1
+    used = np.where((count > 0) & (column < array.elements), used, 0)
+    table = DelayTable(
+        first=np.where(usable, first, -1).astype(np.int32),
+        weight=np.where(usable, delay - first, 0).astype(np.float32),
+        scale=np.where(used > 0, 1 / np.sqrt(np.maximum(used, 1)), 0).astype(np.float32),
     )
     return ImageGrid(lateral_m=lateral, depth_m=depth_m, samples=samples, table=table)
 
@@ -103,74 +118,21 @@ def beamform_at(
     return image
 
 
-def image_rows(
-    preset: ProbePreset, *, samples: int, low_m: float, high_m: float, margin: int
-) -> tuple[Float64[np.ndarray, " depth"], slice]:
+def image_rows(preset: ProbePreset, *, samples: int, margin: int) -> tuple[Float64[np.ndarray, " depth"], slice]:
     """Depths of an image of records of that length, with ``margin`` more rows at either end; and the rows that count.
 
-    ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records. ``low_m``,
-    ``high_m``: wanted depths; infinity for all that the record holds. ``margin``: rows that the envelope needs beyond
-    those that count; fewer where the record ends.
+    ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records. ``margin``: rows
+    that the envelope needs beyond those that count; fewer where the record ends.
     """
     metres = preset.sound_speed_m_s / preset.sampling_hz
     origin = preset.trigger_offset_s * preset.sampling_hz
     step = preset.depth_step_m
-    first, last = max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres
-    near, far = max(low_m, first), min(high_m, last)
+    near, far = max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres
     if not far - near >= 3 * step:
         raise ConfigError(
-            f"depths {range_in_mm(low_m, high_m)}: the record of {samples} samples holds "
-            f"{range_in_mm(first, last)}; change the depth range"
+            f"the record of {samples} samples ends at a depth of {1e3 * far:.4g} mm, and the image would begin at "
+            f"{1e3 * near:.4g} mm; check trigger_offset_s and pickup_samples of the probe"
         )
     above = min(margin, math.floor((near - step / 2) / step))
-    below = min(margin, max(0, math.floor((last - far) / step)))
     count = math.floor((far - near) / step) + 1
-    return near + step * np.arange(-above, count + below), slice(above, above + count)
-
-
-def depth_range_m(least_m: float | None, most_m: float | None) -> tuple[float, float]:
-    """Least and largest depth of an image as numbers, None as no limit; `ConfigError` if they make no range."""
-    low_m, high_m = least_m or 0.0, math.inf if most_m is None else most_m
-    if not 0 <= low_m < high_m:
-        raise ConfigError(f"depths {range_in_mm(low_m, high_m)}: the least must be 0 or more, and below the largest")
-    return low_m, high_m
-
-
-def range_in_mm(low_m: float, high_m: float) -> str:
-    """A range of depths in millimetres, as users give it."""
-    return f"from {1e3 * low_m:.4g} mm" + ("" if math.isinf(high_m) else f" to {1e3 * high_m:.4g} mm")
-
-
-def delay_table(
-    array: LinearArray,
-    *,
-    place: Callable[[Float64[np.ndarray, "distances 1"]], Float64[np.ndarray, "distances depths"]],
-    reach_m: Float64[np.ndarray, " depths"],
-    samples: int,
-) -> DelayTable:
-    """Table of any delay that depends on the depth and on the lateral distance alone.
-
-    ``place``: delay in samples at lateral distances in metres. ``reach_m``: how far the aperture reaches at each depth;
-    infinity for the whole array. ``samples``: length of the records.
-    """
-    reached = np.searchsorted(np.arange(array.elements) * array.pitch_m, reach_m.max(), side="right")
-    # Up to three more rows: the kernel takes four distances at a time.
-    number = np.arange(-(-int(reached) // 4) * 4)[:, None]
-    distance_m = number * array.pitch_m
-    delay = place(distance_m)
-    # Linear interpolation between samples: weight 1 − w before the delay and w after it.
-    first = np.floor(delay)
-    usable = (distance_m <= reach_m) & (number < array.elements) & (first >= 0) & (first < samples - 1)
-    # Sound reaches far elements later: what is out of reach at one distance is so at all larger ones, unless the
-    # trigger's offset hides the start; then the kernel, which stops at the first gap, leaves the pixel out.
-    usable &= np.cumsum(~usable, axis=0) == 0
-    count = usable.sum(axis=0)[:, None]
-    column = np.arange(padded_columns(array.elements))
-    # Elements to the left and to the right within the aperture, and the one on the column.
-    used = np.minimum(column, count - 1) + np.minimum(array.elements - 1 - column, count - 1) + 1
-    used = np.where((count > 0) & (column < array.elements), used, 0)
-    return DelayTable(
-        first=np.where(usable, first, -1).astype(np.int32),
-        weight=np.where(usable, delay - first, 0).astype(np.float32),
-        scale=np.where(used > 0, 1 / np.sqrt(np.maximum(used, 1)), 0).astype(np.float32),
-    )
+    return near + step * np.arange(-above, count), slice(above, above + count)

@@ -27,13 +27,16 @@ MIN_CHANNELS = 24
 """Channels that the test for coherence uses at least: fewer could not rule out chance, however well they agree."""
 
 FALSE_PER_FRAME = 1e-3
-"""Probability that a source is found in a frame of noise, unless another is given."""
+"""Probability that a source is found in a frame of noise."""
 
 MAX_TESTED = 64
 """Peaks of one frame that are tested for coherence, highest first."""
 
-_FRAMES = 100
-"""Frames that share one false alarm of the test for coherence."""
+COHERENT_LEVEL = math.log(MAX_TESTED * 100 / FALSE_PER_FRAME)
+"""Coherent energy (see `coherent_energies`) that none of the tested peaks exceeds by chance, ln(tests/p).
+
+Noise is independent from frame to frame, but other interference repeats with every pulse: the false alarms that are
+accepted for one frame of noise are shared here by the 100 frames of a search."""
 
 DEAD_SHARE = 0.02
 """A channel is dead when its filtered signal is below this share of the median channel's."""
@@ -71,18 +74,9 @@ def noise_floor(profile: Float64[np.ndarray, " blocks"]) -> float:
     return float(np.median(profile))
 
 
-def found_level(cells: int, *, false_found: float) -> float:
+def found_level(cells: int, *, false_found: float = FALSE_PER_FRAME) -> float:
     """Peak over noise floor that noise alone exceeds with the given probability, sqrt(2 ln(M/p))."""
     return math.sqrt(2 * math.log(cells / false_found))
-
-
-def coherent_level(*, false_found: float) -> float:
-    """Coherent energy (see `coherent_energies`) that none of the tested peaks exceeds by chance, ln(tests/p).
-
-    Noise is independent from frame to frame, but other interference repeats with every pulse: the false alarms that
-    are accepted for one frame of noise are shared here by all frames of a search.
-    """
-    return math.log(MAX_TESTED * _FRAMES / false_found)
 
 
 def coherent_energies(
@@ -155,33 +149,22 @@ def window_samples(preset: ProbePreset) -> int:
 def saturated_channels(
     samples: Int16[np.ndarray, "channels samples"], preset: ProbePreset, *, lateral_m: float, depth_m: float
 ) -> tuple[tuple[int, ...], int]:
-    """Channels of the aperture that touch full scale when a point's sound arrives, and the number of channels there."""
+    """Channels of the aperture that touch full scale when a point's sound arrives, and the number of channels there.
+
+    The pick-up, which is blanked, does not count.
+    """
     offset = np.abs(preset.array.lateral_m - lateral_m)
     aperture = float(half_aperture_m(preset, np.array([depth_m]))[0])
     per_metre, origin = path_delay(preset)
     middle = np.rint(np.hypot(offset, depth_m) * per_metre + origin).astype(np.int64)
     used = np.flatnonzero((offset <= aperture) & (middle >= 0) & (middle < samples.shape[1]))
-    return at_full_scale(samples, preset, rows=used, middle=middle[used], full_scale=preset.full_scale), len(used)
-
-
-def at_full_scale(
-    samples: Int16[np.ndarray, "channels samples"],
-    preset: ProbePreset,
-    *,
-    rows: Int64[np.ndarray, " used"],
-    middle: Int64[np.ndarray, " used"],
-    full_scale: int,
-) -> tuple[int, ...]:
-    """Those of the rows, channels or lines, that touch full scale near their sample in ``middle``.
-
-    The pick-up, which is blanked, does not count.
-    """
     # Twice the shortest pulse on each side: a long laser pulse touches full scale for longer.
     half = 2 * window_samples(preset)
-    window = np.clip(middle[:, None] + np.arange(-half, half + 1), preset.pickup_samples, samples.shape[1] - 1)
+    window = np.clip(middle[used, None] + np.arange(-half, half + 1), preset.pickup_samples, samples.shape[1] - 1)
     # As 32 bits, because the magnitude of -32768 does not fit in 16.
-    magnitude = np.abs(samples[rows[:, None], window].astype(np.int32))
-    return tuple(rows[clipped(magnitude, full_scale=full_scale, recorded=preset.recorded)].tolist())
+    magnitude = np.abs(samples[used[:, None], window].astype(np.int32))
+    saturated = clipped(magnitude, full_scale=preset.full_scale, recorded=preset.recorded)
+    return tuple(used[saturated].tolist()), len(used)
 
 
 def dead_channels(signals: Float32[np.ndarray, "samples columns"], *, channels: int) -> tuple[int, ...]:

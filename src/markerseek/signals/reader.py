@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -22,10 +21,9 @@ from markerseek.core import (
     Frame,
     PaImage,
     Reading,
-    require_range,
 )
 from markerseek.signals import features
-from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, depth_range_m, image_grid, image_rows
+from markerseek.signals.beamform import ImageGrid, beamform, image_grid, image_rows
 from markerseek.signals.blocks import BlockGrid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
@@ -72,31 +70,15 @@ class _Peak:
 
 
 class ImageReader:
-    """Reads channel frames of one probe.
+    """Reads channel frames of one probe."""
 
-    ``min_depth_m``, ``max_depth_m``: least and largest depth of the image; None: all that the record holds after the
-    pick-up. ``false_found``: accepted probability that a source is found in a frame of noise.
-    """
+    method = "one-way delay-and-sum of channel data"
+    """The reconstruction in words, for results."""
 
-    def __init__(
-        self,
-        preset: ProbePreset,
-        *,
-        min_depth_m: float | None = None,
-        max_depth_m: float | None = None,
-        false_found: float = features.FALSE_PER_FRAME,
-    ) -> None:
-        self._low_m, self._high_m = depth_range_m(min_depth_m, max_depth_m)
-        require_range("image reader: false_found", false_found, low=0, high=1, open_low=True)
+    def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
-        self._false_found = false_found
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._layouts: dict[int, _Layout] = {}
-
-    @property
-    def method(self) -> str:
-        """The reconstruction in words, for results."""
-        return "one-way delay-and-sum of channel data"
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.
@@ -213,15 +195,13 @@ class ImageReader:
     def _layout(self, samples: int) -> _Layout:
         if samples not in self._layouts:
             preset = self.preset
-            depth, rows = image_rows(
-                preset, samples=samples, low_m=self._low_m, high_m=self._high_m, margin=ENVELOPE_MARGIN
-            )
+            depth, rows = image_rows(preset, samples=samples, margin=ENVELOPE_MARGIN)
             grid = image_grid(preset, samples=samples, depth_m=depth)
             inside = depth[rows]
             self._layouts[samples] = _Layout(
                 grid=grid,
                 rows=rows,
-                cells=envelope_cells(preset, depth_m=inside, false_found=self._false_found),
+                cells=envelope_cells(preset, depth_m=inside),
                 cell_pixels=cell_pixels(preset),
                 blocks=BlockGrid(preset, lateral_m=grid.lateral_m, depth_m=inside),
             )
@@ -234,10 +214,9 @@ class ImageReader:
 
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> _Peak:
         """The peak at a pixel, refined between the columns."""
-        lateral, depth, intensity = refine_peak(
-            partial(beamform_at, chain.signals, self.preset), self.preset, chain.layout.grid, place=place
-        )
-        energy, used = self._coherent_energies(chain, [lateral], [depth])
+        lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.layout.grid, place=place)
+        place_m = {"lateral_m": np.array([lateral]), "depth_m": np.array([depth])}
+        (energy,), (used,) = features.coherent_energies(chain.signals, self.preset, **place_m)
         saturated, channels = features.saturated_channels(
             chain.frame.samples, self.preset, lateral_m=lateral, depth_m=depth
         )
@@ -246,24 +225,24 @@ class ImageReader:
             depth_m=depth,
             arrival_s=depth / self.preset.sound_speed_m_s + self.preset.trigger_offset_s,
             intensity=intensity,
-            coherence=min(1.0, energy[0] / max(1, used[0])),
+            coherence=min(1.0, float(energy) / max(1, int(used))),
         )
-        return _Peak(arrival=arrival, energy=energy[0], saturated=saturated, channels=channels)
+        return _Peak(arrival=arrival, energy=float(energy), saturated=saturated, channels=channels)
 
     def _peaks(self, chain: _Chain) -> list[_Peak]:
         """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
         preset = self.preset
         window = chain.envelope[chain.layout.rows]
-        level = features.found_level(chain.layout.cells, false_found=self._false_found)
-        coherent = features.coherent_level(false_found=self._false_found)
+        level, coherent = features.found_level(chain.layout.cells), features.COHERENT_LEVEL
         speed, centre = preset.sound_speed_m_s, (preset.low_hz + preset.high_hz) / 2
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
         places = strongest_peaks(window, level=level * chain.sigma, limit=features.MAX_TESTED)
-        depths = [float(chain.layout.grid.depth_m[row + chain.layout.rows.start]) for row, _ in places]
-        laterals = [float(chain.layout.grid.lateral_m[column]) for _, column in places]
+        grid, first = chain.layout.grid, chain.layout.rows.start
+        depths = np.array([grid.depth_m[row + first] for row, _ in places])
+        laterals = np.array([grid.lateral_m[column] for _, column in places])
         # All at once: one after another, they take longer than beamforming does.
-        energies = self._coherent_energies(chain, laterals, depths)[0]
+        energies, _ = features.coherent_energies(chain.signals, preset, lateral_m=laterals, depth_m=depths)
         peaks: list[_Peak] = []
         for (row, column), lateral, depth, energy in zip(places, laterals, depths, energies, strict=True):
             # In some receivers the gain, and so the noise, grows with depth: the floor at the peak's depth counts too.
@@ -276,7 +255,7 @@ class ImageReader:
                 for each in (peak.arrival for peak in peaks)
             ):
                 continue
-            peak = self._describe(chain, (row + chain.layout.rows.start, column))
+            peak = self._describe(chain, (row + first, column))
             if peak.energy <= coherent:
                 continue
             peaks.append(peak)
@@ -284,16 +263,8 @@ class ImageReader:
                 break
         return sorted(peaks, key=lambda each: -each.arrival.intensity)
 
-    def _coherent_energies(
-        self, chain: _Chain, lateral_m: list[float], depth_m: list[float]
-    ) -> tuple[list[float], list[int]]:
-        energy, used = features.coherent_energies(
-            chain.signals, self.preset, lateral_m=np.array(lateral_m), depth_m=np.array(depth_m)
-        )
-        return energy.tolist(), used.tolist()
-
     def _reason(self, chain: _Chain, peak: Arrival, *, found: bool) -> str:
-        level = features.found_level(chain.layout.cells, false_found=self._false_found)
+        level = features.found_level(chain.layout.cells)
         ratio = peak.intensity / chain.sigma if chain.sigma > 0 else math.inf
         if found:
             return (

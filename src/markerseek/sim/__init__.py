@@ -4,13 +4,12 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 """
 
 from markerseek.sim.bmode import BModeSettings, BModeWorld
-from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, spot_images
+from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, on_tissue_m, spot_images
 from markerseek.sim.clock import VirtualClock
 from markerseek.sim.curve_world import CurveWorld
 from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
 from markerseek.sim.hand import HandMotion, SimulatedHand
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
-from markerseek.sim.machine import RFWorld, post_beamformed
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.settings import (
     STREAMING,
@@ -23,7 +22,7 @@ from markerseek.sim.settings import (
     with_options,
 )
 from markerseek.sim.stage import SimulatedStage, StageMotion
-from markerseek.sim.stereo_endoscope import EndoscopeFaults, SimulatedEndoscope
+from markerseek.sim.stereo_endoscope import SimulatedEndoscope
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.trapezoid import phases
 from markerseek.sim.world import Flash, SimulatedWorld, World
@@ -35,7 +34,6 @@ __all__ = [
     "BModeSettings",
     "BModeWorld",
     "CurveWorld",
-    "EndoscopeFaults",
     "EndoscopeSettings",
     "Flash",
     "GaussianCurve",
@@ -45,7 +43,6 @@ __all__ = [
     "MarkerSettings",
     "NoiseSettings",
     "PowerCurve",
-    "RFWorld",
     "ReceiverSettings",
     "RecordedCurve",
     "SechCurve",
@@ -65,8 +62,8 @@ __all__ = [
     "camera_above",
     "endoscope",
     "hashable_values",
+    "on_tissue_m",
     "phases",
-    "post_beamformed",
     "spot_images",
     "tissue_named",
     "vary_last_flash",

@@ -15,12 +15,9 @@ import numpy as np
 
 from markerseek.acoustics import Probe
 from markerseek.core import (
-    BModeFrame,
-    BModeImage,
     Complex128,
     ConfigError,
     Float64,
-    FrameHeader,
     ScanGeometry,
     UInt8,
     Within,
@@ -28,7 +25,6 @@ from markerseek.core import (
     require_range,
 )
 from markerseek.sim.speckle import BEAM_M, PULSE_M, Speckle, elevation_response, filtered_noise
-from markerseek.sim.world import Flash
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,11 +100,10 @@ class BModeWorld:
         depth_m = tip_radius_m - probe.face_radius_m
         if not settings.first_depth_m < depth_m < settings.last_depth_m:
             raise ConfigError(
-                f"b_mode: the marker, or the tip, is {depth_m:.4g} m deep, outside of the image from "
-                f"{settings.first_depth_m:g} to {settings.last_depth_m:g} m; change marker.radius_m or the depths"
+                f"b_mode: the tip is {depth_m:.4g} m deep, outside of the image from "
+                f"{settings.first_depth_m:g} to {settings.last_depth_m:g} m; change its radius or the depths"
             )
         self.angle_deg = start_deg
-        self.flashes: list[Flash] = []
         self._settings = settings
         self._probe = probe
         self._tip = (tip_deg, tip_radius_m, tip_lateral_m) if present else None
@@ -124,26 +119,12 @@ class BModeWorld:
             seed=int(rng.integers(2**63)),
         )
 
-    def flash(self, *, pulses: int, at_s: float) -> None:
-        """Take this number of images; there is no light, and the energy is 0."""
-        self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=0.0))
-
-    def frame(self, flash: Flash | None, *, header: FrameHeader) -> BModeFrame:
-        """B-mode image at the present angle, the mean of as many images as the header counts pulses."""
-        del flash
-        image = self.image(images=max(1, header.pulses))
-        return BModeFrame(header=header, pixels=image.pixels, geometry=image.geometry)
-
-    def image(self, *, images: int = 1) -> BModeImage:
-        """B-mode image at the present angle, the mean of this number of images."""
-        return BModeImage(pixels=self.pixels(images=images), geometry=self._settings.geometry)
-
-    def pixels(self, *, images: int = 1) -> UInt8[np.ndarray, "rows columns"]:
+    def pixels(self) -> UInt8[np.ndarray, "rows columns"]:
         """Grey values at the present angle, with noise."""
         settings = self._settings
         field = self._speckle.field(self.angle_deg) * self._layers()[:, None] + self._tip_echo()
         noise = filtered_noise(self._rng, settings.shape, pixel_m=settings.pixel_m)
-        field = field + _amplitude(settings.noise_db) / math.sqrt(images) * noise
+        field = field + _amplitude(settings.noise_db) * noise
         level_db = 20 * np.log10(np.maximum(np.abs(field), 1e-9)) - settings.white_db
         grey = 255 * (1 + level_db / settings.dynamic_range_db)
         return np.asarray(np.clip(np.rint(grey), 0, 255).astype(np.uint8))

@@ -49,6 +49,14 @@ def camera_above(
     )
 
 
+def on_tissue_m(
+    camera_to_trus: RigidTransform, direction: Float64[np.ndarray, " 3"], *, height_m: float
+) -> Float64[np.ndarray, " 3"]:
+    """Where a line of sight meets level tissue at this z of the TRUS frame; ``direction`` in the camera's frame."""
+    origin_m, towards = camera_to_trus.translation_m, camera_to_trus.rotation @ direction
+    return np.asarray(origin_m + towards * (height_m - origin_m[2]) / towards[2])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndoscopeSettings:
     """Errors of the simulated cameras, and the look of their images."""
@@ -67,6 +75,10 @@ class EndoscopeSettings:
     """Mean brightness of the tissue."""
     noise_counts: Annotated[float, Within(0, 50, "counts")] = 3.0
     """Standard deviation of a pixel's noise."""
+    motion_px: Annotated[float, Within(0, 500, "px")] = 0.0
+    """How far the spot moves in both images once it has been seen in as many pairs as there are frames."""
+    dropped_share: Annotated[float, Within(0, 1)] = 0.0
+    """Share of the image pairs that do not come."""
 
     def __post_init__(self) -> None:
         require_fields(self, "endoscope")

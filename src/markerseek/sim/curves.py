@@ -35,12 +35,8 @@ _STEP_DEG = 0.02
 
 
 def _check_width(fwhm_deg: float) -> None:
-    low_deg, high_deg = WIDTH_DEG
-    if not low_deg <= fwhm_deg <= high_deg:
-        raise ConfigError(
-            f"curve: fwhm_deg is {fwhm_deg} deg, it must lie between {low_deg:g} and {high_deg:g} deg; 2 to 35 deg are "
-            "usual"
-        )
+    low, high = WIDTH_DEG
+    require_range("curve: fwhm_deg", fwhm_deg, low=low, high=high, unit="deg", cure="2 to 35 deg are usual")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,33 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from markerseek.core import (
     AcquisitionError,
-    ChannelFrame,
     Clock,
     ConfigError,
     Frame,
     FrameHeader,
     Permit,
-    RFFrame,
     SweepPermit,
 )
-from markerseek.sim.bmode import BModeWorld
 from markerseek.sim.world import Flash, SimulatedWorld
-
-B_MODE_S = 0.04
-"""Time for one B-mode image, in seconds: 25 images a second."""
 
 
 class SimulatedReceiver:
     """Receiver of a simulated world.
 
     ``readout_s``: time to read one acquisition from the device: about 10 s for SonixDAQ files (paper, section 4).
-    ``b_mode``: the same tissue in B-mode; an image of it is taken after each frame of counts, without light.
     ``meter_noise``: relative standard deviation of an energy meter, whose value stands in the header.
     ``frame_period_s``: least time between two triggers of a sweep. One that needs longer than that to be read is read
     at the end of a sweep, once.
@@ -42,7 +34,6 @@ class SimulatedReceiver:
         world: SimulatedWorld,
         clock: Clock,
         readout_s: float,
-        b_mode: BModeWorld | None = None,
         meter_noise: float | None = None,
         frame_period_s: float = 0.05,
         rng: np.random.Generator | None = None,
@@ -54,7 +45,6 @@ class SimulatedReceiver:
         self._world = world
         self._clock = clock
         self._readout_s = readout_s
-        self._b_mode = b_mode
         self._meter_noise = meter_noise
         self._rng = rng
         self.frame_period_s = frame_period_s
@@ -90,13 +80,7 @@ class SimulatedReceiver:
             ended_s=self._clock.now_s(),
             energy=self._energy(new[-1]) if new else None,
         )
-        frame = self._world.frame(new[-1] if new else None, header=header)
-        if self._b_mode is None or not isinstance(frame, ChannelFrame | RFFrame):
-            return frame
-        # Of the true angle, as the frame; the scanner reads the stage's angle again once both are taken.
-        self._b_mode.angle_deg = self._world.angle_deg
-        self._clock.wait(B_MODE_S)
-        return replace(frame, b_mode=self._b_mode.image())
+        return self._world.frame(new[-1] if new else None, header=header)
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Get ready for one flash after the other."""

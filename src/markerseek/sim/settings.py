@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 
 from markerseek.acoustics import Bursts, Probe
 from markerseek.core import ConfigError, Interval, SimulationOptions, Within, require_fields
 from markerseek.guard import FiringLimits, Limits
-from markerseek.sim.bmode import BModeSettings
 from markerseek.sim.stage import StageMotion
 from markerseek.sim.tissues import tissue_named
 
@@ -100,20 +99,9 @@ class ReceiverSettings:
     peak_counts: Annotated[float | None, Within(0, 1e6, open_low=True, cure="leave it out for one that fits")] = None
     """Largest count that the marker alone gives a channel with the probe on it; full scale is 2047. None chooses the
     gain so that marker and noise both fit: 600 counts, fewer where the noise is strong, more where it is weak."""
-    data: Literal["channels", "rf", "b-mode"] = "channels"
-    """Kind of frames: channel data; lines that an ultrasound machine has beamformed (RF); or B-mode images, without
-    light, in which the tip of an instrument takes the marker's place."""
-    receive_focus_m: Annotated[float | None, Within(1e-3, 0.2, "m")] = None
-    """Depth of the fixed receive focus of RF lines; None: dynamic focus."""
-    b_mode: bool = False
-    """Whether a B-mode image of the same angle is taken after each frame of channel data or RF lines, without light."""
 
     def __post_init__(self) -> None:
         require_fields(self, "receiver")
-        if self.receive_focus_m is not None and self.data != "rf":
-            raise ConfigError(f"receiver: receive_focus_m is for data = 'rf', not {self.data!r}; leave it out")
-        if self.b_mode and self.data == "b-mode":
-            raise ConfigError("receiver: b_mode is for data = 'channels' or 'rf', not 'b-mode'; leave it out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,7 +121,6 @@ class SimulatedSettings:
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     stage: StageMotion = field(default_factory=StageMotion)
     receiver: ReceiverSettings = field(default_factory=ReceiverSettings)
-    b_mode: BModeSettings = field(default_factory=BModeSettings)
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
@@ -178,7 +165,7 @@ def with_options(settings: SimulatedSettings, options: SimulationOptions) -> Sim
     return replace(settings, tissue=tissue, noise=noise, receiver=receiver, marker=marker, second=second)
 
 
-_NEWER_RECEIVER = ("data", "receive_focus_m", "b_mode", "frame_period_s", "single_pulses")
+_NEWER_RECEIVER = ("frame_period_s", "single_pulses")
 _NEWER_LASER = (
     *("energy_spread", "energy_drift_per_min", "energy_meter_noise", "stamp_delay_s"),
     *("stamp_delay_sigma_s", "stamp_jitter_s", "without_light"),
@@ -198,9 +185,8 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     for part, name in newer:
         if values[part][name] == usual[part][name]:
             del values[part][name]
-    for name in ("b_mode", "second"):
-        if values[name] == usual[name]:
-            del values[name]
+    if values["second"] == usual["second"]:
+        del values["second"]
     if settings.receiver.peak_counts is None:
         # The default that the hashes have been made with.
         values["receiver"]["peak_counts"] = 600.0

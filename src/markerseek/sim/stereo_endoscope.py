@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from dataclasses import replace
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -16,8 +15,6 @@ from markerseek.core import (
     Int16,
     StereoPair,
     UInt8,
-    Within,
-    require_fields,
     require_range,
 )
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
@@ -46,32 +43,6 @@ Places: TypeAlias = dict[Side, Float64[np.ndarray, " 2"] | None]
 """Pixel (x, y) of the spot in each camera; None: it is behind the camera."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EndoscopeFaults:
-    """What can go wrong with the images; the default is nothing."""
-
-    reflection: Literal["none", "steady", "laser"] = "none"
-    """A bright reflection beside the spot in both cameras: "steady" shines with the laser off as well, as one of the
-    endoscope's own light does, "laser" only while the laser fires."""
-    reflection_px: tuple[float, float] = (90.0, 40.0)
-    """Where it is, (x, y) from the spot."""
-    reflection_counts: Annotated[float, Within(0, 255, "counts")] = 150.0
-    """Its height over the tissue."""
-    saturated: Literal["none", "left", "right"] = "none"
-    """Camera whose gain is four times too high."""
-    occluded: Literal["none", "left", "right"] = "none"
-    """Camera that does not see the spot."""
-    motion_px: Annotated[float, Within(0, 500, "px")] = 0.0
-    """How far the spot moves in both images once it has been seen in as many pairs as the settings have frames."""
-    delay_frames: Annotated[int, Within(0, 100)] = 0
-    """By how many frames the images come late."""
-    dropped_share: Annotated[float, Within(0, 1)] = 0.0
-    """Share of the pairs that do not come."""
-
-    def __post_init__(self) -> None:
-        require_fields(self, "endoscope faults")
-
-
 class _Moment(NamedTuple):
     """What both cameras see in one frame."""
 
@@ -83,9 +54,9 @@ class _Moment(NamedTuple):
 class _View:
     """What one camera sees of the tissue, without a spot."""
 
-    def __init__(self, camera: Camera, settings: EndoscopeSettings, *, gain: float, rng: np.random.Generator) -> None:
-        self.camera, self._gain, self._rng = camera, gain, rng
-        tissue = gain * uneven_tissue(camera.size_px, settings=settings, rng=rng)
+    def __init__(self, camera: Camera, settings: EndoscopeSettings, *, rng: np.random.Generator) -> None:
+        self._rng = rng
+        tissue = uneven_tissue(camera.size_px, settings=settings, rng=rng)
         # Beyond 500 counts all is white; half a count more, because the sum is rounded down.
         self._tissue = np.rint(_SCALE * (np.minimum(tissue, 500.0) + 0.5)).astype(np.int16)
         self._total = np.empty_like(self._tissue)
@@ -93,22 +64,21 @@ class _View:
     def image(
         self,
         noise: Int16[np.ndarray, " pixels"],
-        lights: list[tuple[Float64[np.ndarray, " 2"], float]],
-        *,
-        radius_px: float,
+        spot_px: Float64[np.ndarray, " 2"] | None,
+        settings: EndoscopeSettings,
     ) -> UInt8[np.ndarray, "rows columns"]:
-        """An image with Gaussian lights, each with its middle (x, y) and its height in counts."""
+        """An image, with the spot if it is lit."""
         rows, columns = self._tissue.shape
         first = int(self._rng.integers(len(noise) - rows * columns + 1))
         total = np.add(self._tissue, noise[first : first + rows * columns].reshape(rows, columns), out=self._total)
-        for middle_px, counts in lights:
-            x, y = middle_px
+        if spot_px is not None:
+            (x, y), radius_px = spot_px, settings.spot_radius_px
             reach_px = _REACH_RADII * radius_px
             right = np.arange(max(0, int(x - reach_px)), min(columns, int(x + reach_px) + 1))
             down = np.arange(max(0, int(y - reach_px)), min(rows, int(y + reach_px) + 1))
             if right.size and down.size:
                 across = np.exp(-0.5 * ((right - x) / radius_px) ** 2)
-                height = self._gain * counts * np.exp(-0.5 * ((down - y) / radius_px) ** 2)
+                height = settings.spot_counts * np.exp(-0.5 * ((down - y) / radius_px) ** 2)
                 light = np.rint(_SCALE * np.minimum(height[:, None] * across, 500.0)).astype(np.int16)
                 total[down[0] : down[-1] + 1, right[0] : right[-1] + 1] += light
         np.clip(total, 0, 255 * _SCALE + _SCALE - 1, out=total)
@@ -140,24 +110,14 @@ class SimulatedEndoscope:
         clock: Clock,
         flashes: Callable[[], int],
         focal_error: float = 0.0,
-        faults: EndoscopeFaults | None = None,
     ) -> None:
         require_range("endoscope: focal_error", focal_error, low=-0.5, high=0.5)
-        self._settings, self._faults, self._rng, self._clock, self._flashes = (
-            settings,
-            faults or EndoscopeFaults(),
-            rng,
-            clock,
-            flashes,
-        )
+        self._settings, self._rng, self._clock, self._flashes = settings, rng, clock, flashes
         self._true = replace(
             cameras, left=_refocused(cameras.left, focal_error), right=_refocused(cameras.right, focal_error)
         )
         self._trus_to_camera = camera_to_trus.inverse()
-        self._views: dict[Side, _View] = {
-            side: _View(camera, settings, gain=4.0 if self._faults.saturated == side else 1.0, rng=rng)
-            for side, camera in _sides(cameras)
-        }
+        self._views: dict[Side, _View] = {side: _View(camera, settings, rng=rng) for side, camera in _sides(cameras)}
         pixels = max(int(np.prod(camera.size_px)) for _, camera in _sides(cameras))
         noise = rng.standard_normal(pixels + _MORE_NOISE, dtype=np.float32)
         noise *= np.float32(_SCALE * settings.noise_counts)
@@ -168,7 +128,6 @@ class SimulatedEndoscope:
         self._lit_pairs = 0
         self._began_s, self._frames = clock.now_s(), 0
         self._seen_flashes = flashes()
-        self._late: deque[_Moment] = deque()
 
     def show(self, spot_trus_m: Float64[np.ndarray, " 3"] | None) -> None:
         """Put the spot there, in the TRUS frame, or take the fibre away.
@@ -215,35 +174,27 @@ class SimulatedEndoscope:
             return []
         flashes = self._flashes()
         lit, self._seen_flashes = flashes > self._seen_flashes, flashes
-        delay = self._faults.delay_frames
-        new = range(max(self._frames, frames - MAX_PAIRS - delay), frames)
+        new = range(max(self._frames, frames - MAX_PAIRS), frames)
         self._frames = frames
-        self._late.extend(_Moment(frame=frame + 1 + delay, lit=lit, spot_px=self._spot_px) for frame in new)
-        come = []
-        while self._late and self._late[0].frame <= frames:
-            come.append(self._late.popleft())
-        return [moment for moment in come[-MAX_PAIRS:] if not self._rng.random() < self._faults.dropped_share]
+        come = [_Moment(frame=frame + 1, lit=lit, spot_px=self._spot_px) for frame in new]
+        return [moment for moment in come if not self._rng.random() < self._settings.dropped_share]
 
     def _pair(self, moment: _Moment) -> StereoPair:
         if moment.lit and moment.spot_px is not None:
             if self._lit_pairs == self._settings.frames:
                 direction = self._rng.uniform(0, 2 * np.pi)
-                self._motion_px = self._faults.motion_px * np.array([np.cos(direction), np.sin(direction)])
+                self._motion_px = self._settings.motion_px * np.array([np.cos(direction), np.sin(direction)])
             self._lit_pairs += 1
         images = {side: self._image(side, moment) for side, _ in _sides(self._true)}
         at_s = self._began_s + moment.frame / RATE_HZ
         return StereoPair(left=images["left"], right=images["right"], at_s=at_s)
 
     def _image(self, side: Side, moment: _Moment) -> UInt8[np.ndarray, "rows columns"]:
-        settings, faults = self._settings, self._faults
-        lights: list[tuple[Float64[np.ndarray, " 2"], float]] = []
-        middle_px = None if moment.spot_px is None else moment.spot_px[side]
-        if middle_px is not None and moment.lit and faults.occluded != side:
-            shaken_px = settings.spot_sigma_px * self._rng.standard_normal(2)
-            lights.append((middle_px + self._motion_px + shaken_px, settings.spot_counts))
-        if middle_px is not None and (faults.reflection == "steady" or (faults.reflection == "laser" and moment.lit)):
-            lights.append((middle_px + faults.reflection_px, faults.reflection_counts))
-        return self._views[side].image(self._noise, lights, radius_px=settings.spot_radius_px)
+        settings = self._settings
+        middle_px = None if moment.spot_px is None or not moment.lit else moment.spot_px[side]
+        if middle_px is not None:
+            middle_px = middle_px + self._motion_px + settings.spot_sigma_px * self._rng.standard_normal(2)
+        return self._views[side].image(self._noise, middle_px, settings)
 
 
 def _sides(cameras: StereoCameras) -> tuple[tuple[Side, Camera], ...]:

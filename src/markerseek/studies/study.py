@@ -185,10 +185,6 @@ def cells(study: Study) -> tuple[Cell, ...]:
         varied = tuple(zip((axis.key for axis in study.vary), values, strict=True))
         for key, value in varied:
             world = _changed(world, key, value, prefix="vary: ")
-        if world.rig.receiver.data != "channels":
-            raise ConfigError(f'rig.receiver.data is "{world.rig.receiver.data}"; a study computes channel data only')
-        if world.rig.receiver.b_mode:
-            raise ConfigError("rig.receiver.b_mode: a study computes channel data only; leave it out")
         if world.rig.noise.bursts is not None and study.level != "frames":
             raise ConfigError('rig.noise.bursts: bursts are simulated in frames only; set level = "frames"')
         _require_scene(study, world)

@@ -4,7 +4,6 @@ from .opencv import opencv
 from .rectangle import Rectangle
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
 from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot, lit_pairs
-from .tip_reader import TipReader, TipSettings
 from .tooltip import Tip, brightest_blob, find_tip
 
 __all__ = [
@@ -16,8 +15,6 @@ __all__ = [
     "SpotAnswer",
     "Tip",
     "TipFrame",
-    "TipReader",
-    "TipSettings",
     "TwoSpots",
     "brightest_blob",
     "brightness",

@@ -262,19 +262,27 @@ def _fitted(
         wanted = image[rows[within], columns[within]].astype(np.float64)
         if len(wanted) < 4 * len(values):
             return None
-        args = (x, y, wanted, centre)
-        values = least_squares(_left, values, jac=_slopes, args=args, bounds=(low, high), x_scale="jac").x
+        place = (x, y, centre)
+        values = least_squares(
+            lambda tried, *at, seen: _profile(tried, *at)[0] - seen,
+            values,
+            jac=lambda tried, *at, seen: _profile(tried, *at)[1],  # noqa: ARG005  SciPy gives both the same
+            args=place,
+            kwargs={"seen": wanted},
+            bounds=(low, high),
+            x_scale="jac",
+        ).x
         radius_px = math.exp(values[3])
         # As weak as a Gaussian at its reach; an even disc needs tissue beside it.
         reach_px = radius_px * max(_REACH_RADII ** math.exp(-values[6]), 2.0)
-    slopes = _slopes(values, *args)
+    fitted, slopes = _profile(values, *place)
     # Of one size: a saturated top leaves the height nearly open, and its derivative small.
     scale = np.linalg.norm(slopes, axis=0)
     if not (values[0] > MIN_COUNTS / 2 and radius_px < 0.99 * _MAX_RADIUS_PX and scale.all()):
         return None
     even = slopes / scale
     tiles = np.floor(np.stack([x - values[1], y - values[2]], axis=1) / (_TILE_SHARE * reach_px))
-    variances = _jackknife(tiles, -_left(values, *args), even) / scale**2
+    variances = _jackknife(tiles, wanted - fitted, even) / scale**2
     return _Fit(
         height=float(values[0]),
         x_px=float(values[1]),
@@ -318,28 +326,6 @@ def _profile(
         y - centre[1],
     )
     return light + level + across * terms[-2] + down * terms[-1], np.stack(terms, axis=1)
-
-
-def _left(
-    values: Float64[np.ndarray, " values"],
-    x: Float64[np.ndarray, " pixels"],
-    y: Float64[np.ndarray, " pixels"],
-    wanted: Float64[np.ndarray, " pixels"],
-    centre: Float64[np.ndarray, " 2"],
-) -> Float64[np.ndarray, " pixels"]:
-    """Profile minus what was seen, for SciPy."""
-    return np.asarray(_profile(values, x, y, centre)[0] - wanted)
-
-
-def _slopes(
-    values: Float64[np.ndarray, " values"],
-    x: Float64[np.ndarray, " pixels"],
-    y: Float64[np.ndarray, " pixels"],
-    _wanted: Float64[np.ndarray, " pixels"],
-    centre: Float64[np.ndarray, " 2"],
-) -> Float64[np.ndarray, "pixels values"]:
-    """Its derivatives."""
-    return _profile(values, x, y, centre)[1]
 
 
 def _jackknife(

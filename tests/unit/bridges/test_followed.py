@@ -32,7 +32,7 @@ def test_a_session_that_is_killed_and_continued_goes_on(tmp_path: Path) -> None:
         record.add(registered(3))
         held = wait_for(source, lambda state: state.registration is not None)
         assert held.registration.davinci_to_trus.matrix == pytest.approx(matrix_m(3))
-        assert (held.registration.markers, held.simulated) == (3, True)
+        assert (held.registration.errors["markers"], held.simulated) == (3, True)
         record.add(WAITING)
         kill(record)
         stopped = wait_for(source, lambda state: state.session == "stopped")

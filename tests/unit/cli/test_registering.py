@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from markerseek import registration
 from markerseek.cli import registering
@@ -13,32 +16,71 @@ from markerseek.cli.registering import SessionOptions
 from markerseek.core import ConfigError, DeviceError
 
 
-def test_a_session_goes_on_with_the_options_it_was_begun_with() -> None:
-    options = SessionOptions(rig=Path("my rig.toml"), images="left right", sweep=True, markers=5, arm=True)
-    command = registering._continue_command(options, [Path("stereo.ini")], 0.25, (0.0, 0.001, 0.04), Path("kept"))
-    assert command == (
-        "markerseek register --rig 'my rig.toml' --images 'left right' --sweep --markers 5 --arm --cameras stereo.ini "
-        "--calibration-sigma-px 0.25 --target-mm 0 1 40 --continue kept"
-    )
-    simulated = SessionOptions(simulate=True, seed=31, record=Path("first"))
-    assert registering._continue_command(simulated, None, None, None, Path("first")) == (
-        "markerseek register --simulate --seed 31 --continue first"
-    )
+@pytest.mark.parametrize(
+    ("words", "again"),
+    [
+        (
+            ["--rig", "my rig.toml", "--images", "left right", "--target-mm", "0", "1", "40", "--json"],
+            "--rig 'my rig.toml' --images 'left right' --target-mm 0 1 40 --json",
+        ),
+        (["--simulate", "--record", "first", "--seed", "31"], "--simulate --seed 31"),
+        (["--heartbeat=/dev/fd/3", "--simulate", "--continue", "kept"], "--simulate"),
+    ],
+)
+def test_a_session_goes_on_with_the_options_it_was_begun_with(
+    monkeypatch: pytest.MonkeyPatch, words: list[str], again: str
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["markerseek", "register", *words])
+    assert registering._continue_command(Path("kept")) == f"markerseek register {again} --continue kept"
 
 
 @pytest.mark.parametrize("wait_s", [-1.0, 0.0, float("nan"), 1e9])
 def test_a_wait_that_is_none_is_refused(wait_s: float) -> None:
-    with pytest.raises(ConfigError, match=r"--wait-s is .* s, it must lie in \[1, 3600\] s"):
+    with pytest.raises(ConfigError, match=r"wait_s is .* s, it must lie in \[1, 3600\] s"):
         SessionOptions(simulate=True, wait_s=wait_s)
 
 
-def test_a_fault_names_the_command_that_goes_on(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_fault_names_the_command_that_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     class Broken:
         def steps(self) -> Iterator[registration.Step]:
             yield registration.Ended(registered=False, said="over", rig_s=0.0)
             raise DeviceError("the line 'stage' is gone")
 
+    monkeypatch.setattr(sys, "argv", ["markerseek", "register"])
     with pytest.raises(DeviceError):
-        registering._watch(Broken(), None, tmp_path, again="markerseek register --continue kept", as_json=False)  # type: ignore[arg-type]
+        registering._watch(Broken(), None, Path("kept"), as_json=False)  # type: ignore[arg-type]
     said = " ".join(capsys.readouterr().err.split())
     assert "once the fault is repaired, continue with: markerseek register --continue kept" in said
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"rig": "f2", "description": "another rig"}, "begun on a rig, not on another rig; name the same"),
+        ({"rig": "f2"}, "begun on a rig, with other settings of it; name the same"),
+        ({"seed": 5}, "begun with --seed 31, and not 5; name the same"),
+        ({"cameras": "{}"}, "begun with another calibration (--cameras); name the same"),
+    ],
+)
+def test_a_session_that_is_continued_otherwise_says_how_it_was_begun(
+    tmp_path: Path, changed: dict[str, object], said: str
+) -> None:
+    begun = registration.Begun(
+        rig="f1",
+        description="a rig",
+        simulated=True,
+        images="images",
+        cameras="[]",
+        size_px=(640, 480),
+        goal_m=5e-4,
+        target_trus_m=None,
+        begun="2026-01-01T00:00:00+00:00",
+        seed=31,
+    )
+    registration.SessionRecord.create(tmp_path / "first", begun).close()
+    options = SessionOptions(simulate=True, continue_=tmp_path / "first")
+    registering._record(options, begun).close()
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        registering._record(options, structs.replace(begun, **changed))

@@ -288,15 +288,10 @@ def test_laser_and_receiver_are_tried_without_light() -> None:
     assert "one of them is missing" in str(check_receiver(laser)[0].problem)  # type: ignore[arg-type]
 
 
-def test_simulated_parts_are_simulated_together(tmp_path: Path) -> None:
+def test_simulated_parts_are_simulated_together() -> None:
     tables = {"stage": {"driver": "simulated"}, "laser": {"driver": "simulated"}, "receiver": {"driver": "simulated"}}
     with pytest.raises(ConfigError, match="simulated is laser and receiver: name simulated in both, or in neither"):
         bench_settings_from(tables | {"receiver": {"driver": "sonixdaq", "folder": "daq"}})
-    (tmp_path / "world.toml").write_text('kind = "simulated"\n[receiver]\ndata = "rf"\n')
-    with pytest.raises(ConfigError, match="gives rf, channel data are needed"):
-        bench(
-            bench_settings_from(tables | {"receiver": {"driver": "simulated", "world": str(tmp_path / "world.toml")}})
-        )
     with bench(bench_settings_from(tables)) as rig:
         assert rig.facts.emulated == ("stage", "laser", "receiver")
         rig.arm(by="a test")

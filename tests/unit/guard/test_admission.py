@@ -10,7 +10,6 @@ import pytest
 
 from markerseek.core import (
     AcquisitionError,
-    BModeFrame,
     ChannelFrame,
     ConfigError,
     Frame,
@@ -18,9 +17,7 @@ from markerseek.core import (
     Permit,
     Reading,
     ReadingFrame,
-    RFFrame,
     SaturationError,
-    ScanGeometry,
     SpotEnergy,
 )
 from markerseek.guard import Admission
@@ -43,12 +40,6 @@ FRAME = ChannelFrame(header=HEADER, samples=SAMPLES, sampling_hz=40e6)
 BEFORE = replace(FRAME, header=replace(HEADER, sequence=3, token="permit-6"), samples=SAMPLES + np.int16(1))
 INTENSITY = ReadingFrame(header=HEADER, intensity=5.0)
 INTENSITY_BEFORE = replace(INTENSITY, header=BEFORE.header, intensity=6.0)
-RF = RFFrame(header=HEADER, samples=SAMPLES, sampling_hz=40e6)
-RF_BEFORE = replace(RF, header=BEFORE.header, samples=BEFORE.samples)
-GEOMETRY = ScanGeometry(first_lateral_m=-0.02, lateral_step_m=1e-4, first_depth_m=0.01, depth_step_m=1e-4)
-PIXELS = np.arange(12, dtype=np.uint8).reshape(3, 4)
-B_MODE = BModeFrame(header=HEADER, pixels=PIXELS, geometry=GEOMETRY)
-B_MODE_BEFORE = replace(B_MODE, header=BEFORE.header, pixels=PIXELS + np.uint8(1))
 READING = Reading(intensity=10.0)
 
 
@@ -69,10 +60,6 @@ def test_the_answer_to_the_permit_is_admitted() -> None:
     admit(FRAME, previous=None)
     admit(INTENSITY, previous=None)
     admit(INTENSITY, previous=INTENSITY_BEFORE)
-    admit(RF, previous=None)
-    admit(RF, previous=RF_BEFORE)
-    admit(B_MODE, previous=None)
-    admit(B_MODE, previous=B_MODE_BEFORE)
     Admission().admit_reading(READING, frame=FRAME, usual_sigma=None)
     Admission().admit_reading(Reading(intensity=0.0), frame=INTENSITY, usual_sigma=None)
     # What a spot holds was checked when it was made.
@@ -157,8 +144,6 @@ def test_a_frame_is_of_its_own_time(
         (replace(BEFORE, samples=SAMPLES[:127]), "of shape (127, 8) at 4e+07 Hz"),
         (replace(BEFORE, sampling_hz=20e6), "of shape (128, 8) at 2e+07 Hz"),
         (INTENSITY_BEFORE, "a number"),
-        # Beamformed lines are no channels, even where their numbers are the same.
-        (RF_BEFORE, "RF lines of shape (128, 8) at 4e+07 Hz"),
     ],
 )
 def test_a_frame_keeps_its_shape_within_a_run(previous: Frame, was: str) -> None:
@@ -168,34 +153,9 @@ def test_a_frame_keeps_its_shape_within_a_run(previous: Frame, was: str) -> None
 
 
 @pytest.mark.parametrize(
-    ("previous", "was"),
-    [
-        (replace(B_MODE_BEFORE, pixels=PIXELS[:2]), f"a B-mode image of shape (2, 4), {GEOMETRY}"),
-        (
-            replace(B_MODE_BEFORE, geometry=replace(GEOMETRY, depth_step_m=2e-4)),
-            f"a B-mode image of shape (3, 4), {replace(GEOMETRY, depth_step_m=2e-4)}",
-        ),
-        (BEFORE, "of shape (128, 8) at 4e+07 Hz"),
-        (RF_BEFORE, "RF lines of shape (128, 8) at 4e+07 Hz"),
-        (INTENSITY_BEFORE, "a number"),
-    ],
-    ids=["fewer rows", "other zoom", "channels", "RF lines", "a number"],
-)
-def test_a_b_mode_image_keeps_its_shape_and_place_within_a_run(previous: Frame, was: str) -> None:
-    with pytest.raises(AcquisitionError) as refusal:
-        admit(B_MODE, previous=previous)
-    expected = f"the frame is a B-mode image of shape (3, 4), {GEOMETRY}, not {was}; was a setting changed?"
-    assert str(refusal.value) == expected
-
-
-@pytest.mark.parametrize(
     ("frame", "previous"),
     [
         (FRAME, replace(BEFORE, samples=SAMPLES.copy())),
-        (RF, replace(RF_BEFORE, samples=SAMPLES.copy())),
-        (replace(RF, samples=np.full((128, 8), 3, np.int16)), None),
-        (B_MODE, replace(B_MODE_BEFORE, pixels=PIXELS.copy())),
-        (replace(B_MODE, pixels=np.full((3, 4), 200, np.uint8)), None),
         (replace(FRAME, samples=np.full((128, 8), 3, np.int16)), None),
         (replace(FRAME, samples=np.zeros((128, 8), np.int16)), BEFORE),
         (replace(FRAME, samples=np.zeros((0, 8), np.int16)), None),
@@ -253,8 +213,6 @@ def test_too_many_dead_channels_are_refused() -> None:
         Admission().admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(7))), frame=FRAME, usual_sigma=None)
     assert str(refusal.value) == "7 of 128 channels are dead, the limit is 5%; check the probe's connector"
     Admission().admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(7))), frame=INTENSITY, usual_sigma=None)
-    with pytest.raises(AcquisitionError, match="7 of 128 channels are dead"):
-        Admission().admit_reading(Reading(intensity=1.0, dead_channels=tuple(range(7))), frame=RF, usual_sigma=None)
 
 
 def test_a_few_saturated_or_dead_channels_are_borne() -> None:

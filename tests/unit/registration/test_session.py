@@ -28,32 +28,34 @@ from markerseek.registration import (
     poses,
 )
 from markerseek.rigs import movable
-from markerseek.sim import EndoscopeFaults, EndoscopeSettings, SimulatedEndoscope, SimulatedSettings, camera_above
+from markerseek.sim import EndoscopeSettings, SimulatedEndoscope, SimulatedSettings, camera_above
+from tests.unit.sim.faulty_endoscope import FaultyEndoscope
 
 SPOT_M = np.array([0.004, -0.003, 0.061])
 # As many frames as one look can take: a spot that moves then does so during its search.
 FRAMES = 16
+SOUND = EndoscopeSettings(frames=FRAMES, calibration_sigma_px=0.0)
 
 
 class FaultyRoom:
     """A room with one spot and images of 320 x 256 pixels, with a fault until the spot is asked for again."""
 
-    def __init__(self, **faults: Any) -> None:
+    def __init__(self, *, settings: EndoscopeSettings = SOUND, **faults: Any) -> None:
         self._movable = movable(seed=1, settings=SimulatedSettings())
         self.rig = self._movable.rig
         lens = replace(STEREO.left, centre_px=(159.5, 127.5), size_px=(320, 256))
         self.stereo: StereoSettings = replace(STEREO, left=lens, right=lens)
         self._endoscopes = [
-            SimulatedEndoscope(
+            FaultyEndoscope(
                 cameras=self.stereo.cameras,
                 camera_to_trus=camera_above(np.array([0.0, 0.0, 0.06]), distance_m=0.1, roll_deg=20.0, tilt_deg=8.0),
-                settings=EndoscopeSettings(frames=FRAMES, calibration_sigma_px=0.0),
+                settings=looks,
                 rng=np.random.default_rng(1),
                 clock=self.rig.scanner.clock,
                 flashes=lambda: len(self._movable.world.flashes),
-                faults=each,
+                **each,
             )
-            for each in (EndoscopeFaults(**faults), EndoscopeFaults())
+            for looks, each in ((settings, faults), (SOUND, {}))
         ]
         self._asked = 0
 
@@ -90,7 +92,7 @@ def steps_until(kind: type[Step], room: FaultyRoom) -> list[Step]:
         ({"saturated": "left"}, "left camera"),
         ({"occluded": "right"}, "right camera"),
         ({"reflection": "laser"}, "two places are about as bright"),
-        ({"dropped_share": 1.0}, "0 image pairs came within 3 s"),
+        ({"settings": replace(SOUND, dropped_share=1.0)}, "0 image pairs came within 3 s"),
         ({"delay_frames": 100}, "0 image pairs came within 3 s"),
     ],
 )
@@ -106,7 +108,9 @@ def test_images_that_show_no_spot_are_said_and_the_session_goes_on_when_they_do(
     assert steps[-1].name == refused[0].name == "1"
 
 
-@pytest.mark.parametrize("faults", [{"reflection": "steady"}, {"dropped_share": 0.5}, {"delay_frames": 10}])
+@pytest.mark.parametrize(
+    "faults", [{"reflection": "steady"}, {"settings": replace(SOUND, dropped_share=0.5)}, {"delay_frames": 10}]
+)
 def test_a_steady_reflection_and_late_or_missing_images_do_not_disturb(faults: dict[str, Any]) -> None:
     exact = steps_until(SpotSeen, FaultyRoom())[-1]
     steps = steps_until(SpotSeen, FaultyRoom(**faults))
@@ -119,7 +123,7 @@ def test_a_steady_reflection_and_late_or_missing_images_do_not_disturb(faults: d
 
 def test_a_spot_that_moves_by_two_millimetres_during_its_search_is_said_and_taken_again() -> None:
     # 1,100 px of focal length at 0.1 m.
-    steps = steps_until(TakenMarker, FaultyRoom(motion_px=22.0))
+    steps = steps_until(TakenMarker, FaultyRoom(settings=replace(SOUND, motion_px=22.0)))
     refused = [step for step in steps if isinstance(step, SpotRefused)]
     assert len(refused) == 1
     assert "moved by 2" in refused[0].reason

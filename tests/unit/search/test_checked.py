@@ -291,7 +291,7 @@ def test_refuses_samples_after_an_early_end_but_accepts_dark_ones():
 
 @pytest.mark.parametrize(("wrong", "value"), [("mm", 0.0), ("deg", -1.0), ("mm", math.nan)])
 def test_a_tolerance_is_positive(wrong, value):
-    with pytest.raises(ConfigError, match=f"tolerance is {value} {wrong}, it must be a positive number"):
+    with pytest.raises(ConfigError, match=f"tolerance_{wrong} is {value}, it must be a positive number"):
         Tolerance(**{wrong: value})
 
 

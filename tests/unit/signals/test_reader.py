@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -266,17 +268,6 @@ def test_default_depths_hide_nothing_but_the_pickup():
     assert picture.envelope.shape == (len(picture.depth_m), len(picture.lateral_m)) == (len(picture.depth_m), 128)
 
 
-def test_depths_can_be_cropped():
-    samples = (
-        pulse_frame(BPL, lateral_m=-8e-3, depth_m=0.03) * 300 + pulse_frame(BPL, lateral_m=9e-3, depth_m=0.05) * 700
-    )
-    frame = frame_of(np.rint(samples).astype(np.int16))
-    cropped = ImageReader(BPL, max_depth_m=0.04)
-    assert cropped.read(frame).depth_m == pytest.approx(0.03, abs=0.1e-3)
-    assert cropped.picture(frame).depth_m[-1] <= 0.04
-    assert ImageReader(BPL, min_depth_m=0.04).picture(frame).depth_m[0] >= 0.04 - 1e-9
-
-
 @pytest.mark.parametrize(
     ("shape", "hz", "words"),
     [((64, 2080), 40e6, "64 channels"), ((128, 2080), 20e6, "2e+07 Hz"), ((128, 150), 40e6, "150 samples")],
@@ -288,22 +279,9 @@ def test_a_frame_of_another_probe_is_refused(shape, hz, words):
     assert "BPL9-5/55" in str(error.value)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"min_depth_m": 0.05, "max_depth_m": 0.01},
-        {"min_depth_m": -1.0},
-        {"false_found": 0.0},
-    ],
-)
-def test_impossible_options_are_refused(arguments):
-    with pytest.raises(ConfigError):
-        ImageReader(BPL, **arguments)
-
-
-def test_depths_beyond_the_record_are_refused():
-    with pytest.raises(ConfigError, match=r"holds from 3\.85 mm to 80\.04 mm"):
-        ImageReader(BPL, min_depth_m=0.5).read(frame_of(np.zeros((128, 2080), np.int16)))
+def test_a_record_that_ends_before_the_image_begins_is_refused():
+    with pytest.raises(ConfigError, match=r"ends at a depth of -1460 mm.*check trigger_offset_s"):
+        ImageReader(replace(BPL, trigger_offset_s=1e-3)).read(frame_of(np.zeros((128, 2080), np.int16)))
 
 
 @pytest.mark.parametrize(

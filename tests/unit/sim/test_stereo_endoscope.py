@@ -10,8 +10,9 @@ import pytest
 
 from markerseek.core import MAX_PAIRS, ConfigError, StereoImages, StereoPair
 from markerseek.geometry import StereoCameras, triangulate
-from markerseek.sim import EndoscopeFaults, EndoscopeSettings, SimulatedEndoscope, VirtualClock, camera_above, endoscope
+from markerseek.sim import EndoscopeSettings, VirtualClock, camera_above, endoscope
 from markerseek.vision import LaserSpot, NoSpot, TwoSpots, find_spot
+from tests.unit.sim.faulty_endoscope import FaultyEndoscope
 
 SPOT_M = np.array([0.004, -0.003, 0.061])
 CAMERA_TO_TRUS = camera_above(np.array([0.0, 0.0, 0.06]), distance_m=0.1, roll_deg=20.0, tilt_deg=8.0)
@@ -30,7 +31,7 @@ class Scene:
     def __init__(self, *, settings: EndoscopeSettings = EXACT, seed: int = 1, **more: Any) -> None:
         self.clock, self.flashes = VirtualClock(), 0
         self.cameras = small(endoscope())
-        self.endoscope = SimulatedEndoscope(
+        self.endoscope = FaultyEndoscope(
             cameras=self.cameras,
             camera_to_trus=CAMERA_TO_TRUS,
             settings=settings,
@@ -130,21 +131,21 @@ def test_the_calibration_is_as_wrong_at_a_point_whenever_the_spot_is_there() -> 
     ],
 )
 def test_faults_are_seen_in_the_images(faults: dict[str, Any], kinds: tuple[type, type]) -> None:
-    scene = Scene(faults=EndoscopeFaults(**faults))
+    scene = Scene(**faults)
     assert tuple(type(spot) for spot in scene.spots()) == kinds
 
 
 def test_a_spot_moves_images_come_late_and_some_do_not_come() -> None:
-    moving = Scene(faults=EndoscopeFaults(motion_px=8.0))
+    moving = Scene(settings=replace(EXACT, motion_px=8.0))
     places_px = [np.array([spot.x_px, spot.y_px]) for spot in (moving.spots()[0], moving.spots()[0])]
     np.testing.assert_allclose(places_px[0], moving.exact["left"], atol=0.3)
     assert np.hypot(*(places_px[1] - places_px[0])) == pytest.approx(8.0, abs=0.3)
-    late = Scene(faults=EndoscopeFaults(delay_frames=6))
+    late = Scene(delay_frames=6)
     x, y = np.rint(late.exact["left"]).astype(int)
     assert late.after(0.1) == []
     seen = [bool(pair.left[y, x] > 150) for pair in late.after(0.1, fire=True) + late.after(0.2) + late.after(0.2)]
     assert seen == [False] * 3 + [True] * 3 + [False] * 5
-    lossy = Scene(faults=EndoscopeFaults(dropped_share=0.5), settings=replace(EXACT, frames=50))
+    lossy = Scene(settings=replace(EXACT, frames=50, dropped_share=0.5))
     assert 12 <= len(lossy.after(50 / 30, fire=True)) <= 38
     with pytest.raises(ConfigError, match=r"dropped_share is 1\.5"):
-        EndoscopeFaults(dropped_share=1.5)
+        EndoscopeSettings(dropped_share=1.5)

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from markerseek.acoustics import Probe, two_way_elevation
-from markerseek.core import AcquisitionError, BModeFrame, ConfigError, FrameHeader, ReadingFrame
+from markerseek.core import ConfigError
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.vision import (
     Rectangle,
-    TipReader,
-    TipSettings,
     brightest_blob,
     find_tip,
     published_sensitive_range,
@@ -21,7 +19,6 @@ from markerseek.vision import (
 )
 
 PIXEL_M = (0.15e-3, 0.15e-3)
-HEADER = FrameHeader(sequence=1, token="a", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 
 
 def drawn(rng, *tips, shape=(160, 200), tissue=80.0, sd=15.0):
@@ -204,34 +201,6 @@ def test_a_rectangle_outside_of_the_image_or_as_wide_as_it_is_refused():
         Rectangle(row=0, column=0, rows=2, columns=9)
 
 
-def test_a_reading_has_the_tip_s_place_and_its_amplitude():
-    made = world()
-    frame = made.frame(None, header=HEADER)
-    reading = TipReader().read(frame)
-    assert (reading.lateral_m, reading.depth_m) == pytest.approx((2e-3, 50e-3), abs=0.3e-3)
-    # Grey values are turned back: the tip's level lies as far below white as the settings say.
-    below_white_db = BModeSettings().white_db - BModeSettings().tip_db
-    assert 20 * math.log10(reading.intensity / TipSettings().white) == pytest.approx(-below_white_db, abs=1)
-    assert (reading.noise_sigma, reading.cells) == (None, None)
-    assert reading == TipReader().read(frame)
-
-
-def test_without_a_tip_the_intensity_is_that_of_bright_speckle():
-    with_tip, without = (
-        TipReader().read(world(present=present).frame(None, header=HEADER)).intensity for present in (True, False)
-    )
-    assert 15 < 20 * math.log10(with_tip / without) < BModeSettings().tip_db
-
-
-def test_the_reader_takes_b_mode_only_and_settings_are_checked():
-    with pytest.raises(AcquisitionError, match="a ReadingFrame was handed over, and it reads B-mode frames only"):
-        TipReader().read(ReadingFrame(header=HEADER, intensity=1.0))
-    with pytest.raises(ConfigError, match="tip: dynamic_range_db"):
-        TipSettings(dynamic_range_db=math.nan)
-    with pytest.raises(ConfigError, match="rectangle: rows is 1"):
-        TipSettings(rectangle=(0, 0, 1, 5))
-
-
 def test_speckle_is_rayleigh_distributed_and_changes_with_the_angle_as_the_beam():
     """The amplitude has the moments of Rayleigh's law; the correlation over the angle is that of the response."""
     made = world(present=False, noise_db=-80.0)
@@ -259,14 +228,7 @@ def test_an_image_depends_on_the_angle_and_not_on_the_way_there():
 
 
 def test_a_tip_outside_of_the_image_is_refused():
-    with pytest.raises(ConfigError, match=r"the tip, is 0\.05 m deep, outside of the image"):
+    with pytest.raises(ConfigError, match=r"the tip is 0\.05 m deep, outside of the image"):
         world(first_depth_m=10e-3, last_depth_m=40e-3)
     with pytest.raises(ConfigError, match="b_mode: tip_m is 0"):
         BModeSettings(tip_m=0.0)
-
-
-def test_pixels_and_geometry_of_a_frame_belong_together():
-    frame = world().frame(None, header=HEADER)
-    assert isinstance(frame, BModeFrame)
-    assert frame.pixels.shape == BModeSettings().shape
-    assert frame.geometry.edges_mm(*frame.pixels.shape)[2] == pytest.approx(62, abs=0.2)

@@ -1,6 +1,6 @@
 """What a search shows on OpenIGTLink: pure, contents of messages made from its view.
 
-TRANSFORM ``ProbeToProbeHome`` and ``DaVinciToProbeHome``, IMAGE ``PA_ProbeHome`` and ``BMode_ProbeHome``, POINT
+TRANSFORM ``ProbeToProbeHome`` and ``DaVinciToProbeHome``, IMAGE ``PA_ProbeHome``, POINT
 ``PaMarker`` and POSITION ``PaMarkerToProbeHome``, STRING ``SearchState``, STATUS ``PaSearch`` and
 ``DaVinciRegistration``. Lengths are in millimetres; ProbeHome is the frame of the probe at 0 degrees.
 
@@ -138,17 +138,11 @@ class Streams:
         return [replace(each, time_s=time_s) for each in [*streams, self._said()]]
 
     def _pictured(self, sample: Sample) -> list[Stream]:
-        """The images of an acquisition at their place: a photoacoustic one in shades of decibels, B-mode as it is."""
-        if self._images is None:
+        """The image of an acquisition at its place, in shades of decibels."""
+        if self._images is None or (image := self._images.of(sample)) is None:
             return []
-        image, b_mode = self._images.of(sample)
-        angle_deg, streams = sample.angle_deg, []
-        if b_mode is not None:
-            streams += self._placed("BMode_ProbeHome", b_mode.pixels, b_mode.geometry, angle_deg)
-        if image is not None:
-            shades = messages.grey(image.envelope, brightest=self._images.brightest)
-            streams += self._placed("PA_ProbeHome", shades, image.geometry, angle_deg)
-        return streams
+        shades = messages.grey(image.envelope, brightest=self._images.brightest)
+        return self._placed("PA_ProbeHome", shades, image.geometry, sample.angle_deg)
 
     def _placed(
         self, device: str, pixels: UInt8[np.ndarray, "rows columns"], geometry: ScanGeometry, angle_deg: float

@@ -36,7 +36,7 @@ class Fan(Drawn, component="static/fan.js"):
 
 
 class Image(Drawn, component="static/image.js"):
-    """The photoacoustic image, over a background."""
+    """The photoacoustic image."""
 
 
 class Heartbeat(Drawn, component="static/beat.js"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from markerseek.bridges.page.image_bytes import Picture
+from markerseek.bridges.page.image_bytes import RANGE_DB, Picture
 from markerseek.records import with_minus
 from markerseek.runs import RunView, mark_of, mean_deg, others_deg
 
@@ -59,10 +59,9 @@ def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, An
     return asdict(picture.image) | {"deg": picture.angle_deg, "peak": peak}
 
 
-def image_texts(picture: Picture | None, *, elsewhere: bool, simulated: bool) -> tuple[str, str]:
+def image_texts(picture: Picture | None, *, elsewhere: bool) -> tuple[str, str]:
     """Title and note of the image: the angle of the probe, and what is drawn."""
     if picture is None:
         return "photoacoustic image", ""
-    b_mode = "; grey: B-mode" + (" (simulated)" if simulated else "") if picture.b_mode else ""
     title = with_minus(f"{'last image:' if elsewhere else 'image of'} {picture.angle_deg:.2f}°")
-    return title, f"photoacoustic, {picture.range_db:g} dB; ring: its peak{b_mode}"
+    return title, f"photoacoustic, {RANGE_DB} dB; ring: its peak"

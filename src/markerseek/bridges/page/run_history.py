@@ -48,9 +48,9 @@ class RunHistory:
             event = replace(event, sample=_without_counts(sample))
         self.views.append(self.last.add(event, clock_s=clock_s))
         if self._images is not None and sample is not None and not sample.dark:
-            image, b_mode = self._images.of(sample)
+            image = self._images.of(sample)
             if image is not None:
-                self.pictures[self.last.number] = picture_of(sample, image, b_mode)
+                self.pictures[self.last.number] = picture_of(sample, image)
 
     def cut_off(self, reason: str, *, problem: str = "") -> None:
         """Note that no more events will come, though the run has not said that it is over; see `RunView.cut_off`."""

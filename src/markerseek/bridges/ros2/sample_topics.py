@@ -33,7 +33,6 @@ class SampleTopics:
             (topics.INTENSITY, "std_msgs/msg/Float64"),
             (topics.ENVELOPE, "sensor_msgs/msg/Image"),
             (topics.PICTURE, "sensor_msgs/msg/Image"),
-            (topics.BMODE, "sensor_msgs/msg/Image"),
         ):
             node.advertise(topic, kind)
 
@@ -61,18 +60,15 @@ class SampleTopics:
         sample, node = entry.event.sample, self._node
         angle_deg, intensity = sample.angle_deg, sample.reading.intensity
         time_s = node.now_s() - since_fired_s(view, entry)
-        image, b_mode = self._images.of(sample)
+        image = self._images.of(sample)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
-        shown = {messages.IMAGE: image, messages.BMODE: b_mode}
-        images = {name: each.geometry for name, each in shown.items() if each is not None}
+        images = {} if image is None else {messages.IMAGE: image.geometry}
         turned = messages.transforms(
             time_s=time_s, angle_deg=angle_deg, images=images, face_radius_m=view.facts.face_radius_m
         )
         # A stage node publishes itself how the probe is turned: then only the places of the images are left.
         publish_frames(node, topics.FRAMES, turned if self._publishes_angle else turned[1:])
-        if b_mode is not None:
-            node.publish(topics.BMODE, messages.b_mode(b_mode, time_s=time_s))
         if image is not None:
             node.publish(topics.ENVELOPE, messages.envelope(image, time_s=time_s))
             picture = messages.picture(image, time_s=time_s, brightest=self._images.brightest)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from markerseek.core import BModeFrame, ChannelFrame, Event, Reading, RFFrame
+from markerseek.core import ChannelFrame, Event, Reading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ class Checked:
     reading: Reading
     difference: str | None
     """How it differs from the earlier one, in words, so that the search begins anew; None where it does not."""
-    frame: ChannelFrame | RFFrame | BModeFrame | None = None
+    frame: ChannelFrame | None = None
     """None where there are intensities only."""
 
 

@@ -10,23 +10,14 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges.page.image_bytes import (
     BRIGHT_SIGMAS,
-    OVER_B_MODE_DB,
     RANGE_DB,
-    _b_mode_layer,
     picture_of,
     pooled_levels,
 )
 from markerseek.bridges.page.models import image_model, image_texts
-from markerseek.bridges.page.run_history import RunHistory
 from markerseek.core import (
-    BModeImage,
-    Measured,
     PaImage,
-    ScanGeometry,
-    SearchPlan,
 )
-from markerseek.runs import new_session
-from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings
 
 
 def test_image_keeps_its_peak_and_noise_looks_like_noise():
@@ -61,36 +52,6 @@ def centre_mm(layer, row, column):
     )
 
 
-def test_b_mode_of_the_frame_is_the_background_and_both_are_where_their_pixels_are():
-    receiver, marker = ReceiverSettings(b_mode=True), MarkerSettings(angle_deg=4.0, lateral_m=6e-3)
-    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=receiver, marker=marker))
-    run = RunHistory(new_session(rig, SearchPlan(method="posterior")).configuration)
-    sample = rig.scanner.measure(4.0)
-    run.add(Measured(role="search", index=1, sample=sample), clock_s=0.0)
-    picture, b_mode = run.picture(run.last), sample.frame.b_mode
-    _, note = image_texts(picture, elsewhere=False, simulated=True)
-    assert note == "photoacoustic, 20 dB; ring: its peak; grey: B-mode (simulated)"
-    np.testing.assert_array_equal(levels_of(picture.b_mode), b_mode.pixels)
-    for layer, geometry, row, column in (
-        (picture.b_mode, b_mode.geometry, 40, 200),
-        (picture.image, rig.imaging.picture(sample.frame).geometry, 100, 90),
-    ):
-        # Five rows of the photoacoustic image are drawn as one.
-        full_row = row if layer is picture.b_mode else 5 * row + 2
-        place_m = geometry.position_m(row=full_row, column=column)
-        assert centre_mm(layer, row, column) == pytest.approx([1e3 * each for each in place_m], abs=1e-6)
-    assert picture.range_db == OVER_B_MODE_DB
-
-
-def test_large_b_mode_images_are_thinned_where_they_are():
-    pixels = np.arange(1000 * 640, dtype=np.uint32).astype(np.uint8).reshape(1000, 640)
-    geometry = ScanGeometry(first_lateral_m=-0.02, lateral_step_m=1e-4, first_depth_m=0.01, depth_step_m=2e-4)
-    layer = _b_mode_layer(BModeImage(pixels=pixels, geometry=geometry))
-    assert (layer.rows, layer.columns) == (334, 214)
-    assert levels_of(layer)[7, 11] == pixels[21, 33]
-    assert centre_mm(layer, 7, 11) == pytest.approx([1e3 * each for each in geometry.position_m(row=21, column=33)])
-
-
 def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     rig = rigs.simulated(seed=1, marker_deg=2.0)
     sample = rig.scanner.measure(2.0)
@@ -98,13 +59,11 @@ def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     lateral_mm, depth_mm = centre_mm(picture.image, *np.unravel_index(levels_of(picture.image).argmax(), (198, 128)))
     # A pixel is 0.43 mm wide and 0.39 mm deep; the reading has found the peak between its pixels.
     assert (lateral_mm, depth_mm) == pytest.approx(picture.peak_mm, abs=0.25)
-    # Nothing is drawn below data that is not data.
-    assert picture.b_mode is None
     for elsewhere, title in (
         (False, f"image of {sample.angle_deg:.2f}°"),
         (True, f"last image: {sample.angle_deg:.2f}°"),
     ):
-        assert image_texts(picture, elsewhere=elsewhere, simulated=True)[0] == title
+        assert image_texts(picture, elsewhere=elsewhere) == (title, "photoacoustic, 40 dB; ring: its peak")
     assert image_model(picture, floor=None)["deg"] == sample.angle_deg
     assert image_model(None, floor=None)["pixels"] == ""
     # The largest envelope of noise is no marker.

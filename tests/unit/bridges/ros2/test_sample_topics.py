@@ -16,7 +16,6 @@ from markerseek.core import Measured, SearchPlan, SweepTiming
 from markerseek.records.journal import Entry
 from markerseek.ros import messages, topics
 from markerseek.runs import configuration_of
-from markerseek.sim import ReceiverSettings, SimulatedSettings
 
 
 class Node:
@@ -60,23 +59,18 @@ def test_the_turn_of_the_probe_is_told_by_its_stage_node_where_there_is_one():
         assert (topics.MEASURED_JS in sent) == publishes_angle
 
 
-def test_b_mode_beside_channel_data_is_shown_in_a_frame_of_its_own():
-    rig = rigs.simulated(seed=1, settings=SimulatedSettings(receiver=ReceiverSettings(b_mode=True)))
+def test_the_image_is_shown_in_a_frame_of_its_own():
+    rig = rigs.simulated(seed=1)
     sample = rig.scanner.measure(5.0)
     sent = published(rig, Measured(role="search", index=1, sample=sample))
-    (image,), (picture,) = sent[topics.BMODE], sent[topics.PICTURE]
-    assert (image.header.frame_id, picture.header.frame_id) == ("trus_bmode", "trus_image")
-    b_mode = sample.frame.b_mode
-    np.testing.assert_array_equal(np.reshape(image.data, (image.height, image.width)), b_mode.pixels)
+    (picture,) = sent[topics.PICTURE]
+    assert picture.header.frame_id == "trus_image"
     # One message with each transform once: tf2 complains of a transform that comes twice with one stamp.
     (frames,) = sent[topics.FRAMES]
-    assert [each.child_frame_id for each in frames.transforms] == ["trus_probe", "trus_image", "trus_bmode"]
-    for each, geometry in zip(
-        frames.transforms[1:], (rig.imaging.picture(sample.frame).geometry, b_mode.geometry), strict=True
-    ):
-        place = each.transform.translation
-        expected = (0.0, geometry.first_lateral_m, rig.facts.face_radius_m + geometry.first_depth_m)
-        assert (place.x, place.y, place.z) == pytest.approx(expected, abs=1e-9)
+    assert [each.child_frame_id for each in frames.transforms] == ["trus_probe", "trus_image"]
+    place, at = frames.transforms[1].transform.translation, rig.imaging.picture(sample.frame).geometry
+    expected = (0.0, at.first_lateral_m, rig.facts.face_radius_m + at.first_depth_m)
+    assert (place.x, place.y, place.z) == pytest.approx(expected, abs=1e-9)
     # A subscriber puts any pixel in its place: the frame is that of the first, the sample says how far apart they are.
     (said,) = sent[topics.SAMPLE]
     image, geometry = rig.imaging.picture(sample.frame), json.loads(said.data)["images"]
@@ -85,7 +79,6 @@ def test_b_mode_beside_channel_data_is_shown_in_a_frame_of_its_own():
     across_m = place.y + column * geometry["trus_image"]["lateral_spacing_m"]
     deep_m = place.z - rig.facts.face_radius_m + row * geometry["trus_image"]["depth_spacing_m"]
     assert (across_m, deep_m) == pytest.approx((image.lateral_m[column], image.depth_m[row]), abs=1e-9)
-    assert geometry["trus_bmode"]["depth_spacing_m"] == b_mode.geometry.depth_step_m
 
 
 @pytest.mark.parametrize(("kind", "stamps_s"), [("bench", [0.75, 0.8]), ("simulated", [1.0, 1.0])])

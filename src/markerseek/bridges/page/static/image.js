@@ -1,12 +1,11 @@
-// The photoacoustic image: levels in decibels as colour over a grey background, depth downwards. Each is placed by its
-// own edges in millimetres of the array.
+// The photoacoustic image: levels in decibels as colour, depth downwards, placed by its edges in millimetres of the array.
 
 // Room for the ticks, and for their text: depth at the left, lateral position below.
 const [LEFT, RIGHT, TOP, BOTTOM] = [44, 8, 8, 40];
 
 export default {
   template: `<canvas class="ms-canvas" role="img" :aria-label="said"></canvas>`,
-  props: { view: Object, background: Object },
+  props: { view: Object },
   computed: {
     said() {
       return this.view.pixels ? `photoacoustic image at ${this.view.deg.toFixed(2)} degrees` : "no image yet";
@@ -45,10 +44,7 @@ export default {
         c.fillText("no image yet", width / 2, height / 2);
         return;
       }
-      const layers = [v];
-      if (this.background.pixels) layers.unshift(this.background);
-      const lateral = hull(layers.map((each) => each.lateral_mm));
-      const depth = hull(layers.map((each) => each.depth_mm));
+      const [lateral, depth] = [v.lateral_mm, v.depth_mm];
       const [across, down] = [lateral[1] - lateral[0], depth[1] - depth[0]];
       const mm = Math.min((width - LEFT - RIGHT) / across, (height - TOP - BOTTOM) / down);
       const left = LEFT + (width - LEFT - RIGHT - across * mm) / 2;
@@ -58,11 +54,7 @@ export default {
       ticks(c, { lateral, depth, mm, x, y });
       c.fillStyle = "#000";
       c.fillRect(x(lateral[0]), y(depth[0]), across * mm, down * mm);
-      for (const each of layers) {
-        const [[first, last], [upper, lower]] = [each.lateral_mm, each.depth_mm];
-        const picture = painted(each, each === v ? hot : grey);
-        c.drawImage(picture, x(first), y(upper), (last - first) * mm, (lower - upper) * mm);
-      }
+      c.drawImage(painted(v), x(lateral[0]), y(depth[0]), across * mm, down * mm);
       if (v.peak) {
         c.strokeStyle = "#56b4e9";
         c.lineWidth = 2;
@@ -110,16 +102,13 @@ function ticks(c, { lateral, depth, mm, x, y }) {
 
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
-const hull = (spans) => [Math.min(...spans.map((each) => each[0])), Math.max(...spans.map((each) => each[1]))];
-
-// Colours of a level from 0 to 1, each from 0 to 1: black-body colours are transparent where the level is low.
-const grey = (level) => [level, level, level, 1];
+// Colours of a level from 0 to 1, each from 0 to 1: black-body colours, transparent where the level is low.
 const hot = (level) => [level * 2.2, level * 2 - 0.6, level * 3 - 2, level * 1.6];
 
-function painted(layer, colour) {
+function painted(layer) {
   const image = new ImageData(layer.columns, layer.rows);
   // An array of this type clamps to 0 and 255 by itself.
-  bytes(layer.pixels).forEach((level, i) => image.data.set(colour(level / 255).map((each) => 255 * each), 4 * i));
+  bytes(layer.pixels).forEach((level, i) => image.data.set(hot(level / 255).map((each) => 255 * each), 4 * i));
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [layer.columns, layer.rows];
   canvas.getContext("2d").putImageData(image, 0, 0);

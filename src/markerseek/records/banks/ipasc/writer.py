@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import shutil
 import uuid
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -93,7 +92,7 @@ def whole_bank(path: Path, *, facts: BankFacts) -> Iterator[BankWriter]:
 class BankWriter:
     """Takes the acquisitions of a bank one at a time, in any order of their angles; made by `whole_bank`.
 
-    Of several acquisitions at one angle the last is kept. B-mode images are left out, with a warning.
+    Of several acquisitions at one angle the last is kept.
     """
 
     def __init__(self, path: Path, file: h5py.File, facts: BankFacts) -> None:
@@ -148,12 +147,6 @@ class BankWriter:
         self._first = frame
         if frame is None:
             return
-        if frame.b_mode is not None:
-            warnings.warn(
-                f"{self._path}: the B-mode images are left out: a bank in IPASC HDF5 has no place for them, and the "
-                "journal of a search keeps them",
-                stacklevel=3,
-            )
         for name, each in ((fields.FRAMES, (*frame.samples.shape, 1)), (fields.DARK_FRAMES, frame.samples.shape)):
             # One chunk per frame, so that a frame is written and read in one piece.
             self._file.create_dataset(
