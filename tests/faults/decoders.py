@@ -37,11 +37,12 @@ def _whole_daq() -> bytes:
     return sonixdaq.encode_file(_FRAME, number=5)
 
 
-def _whole_ultrasonix() -> bytes:
-    """Two frames of type 4 (B-mode), 3 columns of 4."""
+def _whole_ultrasonix(number: int) -> bytes:
+    """Two frames of type 4 (B-mode) or 16 (radio frequency), 3 lines of 4."""
+    bits = 8 if number == 4 else 16
     corners = (0, 0, 2, 0, 2, 3, 0, 3)
-    header = struct.pack("<19i", 4, 2, 3, 4, 8, *corners, 1, 5_000_000, 40_000_000, 20, 128, 0)
-    return header + bytes(range(24))
+    header = struct.pack("<19i", number, 2, 3, 4, bits, *corners, 1, 5_000_000, 40_000_000, 20, 128, 0)
+    return header + bytes(range(24)) * (bits // 8)
 
 
 def _whole_mat() -> bytes:
@@ -133,7 +134,7 @@ def _read_daq(path: Path) -> None:
 def _read_ultrasonix(path: Path) -> None:
     file = open_ultrasonix(path)
     for index in range(min(file.header.frames, 3)):
-        file.b_mode(index)
+        (file.b_mode if file.header.kind == "b-mode" else file.rf)(index)
 
 
 def _read_probed_hdf5(path: Path) -> None:
@@ -143,7 +144,8 @@ def _read_probed_hdf5(path: Path) -> None:
 
 DECODERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = {
     "daq": ("CH005.daq", _whole_daq, _read_daq),
-    "b8": ("a.b8", _whole_ultrasonix, _read_ultrasonix),
+    "b8": ("a.b8", lambda: _whole_ultrasonix(4), _read_ultrasonix),
+    "rf": ("a.rf", lambda: _whole_ultrasonix(16), _read_ultrasonix),
     "mat": ("a.mat", _whole_mat, lambda path: _frames_of(read_arrays(path))),
     "mat73": ("a.mat", _whole_mat73, lambda path: _frames_of(read_arrays(path))),
     "mat-frame": ("a.mat", _whole_frame_mat, load_frame),

@@ -143,7 +143,7 @@ def test_inputs_that_once_did_harm_are_refused(tmp_path, path):
     ("decoder", "data"),
     [
         ("daq", b"\x05\0\0\0\xff\xff\xff\x7f\xff\xff\xff\x7f" + bytes(40)),
-        ("b8", b"\x04\0\0\0" + b"\xff\xff\xff\x7f" * 3 + b"\x08\0\0\0" + bytes(56)),
+        ("rf", b"\x10\0\0\0" + b"\xff\xff\xff\x7f" * 3 + b"\x10\0\0\0" + bytes(56)),
         ("npz", zip_bomb()),
         (
             "npy",

@@ -1,4 +1,4 @@
-"""``markerseek frame``: finds the sources in one frame of channel data."""
+"""``markerseek frame``: finds the sources in one frame of channel data, or in lines of an Ultrasonix machine."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.cli.terminal import announce_compilation
 from markerseek.core import (
+    NO_HEADER,
     AcquisitionError,
     ChannelFrame,
     ConfigError,
+    LinearArray,
     PaImage,
     RecordError,
     counted,
@@ -32,6 +34,7 @@ EXAMPLES = """
     markerseek frame waterbath_20170419-171121.mat --plot
     markerseek frame frame.npy --probe examples/probes/linear-64.toml
     markerseek frame scan.hdf5 --number 3 --json
+    markerseek frame pa.rf --plot
 """
 
 
@@ -39,8 +42,8 @@ def command(
     file: Annotated[
         Path,
         typer.Argument(
-            help="A SonixDAQ folder, an .npy of (channels, samples), a .mat of the Allman-Bell data set, or a scan "
-            "(HDF5)."
+            help="A SonixDAQ folder, an .npy of (channels, samples), a .mat of the Allman-Bell data set, a scan "
+            "(HDF5), or an Ultrasonix .rf, whose lines are focused again, one way (SPARE)."
         ),
     ],
     probe: Annotated[
@@ -50,7 +53,7 @@ def command(
             show_default="L3-8 of a .mat, else BPL9-5/55",
         ),
     ] = None,
-    number: Annotated[int, typer.Option(min=1, help="Which frame of a scan (HDF5), counted from 1.")] = 1,
+    number: Annotated[int, typer.Option(min=1, help="Which frame of a scan (HDF5) or of an .rf, counted from 1.")] = 1,
     plot: Annotated[bool, typer.Option("--plot", help="Write a picture of the frame into --out.")] = False,
     out: Out = None,
     as_json: AsJson = False,
@@ -60,7 +63,7 @@ def command(
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     suffix = file.suffix.lower()
-    if number != 1 and suffix not in HDF5_SUFFIXES:
+    if number != 1 and suffix not in (".rf", *HDF5_SUFFIXES):
         raise ConfigError(f"--number: {file} holds one frame; leave it out")
     reader, frame = _read(file, probe, number=number)
     announce_compilation()
@@ -135,7 +138,9 @@ def _figure(findings: signals.FrameFindings, picture: PaImage, *, title: str) ->
     return frame_figure(picture, marks_m=marks_m, title=title)
 
 
-def _read(file: Path, probe: str | None, *, number: int) -> tuple[signals.ImageReader, ChannelFrame]:
+def _read(
+    file: Path, probe: str | None, *, number: int
+) -> tuple[signals.ImageReader | signals.SpareReader, ChannelFrame]:
     """One frame of a file, counted from 1, and its reader."""
     from markerseek.records.banks import HDF5_SUFFIXES, MAT_PROBE, FrameBank, load_frame, read_bank
 
@@ -150,4 +155,27 @@ def _read(file: Path, probe: str | None, *, number: int) -> tuple[signals.ImageR
     # The public data set was recorded with one probe, which its files do not name.
     usual = MAT_PROBE if file.suffix.lower() == ".mat" else signals.PRESET_NAMES[0]
     preset = replace(rigs.chosen_probe(probe or usual), recorded=True)
+    if file.suffix.lower() == ".rf":
+        return _lines_of(file, preset, number=number)
     return signals.ImageReader(preset), load_frame(file, sampling_hz=preset.sampling_hz, blanked=preset.pickup_samples)
+
+
+def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[signals.SpareReader, ChannelFrame]:
+    """One frame of an ``.rf`` file, counted from 1, and the reader of its lines.
+
+    Its header gives the sampling frequency, and how many lines cover the probe, whose length and band are the preset's.
+    """
+    from markerseek.records.banks import open_ultrasonix
+
+    file = open_ultrasonix(path)
+    header = file.header
+    width_m = preset.array.elements * preset.array.pitch_m
+    # Some exports leave the density out; then all lines of the file cover the probe.
+    pitch_m = width_m / (header.line_density if header.line_density > 0 else header.width)
+    try:
+        lines = LinearArray(elements=header.width, pitch_m=pitch_m)
+        of_lines = replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
+    except ConfigError as problem:
+        raise RecordError(f"{path}: the lines in its header do not fit probe {preset.name}: {problem}") from problem
+    frame = ChannelFrame(header=NO_HEADER, samples=file.rf(number - 1), sampling_hz=of_lines.sampling_hz)
+    return signals.SpareReader(of_lines), frame

@@ -1,4 +1,4 @@
-"""Photoacoustic images, where the pixels of an image are, and where the elements of the array are."""
+"""Photoacoustic and B-mode images, where the pixels of an image are, and where the elements of the array are."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
-from markerseek.core.shapes import CHECKED, Float32, Float64
+from markerseek.core.shapes import CHECKED, Float32, Float64, UInt8
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
@@ -43,7 +43,7 @@ class PaImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanGeometry:
-    """Where the pixels of an image are.
+    """Where the pixels of an image are; the same rule overlays B-mode and photoacoustic images.
 
     Lateral positions count along the array from its centre, depths from its face. Row and column numbers may be
     fractions; pixel 0 is centred on the first position.
@@ -105,6 +105,35 @@ class ScanGeometry:
         left, top = self.position_m(row=-0.5, column=-0.5)
         right, bottom = self.position_m(row=rows - 0.5, column=columns - 0.5)
         return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BModeImage:
+    """B-mode image, as a machine shows it: grey values of the compressed envelope.
+
+    Attributes
+    ----------
+    pixels
+        Grey values, shape (rows, columns); row 0 is the shallowest.
+    geometry
+        Where the pixels are.
+
+    Raises
+    ------
+    ConfigError
+        If the pixels are of another type or shape.
+    """
+
+    pixels: UInt8[np.ndarray, "rows columns"]
+    geometry: ScanGeometry
+
+    def __post_init__(self) -> None:
+        # At run time too: the pixels come from drivers and files that other people write.
+        if self.pixels.ndim != 2 or self.pixels.dtype != "uint8":
+            raise ConfigError(
+                f"B-mode image: pixels are {self.pixels.dtype} of shape {self.pixels.shape}, "
+                "they must be uint8 of shape (rows, columns)"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

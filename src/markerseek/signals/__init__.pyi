@@ -7,6 +7,7 @@ from .picks import common_wave
 from .pickup import pickup_amplitude
 from .presets import PRESET_NAMES, ProbePreset, probe_preset
 from .reader import ImageReader
+from .spare import SpareReader
 
 __all__ = [
     "PRESET_NAMES",
@@ -15,6 +16,7 @@ __all__ = [
     "IntensityReader",
     "ProbeKeys",
     "ProbePreset",
+    "SpareReader",
     "beamformed_sigma",
     "common_wave",
     "envelope_cells",

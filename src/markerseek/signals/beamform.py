@@ -8,11 +8,12 @@ of channels in it: white noise is then equally strong at every depth. No apodisa
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from markerseek.core import ConfigError, Float32, Float64, Int32
+from markerseek.core import ConfigError, Float32, Float64, Int32, LinearArray
 from markerseek.signals._kernel import PAD, beams, delay_and_sum
 from markerseek.signals.filtering import padded_columns
 from markerseek.signals.presets import ProbePreset
@@ -69,27 +70,11 @@ def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray
     array = preset.array
     lateral = array.lateral_m[0] + np.arange(array.elements) * array.pitch_m
     per_metre, origin = path_delay(preset)
-    reach_m = half_aperture_m(preset, depth_m)
-    reached = np.searchsorted(np.arange(array.elements) * array.pitch_m, reach_m.max(), side="right")
-    # Up to three more rows: the kernel takes four distances at a time.
-    number = np.arange(-(-int(reached) // 4) * 4)[:, None]
-    distance_m = number * array.pitch_m
-    delay = np.hypot(distance_m, depth_m) * per_metre + origin
-    # Linear interpolation between samples: weight 1 − w before the delay and w after it.
-    first = np.floor(delay)
-    usable = (distance_m <= reach_m) & (number < array.elements) & (first >= 0) & (first < samples - 1)
-    # Sound reaches far elements later: what is out of reach at one distance is so at all larger ones, unless the
-    # trigger's offset hides the start; then the kernel, which stops at the first gap, leaves the pixel out.
-    usable &= np.cumsum(~usable, axis=0) == 0
-    count = usable.sum(axis=0)[:, None]
-    column = np.arange(padded_columns(array.elements))
-    # Elements to the left and to the right within the aperture, and the one on the column.
-    used = np.minimum(column, count - 1) + np.minimum(array.elements - 1 - column, count - 1) + 1
-    used = np.where((count > 0) & (column < array.elements), used, 0)
-    table = DelayTable(
-        first=np.where(usable, first, -1).astype(np.int32),
-        weight=np.where(usable, delay - first, 0).astype(np.float32),
-        scale=np.where(used > 0, 1 / np.sqrt(np.maximum(used, 1)), 0).astype(np.float32),
+    table = delay_table(
+        array,
+        place=lambda offset_m: np.hypot(offset_m, depth_m) * per_metre + origin,
+        reach_m=half_aperture_m(preset, depth_m),
+        samples=samples,
     )
     return ImageGrid(lateral_m=lateral, depth_m=depth_m, samples=samples, table=table)
 
@@ -136,3 +121,38 @@ def image_rows(preset: ProbePreset, *, samples: int, margin: int) -> tuple[Float
     above = min(margin, math.floor((near - step / 2) / step))
     count = math.floor((far - near) / step) + 1
     return near + step * np.arange(-above, count), slice(above, above + count)
+
+
+def delay_table(
+    array: LinearArray,
+    *,
+    place: Callable[[Float64[np.ndarray, "distances 1"]], Float64[np.ndarray, "distances depths"]],
+    reach_m: Float64[np.ndarray, " depths"],
+    samples: int,
+) -> DelayTable:
+    """Table of any delay that depends on the depth and on the lateral distance alone.
+
+    ``place``: delay in samples at lateral distances in metres. ``reach_m``: how far the aperture reaches at each depth;
+    infinity for the whole array. ``samples``: length of the records.
+    """
+    reached = np.searchsorted(np.arange(array.elements) * array.pitch_m, reach_m.max(), side="right")
+    # Up to three more rows: the kernel takes four distances at a time.
+    number = np.arange(-(-int(reached) // 4) * 4)[:, None]
+    distance_m = number * array.pitch_m
+    delay = place(distance_m)
+    # Linear interpolation between samples: weight 1 − w before the delay and w after it.
+    first = np.floor(delay)
+    usable = (distance_m <= reach_m) & (number < array.elements) & (first >= 0) & (first < samples - 1)
+    # Sound reaches far elements later: what is out of reach at one distance is so at all larger ones, unless the
+    # trigger's offset hides the start; then the kernel, which stops at the first gap, leaves the pixel out.
+    usable &= np.cumsum(~usable, axis=0) == 0
+    count = usable.sum(axis=0)[:, None]
+    column = np.arange(padded_columns(array.elements))
+    # Elements to the left and to the right within the aperture, and the one on the column.
+    used = np.minimum(column, count - 1) + np.minimum(array.elements - 1 - column, count - 1) + 1
+    used = np.where((count > 0) & (column < array.elements), used, 0)
+    return DelayTable(
+        first=np.where(usable, first, -1).astype(np.int32),
+        weight=np.where(usable, delay - first, 0).astype(np.float32),
+        scale=np.where(used > 0, 1 / np.sqrt(np.maximum(used, 1)), 0).astype(np.float32),
+    )

@@ -149,22 +149,33 @@ def window_samples(preset: ProbePreset) -> int:
 def saturated_channels(
     samples: Int16[np.ndarray, "channels samples"], preset: ProbePreset, *, lateral_m: float, depth_m: float
 ) -> tuple[tuple[int, ...], int]:
-    """Channels of the aperture that touch full scale when a point's sound arrives, and the number of channels there.
-
-    The pick-up, which is blanked, does not count.
-    """
+    """Channels of the aperture that touch full scale when a point's sound arrives, and the number of channels there."""
     offset = np.abs(preset.array.lateral_m - lateral_m)
     aperture = float(half_aperture_m(preset, np.array([depth_m]))[0])
     per_metre, origin = path_delay(preset)
     middle = np.rint(np.hypot(offset, depth_m) * per_metre + origin).astype(np.int64)
     used = np.flatnonzero((offset <= aperture) & (middle >= 0) & (middle < samples.shape[1]))
+    return at_full_scale(samples, preset, rows=used, middle=middle[used], full_scale=preset.full_scale), len(used)
+
+
+def at_full_scale(
+    samples: Int16[np.ndarray, "channels samples"],
+    preset: ProbePreset,
+    *,
+    rows: Int64[np.ndarray, " used"],
+    middle: Int64[np.ndarray, " used"],
+    full_scale: int,
+) -> tuple[int, ...]:
+    """Those of the rows, channels or lines, that touch full scale near their sample in ``middle``.
+
+    The pick-up, which is blanked, does not count.
+    """
     # Twice the shortest pulse on each side: a long laser pulse touches full scale for longer.
     half = 2 * window_samples(preset)
-    window = np.clip(middle[used, None] + np.arange(-half, half + 1), preset.pickup_samples, samples.shape[1] - 1)
+    window = np.clip(middle[:, None] + np.arange(-half, half + 1), preset.pickup_samples, samples.shape[1] - 1)
     # As 32 bits, because the magnitude of -32768 does not fit in 16.
-    magnitude = np.abs(samples[used[:, None], window].astype(np.int32))
-    saturated = clipped(magnitude, full_scale=preset.full_scale, recorded=preset.recorded)
-    return tuple(used[saturated].tolist()), len(used)
+    magnitude = np.abs(samples[rows[:, None], window].astype(np.int32))
+    return tuple(rows[clipped(magnitude, full_scale=full_scale, recorded=preset.recorded)].tolist())
 
 
 def dead_channels(signals: Float32[np.ndarray, "samples columns"], *, channels: int) -> tuple[int, ...]:

@@ -1,6 +1,6 @@
 """Result of the analysis of one frame: its arrivals, and whether there is a source.
 
-`core.Reading` is the short form that a search uses.
+`reader.ImageReader` and `spare.SpareReader` return it; `core.Reading` is the short form that a search uses.
 """
 
 from __future__ import annotations

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Protocol, runtime_checkable
+
 import numpy as np
 
 from markerseek.core import Float32, Float64
 from markerseek.signals._kernel import local_maxima
-from markerseek.signals.beamform import ImageGrid, beamform_at
+from markerseek.signals.beamform import ImageGrid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.presets import ProbePreset
 
@@ -32,8 +34,18 @@ def parabola_peak(left: float, middle: float, right: float) -> tuple[float, floa
     return offset, middle - 0.25 * (left - right) * offset
 
 
+@runtime_checkable
+class ImageAt(Protocol):
+    """Image on any columns and rows, before its envelope."""
+
+    def __call__(
+        self, *, lateral_m: Float64[np.ndarray, " lateral"], depth_m: Float64[np.ndarray, " depth"]
+    ) -> Float32[np.ndarray, "depth lateral"]:
+        """Beamformed signal there."""
+
+
 def refine_peak(
-    signals: Float32[np.ndarray, "samples columns"], preset: ProbePreset, grid: ImageGrid, *, place: tuple[int, int]
+    image_at: ImageAt, preset: ProbePreset, grid: ImageGrid, *, place: tuple[int, int]
 ) -> tuple[float, float, float]:
     """Lateral position and depth in metres, and height, of the peak at a pixel (row, column) of the image.
 
@@ -46,7 +58,7 @@ def refine_peak(
     depth = grid.depth_m[first : row + ENVELOPE_MARGIN + 2]
     fine = _FINE * preset.array.pitch_m
     lateral = grid.lateral_m[column] + fine
-    patch = envelope(beamform_at(signals, preset, lateral_m=lateral, depth_m=depth)).astype(np.float64)
+    patch = envelope(image_at(lateral_m=lateral, depth_m=depth)).astype(np.float64)
     low, high = max(0, row - first - 1), min(len(depth), row - first + 2)
     best = np.unravel_index(int(np.argmax(patch[low:high])), patch[low:high].shape)
     i, j = int(best[0]) + low, int(best[1])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from markerseek.core import (
     Reading,
 )
 from markerseek.signals import features
-from markerseek.signals.beamform import ImageGrid, beamform, image_grid, image_rows
+from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid, image_rows
 from markerseek.signals.blocks import BlockGrid
 from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
 from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
@@ -72,13 +73,15 @@ class _Peak:
 class ImageReader:
     """Reads channel frames of one probe."""
 
-    method = "one-way delay-and-sum of channel data"
-    """The reconstruction in words, for results."""
-
     def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
         self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._layouts: dict[int, _Layout] = {}
+
+    @property
+    def method(self) -> str:
+        """The reconstruction in words, for results."""
+        return "one-way delay-and-sum of channel data"
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.
@@ -214,7 +217,9 @@ class ImageReader:
 
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> _Peak:
         """The peak at a pixel, refined between the columns."""
-        lateral, depth, intensity = refine_peak(chain.signals, self.preset, chain.layout.grid, place=place)
+        lateral, depth, intensity = refine_peak(
+            partial(beamform_at, chain.signals, self.preset), self.preset, chain.layout.grid, place=place
+        )
         place_m = {"lateral_m": np.array([lateral]), "depth_m": np.array([depth])}
         (energy,), (used,) = features.coherent_energies(chain.signals, self.preset, **place_m)
         saturated, channels = features.saturated_channels(

@@ -28,7 +28,7 @@ READERS: dict[str, tuple[Callable[[Path], object], int]] = {
     "frames.npy": (read_arrays, 1 << 33),
     "frames.npz": (read_arrays, 1 << 33),
     "frames.mat": (read_arrays, 1 << 33),
-    "image.b8": (open_ultrasonix, 1 << 36),
+    "image.rf": (open_ultrasonix, 1 << 36),
     "run.journal": (read_journal, 1 << 36),
     "scan.hdf5": (read_bank, 1 << 42),
 }

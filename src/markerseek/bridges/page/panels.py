@@ -141,9 +141,8 @@ class SearchPanels:
         self._shown = (view, picture)
         show_hints(self._grid, are_shown=run is None)
         elsewhere = picture is not None and view is not None and not is_image_of(picture, view)
-        background = asdict(picture.b_mode) if picture and picture.b_mode else {}
-        self._image.show(background=background, view=image_model(picture, floor=view.floor_level if view else None))
-        title, note = image_texts(picture, elsewhere=elsewhere, simulated=bool(view and view.facts.kind == "simulated"))
+        self._image.show(view=image_model(picture, floor=view.floor_level if view else None))
+        title, note = image_texts(picture, elsewhere=elsewhere)
         self._image_title.set_text(title)
         self._image_title.classes(
             replace="ms-title" if picture is None else "ms-image-title" + " ms-elsewhere" * elsewhere

@@ -118,7 +118,7 @@ def _otherwise(path: Path) -> str:
         return f"it would be a scan of many angles, not one frame; see 'markerseek bank info {quoted(path)}'"
     return (
         f"{suffix or 'a file without suffix'} is no format of frames; give a .mat, an .npy, or a folder of SonixDAQ "
-        "files; B-mode images (.b8) are for 'markerseek tooltip'"
+        "files, for 'markerseek frame' also an Ultrasonix .rf; B-mode images (.b8) are for 'markerseek tooltip'"
     )
 
 

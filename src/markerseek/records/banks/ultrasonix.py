@@ -1,4 +1,4 @@
-"""Reads Ultrasonix ``.b8`` files, one frame at a time."""
+"""Reads Ultrasonix ``.b8`` and ``.rf`` files, one frame at a time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import RecordError, UInt8
+from markerseek.core import Int16, RecordError, UInt8
 from markerseek.files import MIB, as_read_error, open_input
 from markerseek.wire import ultrasonix
 
@@ -16,7 +16,7 @@ from markerseek.wire import ultrasonix
 _LARGEST_BYTES = 1 << 36
 
 _MAX_FRAME_BYTES = 64 * MIB
-"""Largest frame."""
+"""Largest frame: 512 lines of 65,536 samples."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +28,17 @@ class UltrasonixFile:
 
     def b_mode(self, index: int) -> UInt8[np.ndarray, "rows columns"]:
         """B-mode image, counted from 0."""
+        self._require("b-mode")
         return ultrasonix.decode_b_mode(self._body(index), self.header)
+
+    def rf(self, index: int) -> Int16[np.ndarray, "lines samples"]:
+        """Radio-frequency lines of one frame, counted from 0; errors as of `b_mode`."""
+        self._require("rf")
+        return ultrasonix.decode_rf(self._body(index), self.header)
+
+    def _require(self, kind: str) -> None:
+        if self.header.kind != kind:
+            raise RecordError(f"{self.path}: it holds {self.header.kind} frames, {kind} was asked for")
 
     def _body(self, index: int) -> bytes:
         header = self.header

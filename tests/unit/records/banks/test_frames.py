@@ -173,7 +173,7 @@ def npy_header(text):
         ("a.csv", b"angle_deg,intensity", "see 'markerseek bank info .*a.csv'"),
         ("a.npz", b"", "see 'markerseek bank info .*a.npz'"),
         ("a.run", JOURNAL.read_bytes(), "journal of a search, not one frame; see 'markerseek journal show .*a.run'"),
-        ("a.txt", b"", "give a .mat, an .npy, or a folder of SonixDAQ files; B-mode images"),
+        ("a.txt", b"", "give a .mat, an .npy, or a folder of SonixDAQ files, .* an Ultrasonix .rf; B-mode images"),
         ("a.mat", savemat_bytes(angle_deg=np.arange(3.0)), "see 'markerseek bank import .*a.mat scan.hdf5'"),
     ],
 )
