@@ -138,9 +138,7 @@ def of_intensities(
     """
     settings = settings or SimulatedSettings()
     rng = np.random.default_rng(require_seed(seed))
-    world = CurveWorld.of_settings(
-        settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng, noise_stated=noise_stated
-    )
+    world = CurveWorld(settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng, noise_stated=noise_stated)
     rig = rig_in_world(
         world,
         settings,

@@ -35,49 +35,14 @@ two columns a peak is up to 4 dB too low in the pixels. Set from about a hundred
 
 
 class CurveWorld:
-    """Tissue that is described by its intensity curve alone.
+    """Tissue that is described by its intensity curve alone, in units of the noise's standard deviation.
 
-    ``curve``: None is a world without a marker. ``peak``: noise-free intensity with the probe on the marker.
-    ``noise_sigma``: standard deviation of the beamformed noise (one quadrature) in the same unit. ``cells``: number of
-    independent envelope cells of an image. ``energy_jitter``: standard deviation of a pulse's energy over its mean.
-    ``noise_stated``: whether a frame states the noise and the cells; those of a CSV do not. ``averaged``: as of
-    `World`.
+    ``settings``: noise, laser and start. ``curve``: None is a world without a marker. ``cells``: number of independent
+    envelope cells of an image. ``noise_stated``: whether a frame states the noise and the cells; those of a CSV do not.
     """
 
     def __init__(
         self,
-        *,
-        curve: IntensityCurve | None,
-        marker_deg: float,
-        peak: float,
-        noise_sigma: float,
-        cells: int,
-        energy_jitter: float,
-        start_deg: float,
-        rng: np.random.Generator,
-        noise_stated: bool = True,
-        averaged: int | None = None,
-    ) -> None:
-        for name, value in (("peak", peak), ("noise_sigma", noise_sigma)):
-            if not 0 < value < math.inf:
-                raise ConfigError(f"curve world: {name} is {value}, it must be positive and finite")
-        if cells < 10:
-            raise ConfigError(f"curve world: cells is {cells}, at least 10 are needed; an image has some 100,000")
-        self.angle_deg = start_deg
-        self.flashes: list[Flash] = []
-        self._curve = curve
-        self._marker_deg = marker_deg
-        self._peak = peak
-        self._noise_sigma = noise_sigma
-        self._cells = cells
-        self._energy_jitter = energy_jitter
-        self._rng = rng
-        self._noise_stated = noise_stated
-        self._averaged = averaged
-
-    @classmethod
-    def of_settings(
-        cls,
         settings: SimulatedSettings,
         *,
         curve: IntensityCurve | None,
@@ -85,32 +50,26 @@ class CurveWorld:
         cells: int,
         rng: np.random.Generator,
         noise_stated: bool = True,
-    ) -> CurveWorld:
-        """World under the noise, the laser and the start of these settings, in units of the noise's deviation."""
+    ) -> None:
         if settings.noise.bursts is not None:
             raise ConfigError("noise: bursts are simulated in frames only; leave them out, or study frames")
-        return cls(
-            curve=curve,
-            marker_deg=marker_deg,
-            peak=10 ** (settings.noise.peak_snr_db / 20),
-            noise_sigma=1.0,
-            cells=cells,
-            energy_jitter=settings.laser.energy_jitter,
-            start_deg=settings.start_deg,
-            rng=rng,
-            noise_stated=noise_stated,
-            averaged=settings.laser.pulses,
-        )
+        if cells < 10:
+            raise ConfigError(f"curve world: cells is {cells}, at least 10 are needed; an image has some 100,000")
+        self.angle_deg = settings.start_deg
+        self.flashes: list[Flash] = []
+        self._curve, self._marker_deg, self._cells = curve, marker_deg, cells
+        self._peak = 10 ** (settings.noise.peak_snr_db / 20)
+        self._laser, self._rng, self._noise_stated = settings.laser, rng, noise_stated
 
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
-        self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
+        self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._laser.energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
         """Frame with the intensity after a flash; after none, that of noise alone."""
         # Drawn also where the marker is far stronger: the numbers that follow must not depend on the curve.
         largest = largest_noise(self._rng, cells=self._cells)
-        noise_sigma = self._noise_sigma * (1.0 if flash is None else noise_gain(self._averaged, flash))
+        noise_sigma = 1.0 if flash is None else noise_gain(self._laser.pulses, flash)
         if flash is not None and self._curve is not None:
             snr = flash.energy * self._peak / noise_sigma
             heights = self._curve.peaks(self.angle_deg - self._marker_deg)

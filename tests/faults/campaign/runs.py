@@ -218,7 +218,7 @@ class Campaign:
         rng = np.random.default_rng([plan.seed, plan.number, 1])
         mischief = rng.spawn(3)
         world = WatchedWorld(
-            CurveWorld.of_settings(
+            CurveWorld(
                 settings,
                 curve=None if plan.marker_deg is None else plan.curve,
                 marker_deg=plan.marker_deg or 0.0,

@@ -52,17 +52,12 @@ CLOSED: dict[str, IntensityCurve] = {
 }
 
 
-def world(curve: IntensityCurve | None, *, peak: float = 100.0, sigma: float = 1.0, seed: int = 1) -> CurveWorld:
-    return CurveWorld(
-        curve=curve,
-        marker_deg=0.0,
-        peak=peak,
-        noise_sigma=sigma,
-        cells=460_000,
-        energy_jitter=0.0,
-        start_deg=0.0,
-        rng=np.random.default_rng(seed),
+def world(curve: IntensityCurve | None, *, peak: float = 100.0) -> CurveWorld:
+    settings = SimulatedSettings(
+        noise=NoiseSettings(peak_snr_db=20 * math.log10(peak)),
+        laser=LaserSettings(energy_jitter=0.0, pulses=FLASH.pulses),
     )
+    return CurveWorld(settings, curve=curve, marker_deg=0.0, cells=460_000, rng=np.random.default_rng(1))
 
 
 @pytest.mark.parametrize("name", CLOSED)
@@ -113,16 +108,14 @@ def test_widths_powers_and_levels_that_cannot_be_are_refused(value: float) -> No
         lambda: GaussianCurve(fwhm_deg=value),
         lambda: SechCurve(fwhm_deg=value),
         lambda: PowerCurve(fwhm_deg=5.0, power=value),
-        lambda: world(None, peak=value),
-        lambda: world(None, sigma=value),
     ):
         with pytest.raises(ConfigError, match=r"must lie|must be positive and finite"):
             make()
 
 
 def test_a_strong_peak_is_distributed_as_a_noncentral_chi_of_two_places_and_two_quadratures() -> None:
-    strong = world(GaussianCurve(fwhm_deg=7.0), peak=30.0, sigma=2.0)
-    drawn = np.array([strong.frame(FLASH, header=HEADER).intensity for _ in range(4000)]) / 2.0
+    strong = world(GaussianCurve(fwhm_deg=7.0), peak=15.0)
+    drawn = np.array([strong.frame(FLASH, header=HEADER).intensity for _ in range(4000)])
     assert stats.kstest(drawn**2, stats.ncx2(4, 15.0**2).cdf).pvalue > 0.01
 
 
