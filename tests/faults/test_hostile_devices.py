@@ -6,7 +6,6 @@ by the name of the decoder; ``tests/faults/fuzz.py`` searches for more.
 
 from __future__ import annotations
 
-import struct
 import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +19,7 @@ from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox
 from markerseek.drivers.sonixdaq import DaqFolder
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
-from markerseek.wire import apt, laserbox
+from markerseek.wire import laserbox
 from tests.emulated_lines import DirectPort
 from tests.faults.wire_decoders import WIRES, ScriptedPort, wire_outcome
 from tests.sizes import examples
@@ -85,16 +84,13 @@ def test_a_laser_box_whose_tokens_are_used_up_is_refused_before_anything_is_perm
         LaserBox(port=ScriptedPort(b"\0\0" + bytes([len(greeting)]) + greeting), clock=VirtualClock())
 
 
-@pytest.mark.parametrize("position", [2**31 - 1, -(2**31)])
-def test_a_stage_too_far_from_home_for_any_target_to_be_encoded_is_refused(position: int) -> None:
+@pytest.mark.parametrize("turns", [3107, -3107])
+def test_a_stage_too_far_from_home_for_any_target_to_be_encoded_is_refused(turns: int) -> None:
     clock = VirtualClock()
-    emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=0.0))
-    port = DirectPort(device=emulator, clock=clock)
-    port.write(struct.pack("<HHBBHi", 0x0410, 6, 0x50 | 0x80, 0x01, apt.CHANNEL, position))
-    # By this zero the nearest turn is the next one, beyond 32 bits.
-    settings = Kdc101Settings(port="", zero_deg=-100.0 if position > 0 else 100.0)
+    # Half a turn more is beyond 32 bits.
+    emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=360.0 * turns))
     with pytest.raises(MoveError, match="more than a thousand turns"):
-        Kdc101Stage(port=port, clock=clock, settings=settings)
+        Kdc101Stage(port=DirectPort(device=emulator, clock=clock), clock=clock, settings=Kdc101Settings(port=""))
 
 
 def test_other_files_and_a_link_that_leads_nowhere_are_no_channel_files(tmp_path: Path) -> None:

@@ -224,7 +224,7 @@ WRONG = [
     (("bank", "export", "good.csv", "b.igs.mha", "--face-radius-mm", 1), "--face-radius-mm is 1.0, and good.csv holds"),
     (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", 10), "--face-radius-mm is for .igs.mha and .zea.hdf5"),
     (("bank", "import", "good.csv", "b.hdf5", "--first-deg", 0, "--step-deg", 1), "this recording has its angles"),
-    (("bank", "import", "frames.npy", "b.hdf5"), "with the first angle and the step"),
+    (("bank", "import", "frames.npy", "b.hdf5"), "state the first angle and the step, --first-deg -35 --step-deg 0.5"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0), "go together"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 0), "a step not 0"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 1), "has 128"),

@@ -51,7 +51,7 @@ from markerseek.core.events import (
     Turning,
 )
 from markerseek.core.frame import NO_HEADER, ChannelFrame, Frame, FrameHeader, ReadingFrame
-from markerseek.core.image import BModeImage, LinearArray, PaImage, ScanGeometry
+from markerseek.core.image import LinearArray, PaImage, ScanGeometry
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerCandidate, MarkerPosition, marker_candidates, marker_position
 from markerseek.core.options import Option, arguments_of, as_text, option, options_of
@@ -125,7 +125,6 @@ __all__ = [
     "Arrival",
     "Asked",
     "AtBound",
-    "BModeImage",
     "Bool",
     "ByHand",
     "ChannelFrame",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
-from markerseek.core.shapes import CHECKED, Float32, Float64, UInt8
+from markerseek.core.shapes import CHECKED, Float32, Float64
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
@@ -105,35 +105,6 @@ class ScanGeometry:
         left, top = self.position_m(row=-0.5, column=-0.5)
         right, bottom = self.position_m(row=rows - 0.5, column=columns - 0.5)
         return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BModeImage:
-    """B-mode image, as a machine shows it: grey values of the compressed envelope.
-
-    Attributes
-    ----------
-    pixels
-        Grey values, shape (rows, columns); row 0 is the shallowest.
-    geometry
-        Where the pixels are.
-
-    Raises
-    ------
-    ConfigError
-        If the pixels are of another type or shape.
-    """
-
-    pixels: UInt8[np.ndarray, "rows columns"]
-    geometry: ScanGeometry
-
-    def __post_init__(self) -> None:
-        # At run time too: the pixels come from drivers and files that other people write.
-        if self.pixels.ndim != 2 or self.pixels.dtype != "uint8":
-            raise ConfigError(
-                f"B-mode image: pixels are {self.pixels.dtype} of shape {self.pixels.shape}, "
-                "they must be uint8 of shape (rows, columns)"
-            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,6 @@ import pytest
 
 from markerseek.core import (
     Ambiguous,
-    BModeImage,
     Estimate,
     Floor,
     Found,
@@ -21,7 +20,6 @@ from markerseek.core import (
     Reading,
     ReadingFrame,
     Sample,
-    ScanGeometry,
 )
 
 pytest.importorskip("matplotlib", reason="needs the extra plot")
@@ -38,7 +36,6 @@ from markerseek.pictures import (
     search_figure,
     write_page,
 )
-from markerseek.pictures.images import draw_overlay
 
 LONG = (
     r"posterior on a replayed rig: /data/a folder of recordings, " * 4 + r"named $\notacommand$ and $x_1$ by somebody"
@@ -167,23 +164,6 @@ def image() -> PaImage:
     return PaImage(
         envelope=np.ones((30, 20), np.float32), lateral_m=np.linspace(-0.02, 0.02, 20), depth_m=np.linspace(0, 0.08, 30)
     )
-
-
-def test_an_overlay_puts_both_images_where_their_geometry_says() -> None:
-    geometry = ScanGeometry(first_lateral_m=-0.01, lateral_step_m=1e-4, first_depth_m=0.02, depth_step_m=2e-4)
-    envelope = np.zeros((40, 21), np.float32)
-    envelope[10, 5] = 1.0
-    image = PaImage(envelope=envelope, lateral_m=np.linspace(-5e-3, 5e-3, 21), depth_m=0.022 + 1e-4 * np.arange(40))
-    axes = Figure().add_subplot()
-    draw_overlay(axes, BModeImage(pixels=np.zeros((50, 201), np.uint8), geometry=geometry), image)
-    under, over = axes.images
-    assert under.get_extent() == list(geometry.edges_mm(50, 201))
-    left, right, bottom, top = over.get_extent()
-    # The middle of the bright pixel, from the extent that Matplotlib draws.
-    assert left + (right - left) * 5.5 / 21 == pytest.approx(-2.5)
-    assert top + (bottom - top) * 10.5 / 40 == pytest.approx(23.0)
-    assert over.get_alpha()[10, 5] == 1
-    assert over.get_alpha()[0, 0] == 0
 
 
 def frame_of(title: str) -> Figure:

@@ -55,7 +55,7 @@ def centre_mm(layer, row, column):
 def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     rig = rigs.simulated(seed=1, marker_deg=2.0)
     sample = rig.scanner.measure(2.0)
-    picture = picture_of(sample, rig.imaging.picture(sample.frame), None)
+    picture = picture_of(sample, rig.imaging.picture(sample.frame))
     lateral_mm, depth_mm = centre_mm(picture.image, *np.unravel_index(levels_of(picture.image).argmax(), (198, 128)))
     # A pixel is 0.43 mm wide and 0.39 mm deep; the reading has found the peak between its pixels.
     assert (lateral_mm, depth_mm) == pytest.approx(picture.peak_mm, abs=0.25)
