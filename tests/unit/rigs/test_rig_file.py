@@ -87,7 +87,7 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
 def test_a_file_that_is_not_text_is_refused_in_a_sentence(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_bytes(b'kind = "simulated"\n\xff\xfe')
-    with pytest.raises(ConfigError, match="this is no text in UTF-8 .*, and a rig file is expected; name one in TOML"):
+    with pytest.raises(ConfigError, match=r"this is no text in UTF-8 .*, and a rig file is expected; name one in TOML"):
         read_rig_file(path)
 
 
