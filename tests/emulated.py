@@ -74,6 +74,7 @@ def emulation(
         markerseek(
             "emulate", "bench", "--dir", bench, "--rig", world, "--seed", seed, "--pace", pace, *options, before=before
         ),
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

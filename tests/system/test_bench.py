@@ -164,6 +164,7 @@ def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(
             devices.rig.write_text(usual.replace(name, wrong))
             _, out, _ = shell("doctor", "--rig", devices.rig, "--json")
             assert wrong.replace("=", "is") in out
+        devices.rig.write_text(usual)
         assert devices.end() == (0.0, 0.0, 0)
     code, out, _ = shell("doctor", "--rig", devices.rig, "--json")
     finding = json.loads(out)["findings"][-1]

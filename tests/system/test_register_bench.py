@@ -24,18 +24,17 @@ def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices
         images = f"{bench / 'left'} {bench / 'right'}"
         given = ["--rig", devices.rig, "--cameras", bench / "stereo.toml", "--images", images, "--record", kept]
         options = ["--arm", "--markers", 3, "--wait-s", 60, *(["--sweep"] if sweep else [])]
-        process = subprocess.Popen(
-            markerseek("register", *given, *options), cwd=tmp_path, stderr=subprocess.PIPE, text=True
-        )
-        assert process.stderr is not None
-        assert devices.process.stdin is not None
+        command = markerseek("register", *given, *options)
         said = []
-        for line in process.stderr:
-            said.append(line)
-            if place := re.search(r"light the next spot near \((\d+), (\d+)\) px", line):
-                devices.process.stdin.write(f"{place[1]} {place[2]}\n")
-                devices.process.stdin.flush()
-        assert process.wait(timeout=60) == 0, "".join(said)
+        with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr is not None
+            assert devices.process.stdin is not None
+            for line in process.stderr:
+                said.append(line)
+                if place := re.search(r"light the next spot near \((\d+), (\d+)\) px", line):
+                    devices.process.stdin.write(f"{place[1]} {place[2]}\n")
+                    devices.process.stdin.flush()
+        assert process.returncode == 0, "".join(said)
         truth = devices.ended().split("davinci_to_trus is")[1]
     true = np.array([[float(value) for value in row.split()] for row in truth.strip().splitlines()[:4]])
     report = json.loads((kept / "registration.json").read_bytes())
