@@ -1,7 +1,7 @@
 """The possible answers of a search. Each has ``mean_deg``; only `Found` claims a marker.
 
 Each also says what else the search has seen: ``others`` are further sources, and ``surveyed`` is the share of the range
-in which a source as loud as the one answered would have been detected (None where that is not known).
+in which a second source as strong as the marker would have been detected (None if not known).
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class Found:
     others
         Further sources, the loudest first.
     surveyed
-        Share of the range in which a source as loud would have been detected, 0 to 1; None where it is not known.
+        Share of the range in which a second source as strong would have been detected, 0 to 1; None if not known.
     curve
         Width and height of the marker's intensity curve; None where the method does not know them.
     other_probability
@@ -132,7 +132,7 @@ class NotFound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ambiguous:
-    """Two sources about as loud, or one whose angle is one of several.
+    """Two sources about as strong, or one source whose angle is one of several.
 
     ``modes_deg`` lists the angles; ``mean_deg`` is that of the loudest source, or the likeliest, and ``sigma_deg`` and
     ``interval95_deg`` are those of that source.
