@@ -41,7 +41,7 @@ class Asked:
     angle_deg
         Angle that the stage is sent to, in degrees; for a dark frame, the present one; for a sweep, its end.
     sweep
-        The sweep, of which a `Measured` or `Refused` follows for each pulse, and `Swept` at its end; None for one
+        The sweep; a `Measured` or `Refused` follows for each of its pulses, and `Swept` at its end. None for one
         acquisition at an angle.
     belief
         What the policy believed when it asked; None before the first acquisition with light, and in a run without a

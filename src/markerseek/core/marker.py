@@ -86,7 +86,7 @@ class MarkerCandidate:
 
 
 _LOUDER_DB = 3.0
-"""Standard deviation in dB of a difference of loudness that says nothing of which source is the marker."""
+"""Standard deviation in dB of a difference in strength that does not show which source is the marker."""
 
 _USUAL_OTHER, _LEAST_OTHER = 0.01, 1e-6
 """Probability that an answer is another source, where its method does not compute it, and at least."""

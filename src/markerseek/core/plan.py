@@ -140,8 +140,8 @@ class SearchPlan(RunPlan):
     sweep: bool = option(False)
     """Turn the probe while the laser fires, one frame a pulse: an answer in seconds (posterior only)."""
     others: float | None = option(None, shown="0.05")
-    """Probability that another source as loud is there as well, before the search; less takes fewer acquisitions, 0
-    looks for none (posterior only)."""
+    """Prior probability of a second source as strong; a smaller one takes fewer acquisitions, with 0 the search looks
+    for no second source (posterior only)."""
     near: AnglePrior | None = option(None)  # noqa: RUF009  as the others: it makes a field
     """Where the marker is expected, as ANGLE±SIGMA in degrees: the search begins there, and takes the whole range where
     the samples contradict it (posterior only)."""

@@ -214,7 +214,7 @@ def _read_png(path: Path) -> np.ndarray:
 
 
 _DAMAGED = {"what": "image", "cure": "it is damaged: export it again"}
-"""Of files of which a library makes no image."""
+"""Error of a file that a library cannot decode as an image."""
 
 
 def _read_dicom(path: Path) -> dict[str, np.ndarray]:

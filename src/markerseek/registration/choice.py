@@ -81,7 +81,7 @@ class Choice:
     share: float = 1.0
     """Probability of that set among all that fit."""
     open: tuple[str, ...] = ()
-    """Markers of which another candidate, or their leaving out, is too probable still: more markers decide."""
+    """Markers for which another candidate, or none, is still too probable; more markers decide."""
     reason: str | None = None
     """Why there is no registration, or not for certain; None where there is."""
 

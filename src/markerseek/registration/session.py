@@ -85,7 +85,7 @@ class SessionPlan:
     markers: int | None = None
     """Number of markers after which it ends, whatever the TRE; None: when the goal is reached, or nothing helps."""
     target_trus_m: tuple[float, float, float] | None = None
-    """Where the error counts, in the TRUS frame; None: 20 mm under the middle of the points."""
+    """Point of the expected error, in the TRUS frame; None: 20 mm under the middle of the points."""
     search: SearchPlan = field(default_factory=lambda: SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM))
     """How a marker is searched."""
     guided: bool = True

@@ -177,7 +177,7 @@ class Scanner:
         self._arm_itself()
         at_deg = self.angle_deg
         permit = self.guard.issue(angle_deg=at_deg, pulses=self._pulses[0], now_s=self.clock.now_s())
-        # What a receiver may have heard of it must not pass for the answer to the next permit.
+        # What a receiver may have recorded of it must not pass for the answer to the next permit.
         self._begun, self._settled, self._lit = True, False, True
         self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())
         with self._faulting, self._watchdog_held:

@@ -24,7 +24,7 @@ NOISE_SIGMAS = 8.0
 """Least height over the scatter of the image, in standard deviations; highlights on wet tissue have long tails."""
 
 SECOND_SHARE = 0.5
-"""Height of another bright place over that of the brightest, from which the two cannot be told apart."""
+"""Height of another bright place over that of the brightest, from which the two cannot be distinguished."""
 
 MIN_SHARE = 0.6
 """Least share of the frames that must show the spot."""

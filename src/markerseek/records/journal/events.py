@@ -34,7 +34,7 @@ class Checked:
 
     reading: Reading
     difference: str | None
-    """How it differs from the earlier one, in words, so that the search begins anew; None where it does not."""
+    """How the reading differs from the earlier one, in words, so that the search begins again; None if it does not."""
     frame: ChannelFrame | None = None
     """None where there are intensities only."""
 

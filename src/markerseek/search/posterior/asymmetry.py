@@ -110,7 +110,7 @@ def asymmetry_probability(coherence: MeanCoherence | None, *, width_m: float) ->
     if coherence is None:
         return PRIOR
     incoherence, sigma = 1 - coherence.mean, coherence.sigma
-    # A normal distribution of which one half is possible.
+    # A half-normal distribution.
     of_point = OUTLIERS + (1 - OUTLIERS) * math.exp(-((incoherence / sigma) ** 2) / 2) / (
         sigma * math.sqrt(math.pi / 2)
     )

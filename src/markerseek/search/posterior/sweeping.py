@@ -64,8 +64,8 @@ SLOWEST = 8.0
 def centre_by(posterior: Posterior, samples: Sequence[Sample], *, of: Posterior | None = None) -> Centre | None:
     """Return the centre of the curve of some samples; None where they show none.
 
-    ``posterior``: one that was told nothing. ``samples``: of sweeps. ``of``: the strongest source of this posterior is
-    meant; None: that of the samples.
+    ``posterior``: a posterior without samples. ``samples``: samples of sweeps. ``of``: the curve is that of the
+    strongest source of this posterior; None: that of the samples.
     """
     for sample in samples:
         posterior.tell_swept(sample)

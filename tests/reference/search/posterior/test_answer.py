@@ -163,7 +163,7 @@ def test_a_search_that_may_have_missed_a_source_says_how_probable_that_is():
     assert f"another source is the marker with a probability of {100 * doubtful.other_probability:.2g} %" in (
         doubtful.reason
     )
-    assert f"in {100 * doubtful.surveyed:.0f} % of the range only" in doubtful.reason
+    assert f"only {100 * doubtful.surveyed:.0f} % of the range is checked" in doubtful.reason
     assert isinstance(single, Found)
     assert single.surveyed is None
     assert single.other_probability == 0
