@@ -32,7 +32,7 @@ class Floor:
     Attributes
     ----------
     level
-        Threshold, in the unit of the intensities; None where the floor is unknown.
+        Threshold, in the unit of the intensities; None if the floor is unknown.
     source
         Data from which it was computed.
     """
@@ -52,7 +52,7 @@ class OtherSource:
     relative_db
         Its loudness with the probe on it over that of the source answered, in dB.
     lateral_m, depth_m
-        Where it is in the image, in metres; None where frames do not say it.
+        Where it is in the image, in metres; None if frames do not say it.
     """
 
     angle_deg: float
@@ -83,11 +83,11 @@ class Found:
     surveyed
         Share of the range in which a second source as strong would have been detected, 0 to 1; None if not known.
     curve
-        Width and height of the marker's intensity curve; None where the method does not know them.
+        Width and height of the marker's intensity curve; None if the method does not know them.
     other_probability
-        Probability that another source is the marker, 0 to 1; None where the method does not compute it.
+        Probability that another source is the marker, 0 to 1; None if the method does not compute it.
     half_width_m
-        How far the interval reaches from the angle, as a length at the marker in metres; None where the distance of the
+        How far the interval reaches from the angle, as a length at the marker in metres; None if the distance of the
         marker from the axis is not known.
     """
 
@@ -152,7 +152,7 @@ class Ambiguous:
 class AtBound:
     """The intensity still rises at an end of the range: the marker lies there or beyond.
 
-    ``sigma_deg`` and ``interval95_deg`` are those of the marker, which may lie beyond; None where the method has none.
+    ``sigma_deg`` and ``interval95_deg`` are those of the marker, which may lie beyond; None if the method has none.
     """
 
     mean_deg: float

@@ -64,7 +64,7 @@ class Turning:
     target_deg
         Angle asked for, in degrees.
     angle_deg
-        Angle read now, in degrees; None where the person reads it, and types it in at the end.
+        Angle read now, in degrees; None if the person reads it, and types it in at the end.
     """
 
     target_deg: float
@@ -117,7 +117,7 @@ class Refused:
     reason
         Why.
     frame
-        What the receiver sent; None where it sent nothing.
+        What the receiver sent; None if it sent nothing.
     """
 
     angle_deg: float
@@ -158,11 +158,11 @@ class Finished:
     elapsed_s
         Time on the rig's clock from `Started`, in seconds: to the probe at the marker, where one was found.
     known_s
-        The same to the answer, before the probe turned to the marker; None where none was found.
+        The same to the answer, before the probe turned to the marker; None if none was found.
     searched
         What the search alone would have said, where the answer is from all angles of a recording; else None.
     near
-        What was seen of the prior over the angle; None where the search had none.
+        What was seen of the prior over the angle; None if the search had none.
     belief
         As in `Asked`.
     """
@@ -212,11 +212,11 @@ class AngleBelief:
 
     @property
     def sigma_deg(self) -> float | None:
-        """Standard deviation in degrees; None where the answer has none."""
+        """Standard deviation in degrees; None if the answer has none."""
         return None if not self.claims or isinstance(self.estimate, NotFound) else self.estimate.sigma_deg
 
     @property
     def interval95_deg(self) -> tuple[float, float] | None:
-        """95 % interval in degrees; None where the answer has none."""
+        """95 % interval in degrees; None if the answer has none."""
         interval = None if not self.claims or isinstance(self.estimate, NotFound) else self.estimate.interval95_deg
         return None if interval is None else (interval.low_deg, interval.high_deg)

@@ -231,9 +231,9 @@ class RigFacts:
     search
         Angles that may be searched.
     face_radius_m
-        Distance of the array's face from the axis of rotation in metres; None where it is not known.
+        Distance of the array's face from the axis of rotation in metres; None if not known.
     truth_deg
-        True angle of the marker in a simulation, in degrees; None where it is not known.
+        True angle of the marker in a simulation, in degrees; None if not known.
     reference_deg
         Angle of the marker from another measurement, in degrees, for comparison; None without one.
     seed

@@ -124,7 +124,7 @@ class Pulse:
     sigma_s
         Standard deviation of that, independent from pulse to pulse, in seconds.
     energy
-        Its energy over the usual one; None where the laser does not measure it.
+        Its energy over the usual one; None if the laser does not measure it.
     """
 
     at_s: float

@@ -43,9 +43,9 @@ class ImageSeries:
     images: tuple[UInt8[np.ndarray, "rows columns"], ...]
     """Grey values of 8 bits, each."""
     pixel_m: tuple[float, float] | None
-    """Height and width of a pixel; None where the files do not say."""
+    """Height and width of a pixel; None if the files do not say."""
     angles_deg: tuple[float, ...] = ()
-    """Angle of each, of a sequence; empty where they are not asked for, or the files do not say."""
+    """Angle of each, of a sequence; empty if they are not asked for, or the files do not say."""
 
 
 def read_images(

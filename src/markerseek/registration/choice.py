@@ -73,7 +73,7 @@ class Choice:
     """What the markers say together."""
 
     report: RegistrationReport | None
-    """The registration by the chosen candidates; None where no set fits, or there are too few markers."""
+    """The registration by the chosen candidates; None if no set fits, or there are too few markers."""
     chosen: Mapping[str, int]
     """Number of the candidate of each marker that was chosen."""
     left_out: tuple[str, ...] = ()
@@ -83,7 +83,7 @@ class Choice:
     open: tuple[str, ...] = ()
     """Markers for which another candidate, or none, is still too probable; more markers decide."""
     reason: str | None = None
-    """Why there is no registration, or not for certain; None where there is."""
+    """Why there is no registration, or not for certain; None if there is."""
 
     @property
     def decided(self) -> bool:

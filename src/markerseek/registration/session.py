@@ -279,7 +279,7 @@ class RegistrationSession:
         return None
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
-        """What the markers so far say of a spot; None where they say nothing."""
+        """What the markers so far say of a spot; None if they say nothing."""
         if not self._plan.guided or self._possible is None:
             return None
         return self._possible.predict(seen.camera_m, seen.camera_covariance_m2, limits=self._room.rig.limits.search)

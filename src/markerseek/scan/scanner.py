@@ -66,7 +66,7 @@ class Scanner:
 
     ``guard``: permits each step, and admits frames. It must be armed before anything moves. ``arms_itself``: whether
     the guard is armed by the first measurement: only where no hardware is involved. ``watchdog``: lease for each move
-    and each firing; None where no hardware is involved.
+    and each firing; None if no hardware is involved.
     """
 
     def __init__(

@@ -251,7 +251,7 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
 def most_acquisitions(plan: SearchPlan) -> int | None:
     """Return the most acquisitions of a plan: its own number or that of its method, and those of a whole recording.
 
-    None where it sweeps. With a prior over the angle they are
+    None if it sweeps. With a prior over the angle they are
     counted twice: once it is given up, the whole number is left.
     """
     if plan.sweep_speed_deg_s is not None:

@@ -236,7 +236,7 @@ def _fitted(
     frames: Sequence[UInt8[np.ndarray, "rows columns"]],
     first: tuple[int, int],
 ) -> _Fit | None:
-    """Least squares of a super-Gaussian profile, of any ellipse, on a plane; None where it has no such form.
+    """Least squares of a super-Gaussian profile, of any ellipse, on a plane; None if it has no such form.
 
     ``image``: the mean of the frames over their background.
 

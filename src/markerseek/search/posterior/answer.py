@@ -60,11 +60,11 @@ class SearchState:
     sources: Sequence[Candidate]
     """The sources, the loudest first, at least one."""
     survey: Survey | None
-    """None where it is not known."""
+    """None if not known."""
     misfit: str | None
     """From `predictive_check` of the loudest."""
     unresolved_rival: tuple[Candidate, float | None] | None
-    """None where there is one source only."""
+    """None if there is one source only."""
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
@@ -99,7 +99,7 @@ def unresolved_rival(
 ) -> tuple[Candidate, float | None] | None:
     """Return a source that may still be the marker, because too little is known of it; None without one.
 
-    With it comes the angle at which its top may have been missed, in degrees; None where that is not known.
+    With it comes the angle at which its top may have been missed, in degrees; None if not known.
 
     ``sources``: the sources, the loudest first. ``measured_deg``: angles measured so far. ``by_db``: loudness over the
     loudest from which one is a rival, in dB.

@@ -77,7 +77,7 @@ class MeanCoherence(NamedTuple):
 
 
 def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> MeanCoherence | None:
-    """Mean and scatter of C over the samples; None where it is not known.
+    """Mean and scatter of C over the samples; None if not known.
 
     ``lit``: samples with the laser on, as they are at the marker's place. ``sigma``: noise of one quadrature, in the
     intensity's unit.

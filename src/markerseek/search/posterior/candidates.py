@@ -86,7 +86,7 @@ class Candidate:
     """A source with its posterior."""
 
     source: Source | None
-    """None where the samples have no positions: then all of them are of one source."""
+    """None if the samples have no positions: then all of them are of one source."""
     side: Side
     """Which of several peaks at that place it is; empty if there is one."""
     samples: Sequence[Sample]

@@ -328,7 +328,7 @@ class Posterior(SearchPolicy):
         return None if first.missing is not None else self._progress_of(first)
 
     def progress_near(self, other: Posterior) -> Progress | None:
-        """How well that source is known which is the strongest of another posterior; None where it is not detected."""
+        """How well that source is known which is the strongest of another posterior; None if it is not detected."""
         if self.progress is None or other.progress is None:
             return None
         theirs = other._analysis.first
