@@ -48,11 +48,11 @@ class OtherSource:
     Attributes
     ----------
     angle_deg, sigma_deg
-        Its angle in degrees, and the standard deviation of that.
+        Its angle and the standard deviation of the angle, in degrees.
     relative_db
-        Its loudness with the probe on it over that of the source answered, in dB.
+        Its strength with the probe on it over that of the source found, in dB.
     lateral_m, depth_m
-        Where it is in the image, in metres; None if frames do not say it.
+        Its position in the image, in metres; None if the frames do not state it.
     """
 
     angle_deg: float

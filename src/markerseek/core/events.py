@@ -156,13 +156,13 @@ class Finished:
     travel_deg
         Sum of all rotations by the stage's readback, in degrees.
     elapsed_s
-        Time on the rig's clock from `Started`, in seconds: to the probe at the marker, where one was found.
+        Time on the rig's clock from `Started`, in seconds, with the move of the probe to a marker that was found.
     known_s
-        The same to the answer, before the probe turned to the marker; None if none was found.
+        The same time without the move of the probe to the marker; None if no marker was found.
     searched
-        What the search alone would have said, where the answer is from all angles of a recording; else None.
+        Answer of the search alone, if the answer is from all angles of a recording; else None.
     near
-        What was seen of the prior over the angle; None if the search had none.
+        Evidence for the prior over the angle; None if the search had no prior.
     belief
         As in `Asked`.
     """

@@ -70,7 +70,7 @@ class SeenMarker:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Choice:
-    """What the markers say together."""
+    """Registration from all markers."""
 
     report: RegistrationReport | None
     """The registration by the chosen candidates; None if no set fits, or there are too few markers."""
@@ -140,7 +140,7 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
 
 
 def _unfit(useful: Sequence[SeenMarker], problem: str, target_trus_m: tuple[float, float, float] | None) -> Choice:
-    """What is said where no set fits: why the likeliest candidates do not."""
+    """Message if no set fits: why the most probable candidates do not."""
     numbers = (0,) * len(useful)
     try:
         report = register_pairs(_pairs(useful, numbers), target_trus_m=target_trus_m)

@@ -73,7 +73,7 @@ _GRID = (24, 20)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """What the probe can reach."""
+    """Reach of the probe."""
 
     angles: Interval
     """Angles that may be searched."""
@@ -107,7 +107,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """What the markers so far say of a spot."""
+    """Prediction for a spot from the markers so far."""
 
     prior: AnglePrior
     lateral_m: float
@@ -190,7 +190,7 @@ class Poses:
     def predict(
         self, camera_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"], *, limits: Interval
     ) -> Prediction | None:
-        """What the poses say of a spot; None if they leave most of the range open.
+        """Prediction for a spot from the poses; None if they leave most of the range open.
 
         ``camera_m``, ``covariance_m2``: the spot, as both cameras see it. ``limits``: angles that may be searched.
         """

@@ -58,18 +58,18 @@ class SearchState:
 
     noise: SearchNoise
     sources: Sequence[Candidate]
-    """The sources, the loudest first, at least one."""
+    """The sources, the strongest first, at least one."""
     survey: Survey | None
-    """None if not known."""
+    """Survey of the range; None if not known."""
     misfit: str | None
-    """From `predictive_check` of the loudest."""
+    """Result of `predictive_check` for the strongest source."""
     unresolved_rival: tuple[Candidate, float | None] | None
     """None if there is one source only."""
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
-    """Return the sources, the loudest first; those whose angle or existence is not known come last."""
-    # While a source is seen from far only, its loudness may come out as anything.
+    """Return the sources, the strongest first; those whose angle or existence is not known come last."""
+    # While a source is only seen from far away, its strength may come out as anything.
     return sorted(sources, key=lambda each: (each.missing is not None, not each.known, -each.log_snr))
 
 
@@ -84,7 +84,7 @@ def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _may_be_as_loud(source: Candidate, first: Candidate, *, by_db: float, sigmas: float = LOUDER_SIGMAS) -> bool:
-    """Whether a source may be the marker beside the loudest.
+    """Whether a source may be the marker instead of the strongest.
 
     A source beyond an end of the range counts with the strength seen in the range, because the marker is in the range.
     """
