@@ -108,7 +108,7 @@ class Outcome(NamedTuple):
     found: bool
     error_deg: float
     covered: bool | None
-    """Whether the 95 % interval holds the truth; None where there is none."""
+    """Whether the 95 % interval holds the truth; None if there is no interval."""
     acquisitions: int
 
 

@@ -103,7 +103,7 @@ def test_a_rig_file_and_a_study_file_in_the_place_of_one_another_are_known(shell
     code, _, err = shell("study", rig)
     assert (code, "it is a rig file: 'markerseek search --rig'" in err) == (2, True), err
     code, _, err = shell("search", "--rig", study)
-    assert (code, "it is a study file: 'markerseek study'" in err) == (2, True), err
+    assert (code, "it is a study file; run 'markerseek study'" in err) == (2, True), err
 
 
 @pytest.mark.parametrize(("words", "options"), NUMBERS, ids=lambda words: " ".join(map(str, words[:2])))

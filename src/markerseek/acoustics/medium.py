@@ -10,7 +10,7 @@ import numpy as np
 from markerseek.acoustics._checks import not_negative
 from markerseek.core import Float64, require_range
 
-# 20 dB are a factor of 10, because this is an amplitude.
+# 20 dB and not 10, because this is an amplitude.
 _NEPER_PER_METRE = math.log(10) / 20 * 100
 """One dB/cm in Np/m."""
 
@@ -19,8 +19,8 @@ _NEPER_PER_METRE = math.log(10) / 20 * 100
 class Medium:
     """Uniform medium.
 
-    A spherical wave falls as 1/r in it, besides the attenuation. The attenuation has no dispersion of its own:
-    pulses lose their high frequencies and keep their moment of arrival (for a power near 1 and soft tissue the true
+    Besides the attenuation, the amplitude of a spherical wave falls as 1/r. The attenuation causes no dispersion:
+    pulses lose their high frequencies and keep their arrival time (for a power near 1 and soft tissue the true
     dispersion is below 0.1 % of the speed of sound over the band).
     """
 

@@ -71,7 +71,7 @@ class FollowedSession(RegistrationSource):
 
         def look() -> None:
             nonlocal shown
-            # What has come at once is shown at once: what held in between is over already.
+            # Steps that come together are shown together, because the states between them are over already.
             state = self._as_it_runs(newest)
             if newest is not shown or state.session != self.state.session:
                 shown, self.state = newest, state

@@ -90,7 +90,7 @@ class Searches:
         # Two requests can come at once, from two threads of a bridge.
         with self._lock:
             if self._followed is not None and not self._followed.child.running:
-                # Whoever was just told of its end may ask for the next one before its thread is over.
+                # A client that just learned of the end may ask for the next search before the thread has ended.
                 self._followed.join(_REPORTED_S)
             if self.running:
                 raise SearchError("a search is running; stop it, or wait for its end")

@@ -78,18 +78,18 @@ def _top(
 
 @cache
 def _built() -> Any:
-    """All commands, built once: it takes 40 ms, and a test runs many of them in its process."""
+    """All commands, built once: it takes 40 ms, and a test runs many of them in one process."""
     return arranged(typer.main.get_command(app))
 
 
 _UsageError: Any = typer.BadParameter.__bases__[0]
-"""Typer's error of wrong arguments, which has no public name."""
+"""Typer's error for wrong arguments, which has no public name."""
 
 
 def run() -> None:
     """Run the command that the arguments name, and end the process with its exit code.
 
-    Raises `SystemExit` always, unless something happens that was not foreseen.
+    Always raises `SystemExit`, except after Ctrl-C, at a closed pipe, or on an unexpected error.
     """
     # Warnings as one line: the default prints a line of source code that says nothing to a user.
     warnings.showwarning = print_warning
@@ -104,17 +104,17 @@ def run() -> None:
         if isinstance(ended, Stopped):
             raise
         if isinstance(ended.__context__, BrokenPipeError):
-            # Click ends with exit code 1 and without a word.
+            # Click would end with exit code 1 and without a message.
             raise ended.__context__ from None
         if ended.code == STOPPED_BY_USER:
             print_error(MarkerseekError("stopped by the user"), as_json=as_json)
         raise
     except typer.Abort:
-        # So Click before its Typer had one of its own.
+        # Click raises Abort after Ctrl-C, and so do versions of Typer that use it.
         raise KeyboardInterrupt from None
     except (_UsageError, MarkerseekError) as problem:
         error = problem if isinstance(problem, MarkerseekError) else ConfigError(_in_words(problem))
-        # Where a group is called without a command, Typer has printed its help already.
+        # If a group is called without a command, Typer has printed its help already.
         if type(problem).__name__ != "NoArgsIsHelpError":
             print_error(error, as_json=as_json)
         sys.exit(error.exit_code)
@@ -126,7 +126,7 @@ _WORDS = {
     "valid integer": "whole number",
     "valid number": "number",
 }
-"""Words of Typer's own messages, and ours."""
+"""Words in Typer's messages, and the words that are printed instead."""
 
 
 def _in_words(problem: Any) -> str:
@@ -144,7 +144,7 @@ def _in_words(problem: Any) -> str:
 
 
 def _given(option: str) -> str:
-    """The value of an option on the command line, the last where it stands there several times."""
+    """Value of an option on the command line; the last one if the option is repeated."""
     words = sys.argv[1:]
     values = [after for word, after in pairwise(words) if word == option]
     values += [word.partition("=")[2] for word in words if word.startswith(f"{option}=")]

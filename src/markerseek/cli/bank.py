@@ -144,7 +144,7 @@ def _content(bank: IntensityBank | FrameBank) -> str:
 
 
 def _imaged_by(bank: IntensityBank | FrameBank, probe: str | None) -> str | None:
-    """The imaging chain of the frames: its preset, who named it, and its parameters; None where there are no frames."""
+    """The imaging chain of the frames: its preset, who named it, and its parameters; None if there are no frames."""
     from markerseek.records.banks import FrameBank
 
     if not isinstance(bank, FrameBank):

@@ -49,7 +49,7 @@ def import_bank(
     table: TableOptions,
     probe: ProbeName = None,
     sampling_mhz: Annotated[
-        float | None, typer.Option(help="Sampling frequency, where the recording does not hold it; usually 40.")
+        float | None, typer.Option(help="Sampling frequency, if the recording does not state it; usually 40.")
     ] = None,
     reference_deg: Annotated[float | None, typer.Option(help="Known angle of the marker, in degrees.")] = None,
     face_radius_mm: Annotated[
@@ -97,7 +97,7 @@ def import_bank(
     ):
         for sample in runs.bank_samples(bank, probe=probe):
             writer.add(sample)
-            # Dark frames are not angles, so that samples are not counted.
+            # Angles are counted, not samples, because some samples are dark frames.
             progress.update(progress.task_ids[0], completed=writer.taken)
     content = "frames of channel data" if frames else "intensities"
     shown = [f"{count} angles of {content} in {escape(str(to))}"]
@@ -137,7 +137,7 @@ def export_bank(
     probe: ProbeName = None,
     face_radius_mm: Annotated[
         float | None,
-        typer.Option(help="Distance of the array's face from the axis of rotation, where the bank does not hold it."),
+        typer.Option(help="Distance of the array's face from the axis of rotation, if the bank does not state it."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -155,7 +155,7 @@ def export_bank(
     bank = rigs.read_recording(source, table.format(), probe=probe)
     require_new(to)
     require_frames(bank, source, probe=probe, face_radius_mm=face_radius_mm)
-    # A CSV needs no frame, and a damaged one must not pass for that reason.
+    # A CSV needs no frames, but a bank with a damaged frame must be refused all the same.
     require_whole(bank)
     announce_compilation()
     if kind == ".csv":
@@ -184,7 +184,7 @@ def _write_frames(
         facts = replace(facts, face_radius_m=face_radius_mm / 1e3)
     elif facts.face_radius_m is None:
         stderr.print(
-            "[yellow]the export has no positions of the images: the bank does not hold the distance of the array's "
+            "[yellow]the export has no positions of the images: the bank does not state the distance of the array's "
             "face from the axis of rotation; give --face-radius-mm[/]"
         )
     series = series_of(bank, facts=facts)
@@ -197,7 +197,7 @@ def _write_frames(
     first_s = bank.facts.first_sample_s or 0.0
     filled = round(first_s * preset.sampling_hz)
     read = (bank.frame(index) for index in series.order)
-    # Without what was filled in before the first sample.
+    # Without the samples that were filled in before the first recorded one.
     frames = (replace(each, samples=each.samples[:, filled:]) for each in read)
     write_zea(
         to,

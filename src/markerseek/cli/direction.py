@@ -35,7 +35,7 @@ def steadiness(spread: float | None) -> str:
 
 
 def _usual_energy(rig: rigs.Rig) -> str:
-    """What the rig's energy meter says of a usual pulse, for the rig file; empty where it has none."""
+    """What the rig's energy meter says of a usual pulse, for the rig file; empty if it has none."""
     meter = rig.receiver
     if not isinstance(meter, drivers.EnergyMeter) or meter.usual is None:
         return ""

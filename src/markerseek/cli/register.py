@@ -30,11 +30,11 @@ EXAMPLES = """
 
 
 SHOWN_SHARE = 0.7
-"""An error that all points share is printed where they show it: its standard deviation over that of before."""
+"""An error shared by all points is printed if the points reduce its standard deviation to less than this share."""
 
 
 def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
-    """The file of a registration, and its content; another registration that is there is replaced by force only."""
+    """The file of a registration, and its content; only ``force`` replaces another registration in this folder."""
     path = Path(registration.REGISTRATION)
     if path.exists() and not force:
         try:
@@ -62,42 +62,40 @@ def command(
     journal: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Journal or JSON result of the search for each row of the CSV, in its order, in place of the trus "
-            "columns; give it once for each."
+            help="Journal or JSON result of a search, in place of the trus columns; give the option once for each "
+            "row of the CSV, in the same order."
         ),
     ] = None,
     cameras: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Calibration of the stereo endoscope: TOML, StereoCalibrationDVRK.ini of a dVRK, YAML, XML or JSON of "
-            "OpenCV (given twice where it is in two files), or twice for the YAML files of ROS, left and right; "
-            "the CSV then has left_x_px, left_y_px, right_x_px, right_y_px in "
-            "place of the camera columns, and optionally spot_sigma_px."
+            help="Calibration of the stereo endoscope: TOML, StereoCalibrationDVRK.ini of a dVRK, or YAML, XML or JSON "
+            "of OpenCV. Give the option twice for two files, for example left and right YAML files of ROS. The CSV "
+            "then has left_x_px, left_y_px, right_x_px, right_y_px in place of the camera columns, and optionally "
+            "spot_sigma_px."
         ),
     ] = None,
     calibration_sigma_px: Annotated[
         float | None,
-        typer.Option(help="Reprojection error of that calibration, in pixels, where its file does not state it."),
+        typer.Option(help="Reprojection error of that calibration, in pixels, if its file does not state it."),
     ] = None,
     frames: Annotated[
         tuple[Path, Path] | None,
         typer.Option(
             metavar="LEFT RIGHT",
-            help="Images of the laser spots in place of a CSV: two folders, one of each camera, with a folder of PNG "
-            "files for each marker, named like its journal.",
+            help="Images of the laser spots in place of a CSV: two folders, one for each camera. Each has a folder of "
+            "PNG files for each marker, with the name of its journal.",
         ),
     ] = None,
     target_mm: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
             metavar="X Y Z",
-            help="Where the error is wanted, in the TRUS frame.",
+            help="Point at which the error is computed, in the TRUS frame.",
             show_default="20 mm under the middle of the points",
         ),
     ] = None,
-    without: Annotated[
-        list[str] | None, typer.Option(help="Name of a point that is left out; give it once for each.")
-    ] = None,
+    without: Annotated[list[str] | None, typer.Option(help="Name of a point to leave out; may be repeated.")] = None,
     session: SessionOptions,
     plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
     out: Out = None,
@@ -108,13 +106,13 @@ def command(
 ) -> None:
     """Find the transform from the da Vinci camera to the probe, with its errors.
 
-    With --rig or --simulate, a session: light a spot on the tissue; both cameras see it, the probe searches it, and the
-    next place is said, until the expected error is small enough. Otherwise from points, or from searches and images
-    that were recorded. At least three markers that are not on a line. The registration is written into
-    registration.json, of a session in its folder, otherwise in the current one, where --force replaces another
-    registration; `markerseek igtl --registration` and `markerseek ros2 search --registration` read it. Exit code 3 if
-    the points do not fit: their residuals are larger than the sigmas let expect (a chi-squared test at 1e-3; without
-    sigmas 1 mm is assumed), or a mirror image fits better.
+    With --rig or --simulate, run a session: light a spot on the tissue; both cameras see it, the probe searches for it,
+    and the command names the next place, until the expected error is small enough. Otherwise use points, or recorded
+    searches and images. At least three markers that are not on a line are needed. A session writes registration.json
+    into its own folder. Otherwise the file goes into the current folder, and --force replaces another one there.
+    `markerseek igtl --registration` and `markerseek ros2 search --registration` read it. Exit code 3 if the points do
+    not fit: their residuals are larger than their sigmas explain (a chi-squared test at 1e-3; without sigmas 1 mm is
+    assumed), or a mirror image fits better.
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
@@ -144,7 +142,7 @@ def command(
 
 
 def _of_session(over: SessionOver) -> Report:
-    """What a session has found; the registration is in its folder."""
+    """Report of a session, whose registration is in the folder of the session."""
     report, session, registered = over.report, over.session, over.session.registered
     heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(session.taken)} markers"
     values = msgspec.to_builtins(report) | {
@@ -165,7 +163,7 @@ def _of_session(over: SessionOver) -> Report:
 
 
 def _session_rows(over: SessionOver) -> list[tuple[str, str]]:
-    """What a session adds to its registration."""
+    """Rows of the report that only a session has."""
     session = over.session
     counts = ", ".join(str(marker.acquisitions) for marker in session.taken)
     rows = [
@@ -190,7 +188,7 @@ def _pairs(
     cameras: Sequence[Path] | None,
     calibration_sigma_px: float | None,
 ) -> tuple[str, list[registration.PointPair]]:
-    """What the points are called, and the pairs of them."""
+    """Title and pairs of the points."""
     if points is None and frames is None:
         raise ConfigError(
             "no points: name a CSV, images by --frames LEFT RIGHT, a rig for a session by --rig RIG.toml, or add "
@@ -235,14 +233,14 @@ def _shown(
 
 def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
     x, y, z = (1e3 * value for value in report.target_trus_m)
-    assumed = " for 1 mm in each coordinate, because not all have sigmas" if report.weights == "equal" else ""
+    assumed = " with 1 mm in each coordinate, because not all points have sigmas" if report.weights == "equal" else ""
     return [
         ("FRE", f"{1e3 * report.fre_m:.2f} mm, {1e3 * report.expected_fre_m:.2f} mm expected{assumed}"),
         ("expected TRE", f"{1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm"),
         ("at", f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the TRUS frame"),
-        # The others are known as well as before.
+        # The points say nothing about the other shared errors.
         *(
-            (error.name, f"{error.value:+.2g} ± {error.sigma:.2g} {error.unit} too large, as the points show")
+            (error.name, f"{error.value:+.2g} ± {error.sigma:.2g} {error.unit} too large according to the points")
             for error in report.shared
             if error.sigma < SHOWN_SHARE * error.assumed_sigma
         ),

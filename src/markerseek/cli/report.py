@@ -49,7 +49,7 @@ class Output:
     as_json: bool
     """Whether a program reads standard output."""
     folder: Path | None = None
-    """Folder for pictures; None where none are asked for."""
+    """Folder for pictures; None if none are asked for."""
     file: Path | None = None
     """Where the first picture goes under a name of the user's; then neither its page nor others are written."""
 

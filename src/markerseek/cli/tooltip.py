@@ -1,4 +1,4 @@
-"""``markerseek tooltip``: finds the tip of an instrument in B-mode images, and how far off the plane it is seen."""
+"""``markerseek tooltip``: finds the tip of an instrument in B-mode images, and the angles in which it is seen."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ EXAMPLES = (
 )
 
 _PIXEL_MM = 0.1
-"""Size of a pixel where neither the files nor the user name one."""
+"""Size of a pixel if neither the files nor the user state it."""
 
 _ROWS = 15
 """Most images that are printed: those with the strongest tips."""
@@ -127,18 +127,18 @@ def _rectangle(roi: str) -> vision.Rectangle:
 
 
 _UNSURE = re.compile(r"[a-z_ ]*(?:[a-z]-|−)(?:\d+(?:\.\d+)?|\.\d+)[_ ]?(?:deg|°)?", re.ASCII | re.IGNORECASE)
-"""A name in which a hyphen may part word and number, or be a minus."""
+"""A name in which a hyphen may separate word and number, or be a minus sign."""
 
 
 def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float | None) -> list[float]:
-    """Angles of images by their names, where these are angles; else in steps, in the order of the names."""
+    """Angles of images: from their names if these state angles, else in steps, in the order of the names."""
     stems = [Path(name).stem for name in names]
     steps = (0.0 if first_deg is None else first_deg, 1.0 if step_deg is None else step_deg)
     if len(set(stems)) < len(stems):
         # Frames of one file.
         return _steps(range(len(stems)), *steps)
     unsure = [_UNSURE.fullmatch(stem) is not None for stem in stems]
-    # Counted names are whole numbers, and all alike.
+    # Names with a counter all end in a letter, a hyphen and a whole number.
     if any(unsure) and not all(re.fullmatch(r".*[a-z]-\d+", stem, re.IGNORECASE) for stem in stems):
         raise RecordError(
             f"{names[unsure.index(True)]}: its hyphen may be a minus or not; name the images as in angle_-12.5, or "
@@ -163,12 +163,12 @@ def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float
 
 
 def _places(stems: Sequence[str]) -> list[int]:
-    """Place of each image in the scan: its number in the names, where a few of these are missing, else its order."""
+    """Place of each image in the scan: the number in its name if a few numbers are missing, else its place in order."""
     parts = [re.fullmatch(r"(.*?)(\d+)(\D*)", stem, re.ASCII) for stem in stems]
     numbers = [int(part[2]) for part in parts if part is not None]
     around = {(part[1], part[3]) for part in parts if part is not None}
     rising = len(around) == 1 and len(numbers) == len(stems) and all(one < two for one, two in pairwise(numbers))
-    # As many missing as there are would be another way to count.
+    # If as many numbers are missing as there are images, the names count in another way.
     if not rising or not len(stems) <= numbers[-1] - numbers[0] < 2 * (len(stems) - 1):
         return list(range(len(stems)))
     missing = ", ".join(map(str, sorted(set(range(numbers[0], numbers[-1])) - set(numbers))))
@@ -193,7 +193,7 @@ def _angles(path: Path, series: ImageSeries) -> list[float]:
     if rows.names and is_number(rows.names[-1]):
         # The first line holds the name of an image and its angle.
         rows = replace(rows, names=(), cells={0: [*rows.names], **rows.cells})
-    # A decimal comma in a table that commas separate makes one column more.
+    # In a table with commas between the columns, a decimal comma adds a column.
     if rows.width > 2 or any(len(row) != rows.width for row in rows.cells.values()):
         raise RecordError(f"{path}: one or two columns are expected, the same in each line; {DECIMAL_COMMA}")
     texts = rows.numbers(path, [rows.width - 1], most=[360])
@@ -206,7 +206,7 @@ def _angles(path: Path, series: ImageSeries) -> list[float]:
     missing = [name for name in series.names if name not in by_name]
     if missing:
         raise RecordError(
-            f"{path}: there is no angle of {missing[0]}; write a line {missing[0]},ANGLE, and the angle with a point"
+            f"{path}: there is no angle of {missing[0]}; add a line {missing[0]},ANGLE with a decimal point"
         )
     return [by_name[name] for name in series.names]
 
@@ -232,7 +232,7 @@ def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[floa
 def _values(
     measured: vision.SensitiveRange, names: dict[float, str], size_m: tuple[float, float], source: str
 ) -> dict[str, object]:
-    """The sensitive range; of an image in which the tip was not looked for, the tip is null."""
+    """The sensitive range; for an image that was not searched, the tip is null."""
     shown = ("visible", "intensity", "level", "area_px", "row", "column")
     first = next((frame.tip for frame in measured.frames if frame.angle_deg == measured.reference_deg), None)
     return with_version(

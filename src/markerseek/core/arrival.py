@@ -29,7 +29,7 @@ class Arrival:
     intensity
         Its envelope, in the frame's unit.
     coherence
-        Share of the channels' energy that is in phase, 0 to 1; None where single channels are not known.
+        Share of the channels' energy that is in phase, 0 to 1; None if single channels are not known.
     """
 
     lateral_m: float

@@ -41,7 +41,7 @@ def require_range(
     The message has one form: argument, value with unit, limits, cure.
 
     ``name``: name of the argument with its owner: "stage: zero_deg". ``low``, ``high``: the limits, both included;
-    infinity for none. ``open_low``: whether the lower limit itself is outside. ``cure``: what to do about it, where
+    infinity for none. ``open_low``: whether the lower limit itself is outside. ``cure``: what to do about it, if
     that is not clear from the limits.
     """
     # True would pass as 1, and text would end in a TypeError without the name of the argument.
@@ -66,7 +66,7 @@ class Within:
     open_low
         Whether the lower limit itself is outside.
     cure
-        What to do about a number outside, where the limits do not show it.
+        What to do about a number outside, if that is not clear from the limits.
     """
 
     low: float
@@ -77,7 +77,7 @@ class Within:
 
 
 def require_fields(settings: Any, owner: str) -> None:
-    """Refuse a field that lies outside its `Within` or is not a word of its `Literal`; None passes.
+    """Refuse a field that lies outside its `Within` or is not a value of its `Literal`; None passes.
 
     ``owner``: name of what the settings belong to, for the message: "stage".
     """

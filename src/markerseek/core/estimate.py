@@ -1,7 +1,7 @@
 """The possible answers of a search. Each has ``mean_deg``; only `Found` claims a marker.
 
 Each also says what else the search has seen: ``others`` are further sources, and ``surveyed`` is the share of the range
-in which a source as loud as the one answered would have been detected (None where that is not known).
+in which a second source as strong as the marker would have been detected (None if not known).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Floor:
     Attributes
     ----------
     level
-        Threshold, in the unit of the intensities; None where the floor is unknown.
+        Threshold, in the unit of the intensities; None if the floor is unknown.
     source
         Data from which it was computed.
     """
@@ -48,11 +48,11 @@ class OtherSource:
     Attributes
     ----------
     angle_deg, sigma_deg
-        Its angle in degrees, and the standard deviation of that.
+        Its angle and the standard deviation of the angle, in degrees.
     relative_db
-        Its loudness with the probe on it over that of the source answered, in dB.
+        Its strength with the probe on it over that of the source found, in dB.
     lateral_m, depth_m
-        Where it is in the image, in metres; None where frames do not say it.
+        Its position in the image, in metres; None if the frames do not state it.
     """
 
     angle_deg: float
@@ -81,13 +81,13 @@ class Found:
     others
         Further sources, the loudest first.
     surveyed
-        Share of the range in which a source as loud would have been detected, 0 to 1; None where it is not known.
+        Share of the range in which a second source as strong would have been detected, 0 to 1; None if not known.
     curve
-        Width and height of the marker's intensity curve; None where the method does not know them.
+        Width and height of the marker's intensity curve; None if the method does not know them.
     other_probability
-        Probability that another source is the marker, 0 to 1; None where the method does not compute it.
+        Probability that another source is the marker, 0 to 1; None if the method does not compute it.
     half_width_m
-        How far the interval reaches from the angle, as a length at the marker in metres; None where the distance of the
+        How far the interval reaches from the angle, as a length at the marker in metres; None if the distance of the
         marker from the axis is not known.
     """
 
@@ -132,7 +132,7 @@ class NotFound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ambiguous:
-    """Two sources about as loud, or one whose angle is one of several.
+    """Two sources about as strong, or one source whose angle is one of several.
 
     ``modes_deg`` lists the angles; ``mean_deg`` is that of the loudest source, or the likeliest, and ``sigma_deg`` and
     ``interval95_deg`` are those of that source.
@@ -152,7 +152,7 @@ class Ambiguous:
 class AtBound:
     """The intensity still rises at an end of the range: the marker lies there or beyond.
 
-    ``sigma_deg`` and ``interval95_deg`` are those of the marker, which may lie beyond; None where the method has none.
+    ``sigma_deg`` and ``interval95_deg`` are those of the marker, which may lie beyond; None if the method has none.
     """
 
     mean_deg: float

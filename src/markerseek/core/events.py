@@ -41,7 +41,7 @@ class Asked:
     angle_deg
         Angle that the stage is sent to, in degrees; for a dark frame, the present one; for a sweep, its end.
     sweep
-        The sweep, of which a `Measured` or `Refused` follows for each pulse, and `Swept` at its end; None for one
+        The sweep; a `Measured` or `Refused` follows for each of its pulses, and `Swept` at its end. None for one
         acquisition at an angle.
     belief
         What the policy believed when it asked; None before the first acquisition with light, and in a run without a
@@ -64,7 +64,7 @@ class Turning:
     target_deg
         Angle asked for, in degrees.
     angle_deg
-        Angle read now, in degrees; None where the person reads it, and types it in at the end.
+        Angle read now, in degrees; None if the person reads it, and types it in at the end.
     """
 
     target_deg: float
@@ -117,7 +117,7 @@ class Refused:
     reason
         Why.
     frame
-        What the receiver sent; None where it sent nothing.
+        What the receiver sent; None if it sent nothing.
     """
 
     angle_deg: float
@@ -156,13 +156,13 @@ class Finished:
     travel_deg
         Sum of all rotations by the stage's readback, in degrees.
     elapsed_s
-        Time on the rig's clock from `Started`, in seconds: to the probe at the marker, where one was found.
+        Time on the rig's clock from `Started`, in seconds, with the move of the probe to a marker that was found.
     known_s
-        The same to the answer, before the probe turned to the marker; None where none was found.
+        The same time without the move of the probe to the marker; None if no marker was found.
     searched
-        What the search alone would have said, where the answer is from all angles of a recording; else None.
+        Answer of the search alone, if the answer is from all angles of a recording; else None.
     near
-        What was seen of the prior over the angle; None where the search had none.
+        Evidence for the prior over the angle; None if the search had no prior.
     belief
         As in `Asked`.
     """
@@ -212,11 +212,11 @@ class AngleBelief:
 
     @property
     def sigma_deg(self) -> float | None:
-        """Standard deviation in degrees; None where the answer has none."""
+        """Standard deviation in degrees; None if the answer has none."""
         return None if not self.claims or isinstance(self.estimate, NotFound) else self.estimate.sigma_deg
 
     @property
     def interval95_deg(self) -> tuple[float, float] | None:
-        """95 % interval in degrees; None where the answer has none."""
+        """95 % interval in degrees; None if the answer has none."""
         interval = None if not self.claims or isinstance(self.estimate, NotFound) else self.estimate.interval95_deg
         return None if interval is None else (interval.low_deg, interval.high_deg)

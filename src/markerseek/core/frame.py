@@ -32,7 +32,7 @@ class FrameHeader:
     angle_before_deg, angle_after_deg
         Readback of the stage just before and just after, in degrees; None until the scanner adds them.
     energy
-        Energy of its pulses over the usual one, as the rig measured it; None where it does not.
+        Measured energy of the pulses over the usual energy; None if the rig does not measure it.
     """
 
     sequence: int
@@ -47,7 +47,7 @@ class FrameHeader:
 
 
 NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
-"""Header of a frame that no rig took."""
+"""Header of a frame that does not come from a rig."""
 
 
 # eq=False: comparing arrays gives an array, so that == of two frames would raise.
@@ -70,7 +70,7 @@ class ChannelFrame:
     sampling_hz: float
 
     def __post_init__(self) -> None:
-        # At run time too: the samples come from drivers and files that other people write.
+        # Checked at run time too, because the samples come from drivers and files of other people.
         if self.samples.ndim != 2 or self.samples.dtype != "int16":
             raise ConfigError(
                 f"channel frame: samples are {self.samples.dtype} of shape {self.samples.shape}, they must be int16 of "
@@ -91,7 +91,7 @@ class ReadingFrame:
     intensity
         Peak of the photoacoustic image, in any unit that stays the same over a scan.
     noise_sigma, cells
-        Noise of that image and the number of its independent cells, as in `Reading`, where they are known.
+        Noise of that image and the number of its independent cells, as in `Reading`; None if not known.
     """
 
     header: FrameHeader

@@ -1,4 +1,4 @@
-"""Photoacoustic and B-mode images, where the pixels of an image are, and where the elements of the array are."""
+"""Photoacoustic and B-mode images, the positions of their pixels, and the elements of the array."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class PaImage:
     envelope
         Shape (depths, laterals), in ADC counts.
     lateral_m, depth_m
-        Its columns and rows in metres: along the array from its centre, and from the array's face.
+        Positions of the columns along the array from its centre, and of the rows from the array's face, in metres.
     """
 
     envelope: Float32[np.ndarray, "depths laterals"]
@@ -32,7 +32,7 @@ class PaImage:
 
     @property
     def geometry(self) -> ScanGeometry:
-        """Where its pixels are."""
+        """Positions of the pixels."""
         return ScanGeometry(
             first_lateral_m=float(self.lateral_m[0]),
             lateral_step_m=float(self.lateral_m[-1] - self.lateral_m[0]) / max(1, len(self.lateral_m) - 1),
@@ -43,7 +43,7 @@ class PaImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanGeometry:
-    """Where the pixels of an image are; the same rule overlays B-mode and photoacoustic images.
+    """Positions of the pixels of an image, the same for B-mode and photoacoustic images.
 
     Lateral positions count along the array from its centre, depths from its face. Row and column numbers may be
     fractions; pixel 0 is centred on the first position.
@@ -78,7 +78,7 @@ class ScanGeometry:
 
     @property
     def grid(self) -> dict[str, float]:
-        """Middle of the first column and row, and the steps, in metres, by the names in messages and exports."""
+        """Centre of the first column and row, and the steps, in metres, under their names in messages and exports."""
         return {
             "first_lateral_m": self.first_lateral_m,
             "first_depth_m": self.first_depth_m,
@@ -94,7 +94,7 @@ class ScanGeometry:
         )
 
     def pixel(self, *, lateral_m: float, depth_m: float) -> tuple[float, float]:
-        """Row and column of a position in metres, as fractions."""
+        """Row and column of a position in metres, not rounded."""
         return (
             (depth_m - self.first_depth_m) / self.depth_step_m,
             (lateral_m - self.first_lateral_m) / self.lateral_step_m,
@@ -109,7 +109,7 @@ class ScanGeometry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearArray:
-    """Elements in a row, evenly spaced, centred on the middle of the image.
+    """Evenly spaced elements in a row, whose centre is the lateral position 0.
 
     Attributes
     ----------

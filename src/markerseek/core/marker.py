@@ -86,7 +86,7 @@ class MarkerCandidate:
 
 
 _LOUDER_DB = 3.0
-"""Standard deviation in dB of a difference of loudness that says nothing of which source is the marker."""
+"""Standard deviation in dB of a difference in strength that does not show which source is the marker."""
 
 _USUAL_OTHER, _LEAST_OTHER = 0.01, 1e-6
 """Probability that an answer is another source, where its method does not compute it, and at least."""
@@ -154,7 +154,7 @@ def _placed(angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: floa
 def marker_position(
     found: Found | Unsure | Ambiguous, samples: Sequence[Sample], facts: RigFacts
 ) -> MarkerPosition | None:
-    """Position of the marker; None where the frames give no position, or the face radius is not known.
+    """Position of the marker; None if the frames give no position, or the face radius is not known.
 
     Lateral position and depth are means over the strong frames, weighted by the square of their intensity, of the
     centroid of the energy: which grain of a stained spot, or which edge of a long laser pulse, is the peak is chance.

@@ -1,6 +1,6 @@
-"""Options from the fields of a dataclass: their names, types, defaults and documentation stand there, and only there.
+"""Options from the fields of a dataclass: only the field defines name, type, default and documentation of its option.
 
-A command line, a page, a link and a message of a network offer the same options.
+The command line, the page, links and network messages offer the same options.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ class Option:
     name: str
     """Name of the field."""
     kind: type[bool] | type[int] | type[float] | type[str] | type[AnglePrior]
-    """Type of its value; ``None`` is possible where it is the default."""
+    """Type of the value; the value may also be ``None`` if that is the default."""
     default: Any
-    """Value that it has without being chosen."""
+    """Value if nobody chooses one."""
     shown: str | None
     """What to show for a default of ``None``."""
     least: int | None
-    """Smallest value that can be meant."""
+    """Smallest value allowed; None: no limit."""
     help: str
     """The field's documentation, on one line."""
 
     @property
     def flag(self) -> str:
-        """How it is typed: ``--tolerance-mm``."""
+        """The option as it is typed, for example ``--tolerance-mm``."""
         return f"--{self.name.replace('_', '-')}"
 
     def read(self, text: str) -> bool | float | str | AnglePrior:
-        """The value of a text; `ConfigError` if it is none of this type."""
+        """Value that a text states; `ConfigError` if the text does not have the type of this option."""
         if issubclass(self.kind, AnglePrior):
             return self.kind.parse(text)
         try:
@@ -59,7 +59,7 @@ _IN_WORDS: dict[type, str] = {bool: "true or false", int: "a whole number", floa
 
 
 def option(default: Any, *, shown: str | None = None, least: int | None = None) -> Any:
-    """A field of a dataclass that is also an option; arguments as of `Option`."""
+    """A field of a dataclass that is also an option; the arguments are those of `Option`."""
     return field(default=default, metadata={_OPTION: (shown, least)})
 
 
@@ -67,14 +67,14 @@ _OPTION = "option"
 
 
 def options_of(kind: type[Any]) -> tuple[Option, ...]:
-    """The options among the fields of a dataclass, in their order; those of a parent come last."""
+    """The options among the fields of a dataclass, in their order; those of a parent class come last."""
     if kind not in _known:
         _known[kind] = _options_of(kind)
     return _known[kind]
 
 
 _known: dict[type[Any], tuple[Option, ...]] = {}
-"""Options of the classes that were asked for: their source is read once, and a command line asks for each option."""
+"""Cache of `options_of`: the source of a class is read once, although a command line asks for its options often."""
 
 
 def _options_of(kind: type[Any]) -> tuple[Option, ...]:
@@ -107,7 +107,7 @@ def documentation(kind: type[Any]) -> dict[str, str]:
 
 
 def _body(module: str, name: str) -> list[ast.stmt]:
-    """What stands in a class of a module. Not by `inspect.getsource` of the class, which reads the file twice."""
+    """Statements of a class in a module. `inspect.getsource` of the class would read the file twice."""
     body = ast.parse(inspect.getsource(sys.modules[module])).body
     return next(each.body for each in body if isinstance(each, ast.ClassDef) and each.name == name)
 
@@ -130,5 +130,5 @@ def arguments_of(settings: Any) -> list[str]:
 
 
 def as_text(value: object) -> str:
-    """A value as it is written, without a loss: a whole number without its zero, a truth value as 0 or 1."""
+    """A value as text, without loss: 3.0 as 3, a truth value as 0 or 1."""
     return str(int(value)) if isinstance(value, bool) else str(value).removesuffix(".0")

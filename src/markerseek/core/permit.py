@@ -42,7 +42,7 @@ class Permit:
 
     @property
     def pulses_in_frame(self) -> int:
-        """Pulses of which a frame is the average."""
+        """Number of pulses averaged in a frame."""
         return self.pulses
 
     @property

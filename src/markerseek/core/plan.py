@@ -140,8 +140,8 @@ class SearchPlan(RunPlan):
     sweep: bool = option(False)
     """Turn the probe while the laser fires, one frame a pulse: an answer in seconds (posterior only)."""
     others: float | None = option(None, shown="0.05")
-    """Probability that another source as loud is there as well, before the search; less takes fewer acquisitions, 0
-    looks for none (posterior only)."""
+    """Prior probability of a second source as strong; a smaller one takes fewer acquisitions, with 0 the search looks
+    for no second source (posterior only)."""
     near: AnglePrior | None = option(None)  # noqa: RUF009  as the others: it makes a field
     """Where the marker is expected, as ANGLE±SIGMA in degrees: the search begins there, and takes the whole range where
     the samples contradict it (posterior only)."""
@@ -231,9 +231,9 @@ class RigFacts:
     search
         Angles that may be searched.
     face_radius_m
-        Distance of the array's face from the axis of rotation in metres; None where it is not known.
+        Distance of the array's face from the axis of rotation in metres; None if not known.
     truth_deg
-        True angle of the marker in a simulation, in degrees; None where it is not known.
+        True angle of the marker in a simulation, in degrees; None if not known.
     reference_deg
         Angle of the marker from another measurement, in degrees, for comparison; None without one.
     seed

@@ -45,7 +45,7 @@ class Reading:
     focused_coherence
         Share of all energy about the peak that is in phase at its best focus, 0 to 1: near 1 for a point.
     spot
-        Energy about that peak, and its centroid; None where noise decides it.
+        Energy about that peak, and its centroid; None if noise decides it.
     saturated_fraction
         Share of the channels that touch full scale in the marker's window, 0 to 1.
     dead_channels
@@ -87,7 +87,7 @@ class Reading:
         for name in _OPTIONAL:
             value = getattr(self, name)
             if value is not None and not is_finite(value):
-                raise ReadingError(f"{name} is {value!r}, it must be a finite number, or None where it is not known")
+                raise ReadingError(f"{name} is {value!r}, it must be a finite number, or None if not known")
 
 
 _OPTIONAL = tuple(
@@ -111,7 +111,7 @@ class Sample:
     angle_sigma_deg
         Standard deviation of the error of this angle, independent from sample to sample, in degrees.
     sweep
-        What it shares with the other samples of its sweep; None where the probe was at rest.
+        What it shares with the other samples of its sweep; None if the probe was at rest.
     frame
         What the receiver sent, with its header; None for samples that no rig took.
 

@@ -56,8 +56,8 @@ class SweepTiming:
     """What a sample of a sweep shares with the other samples of its sweep.
 
     Its true angle is ``angle_deg + speed_deg_s * delay + play + e``. The delay is the same in all samples of all sweeps
-    of a run, the play in all samples of one sweep that turn away from the side of approach, and e differs from sample
-    to sample.
+    of a run, the play (backlash) in all samples of one sweep that turn away from the side of approach, and e differs
+    from sample to sample.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Pulse:
     sigma_s
         Standard deviation of that, independent from pulse to pulse, in seconds.
     energy
-        Its energy over the usual one; None where the laser does not measure it.
+        Its energy over the usual one; None if the laser does not measure it.
     """
 
     at_s: float

@@ -13,7 +13,7 @@ UP, DOWN = 1, -1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Approach:
-    """Angles to go to in turn: to the last always from the same side, whereby the gears' play does not matter."""
+    """Angles to go to in turn: to the last always from the same side, so that the backlash does not matter."""
 
     stops_deg: tuple[float, ...]
     """Angles to go to; none if the stage is there already, approached from the right side."""

@@ -69,31 +69,31 @@ class BoxClock:
 
 @dataclass(slots=True, kw_only=True)
 class BoxSweep:
-    """What was permitted of a sweep, and what the box has said of it."""
+    """The permitted sweep, and the answers of the box so far."""
 
     token: int
     pulses: int
     heard_s: float
-    """When the box said anything for the last time."""
+    """Time of the last answer of the box."""
     stepped_s: float
-    """When the control loop came by for the last time."""
+    """Time of the control loop's last step."""
     clock: BoxClock = field(default_factory=BoxClock)
     asked_s: dict[int, float] = field(default_factory=dict)
-    """When it was asked for its clock, by the number of the question; those that were answered are left out."""
+    """Time of each question about the box's clock that has no answer yet, by its number."""
     usual_light: float | None = None
-    """What the light meter reads of a usual pulse; None: it is not used."""
+    """Reading of the light meter for a usual pulse; None: the light meter is not used."""
     stamped: list[wire.Stamped] = field(default_factory=list)
     """Pulses, in order."""
-    told: int = 0
-    """Pulses that were handed on."""
+    returned: int = 0
+    """Number of pulses that `new_pulses` has returned."""
     ending: bool = False
     """Whether the command to end the light was sent."""
     disarmed: bool = False
     dark: wire.Dark | None = None
-    """How many pulses there were, once the light has ended."""
+    """Answer of the box after the end of the light, with the number of pulses; None until then."""
 
     def hear(self, reply: wire.Reply, *, now_s: float) -> None:
-        """Take what the box said; `LaserError` if it refuses, or a pulse is missing or was none."""
+        """Take an answer of the box; `LaserError` if the box refuses, or if a pulse is missing or gave no light."""
         self.heard_s = now_s
         match reply:
             case wire.Time(number=number, clock_us=clock_us):
@@ -132,10 +132,10 @@ class BoxSweep:
             )
         return dark.sent
 
-    def untold(self) -> list[Pulse]:
+    def new_pulses(self) -> list[Pulse]:
         """Pulses since the last call, with their times on the rig's clock."""
-        new = [self._pulse(stamped) for stamped in self.stamped[self.told :]]
-        self.told = len(self.stamped)
+        new = [self._pulse(stamped) for stamped in self.stamped[self.returned :]]
+        self.returned = len(self.stamped)
         return new
 
     def _pulse(self, stamped: wire.Stamped) -> Pulse:

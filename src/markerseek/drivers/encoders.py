@@ -1,4 +1,4 @@
-"""Encoders of a probe that a person turns: a TRANSFORM of OpenIGTLink, and a ROS 2 topic."""
+"""Encoders of a probe that a person turns: a TRANSFORM of OpenIGTLink, or a ROS 2 topic."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_TILT = 0.02
 """Largest tilt of the axis of rotation in a transform, as a sine: about one degree."""
 
 MAX_SHIFT_MM = 2.0
-"""Largest shift of the probe in a transform, in millimetres: a search does not follow the probe's depth."""
+"""Largest shift of the probe in a transform, in millimetres: a search assumes that the probe only turns."""
 
 _MAX_WAITING = 200
 """Most messages of ROS 2 that are handled for one angle."""
@@ -32,7 +32,7 @@ def rotation_deg(matrix: Float64[np.ndarray, "4 4"], *, axis: int) -> float:
     turn = matrix[:3, :3]
     # Matrices travel in single precision.
     if not (np.abs(turn.T @ turn - np.eye(3)).max() < 1e-3 and np.linalg.det(turn) > 0):
-        raise MoveError("stage: the transform of its encoder is no rotation; look at the encoder")
+        raise MoveError("stage: the transform of its encoder is no rotation; check the encoder")
     tilt = float(np.linalg.norm(np.delete(turn[:, axis], axis)))
     if not (turn[axis, axis] > 0 and tilt < MAX_TILT):
         raise MoveError(
@@ -60,13 +60,13 @@ class _Transforms:
         if not shift_mm <= MAX_SHIFT_MM:
             raise MoveError(
                 f"stage: the probe was shifted by {shift_mm:.1f} mm since the search began, {MAX_SHIFT_MM:g} mm is the "
-                "limit: what was measured before holds for another place; put it back, or begin a new search"
+                "limit: the earlier samples belong to another place; put the probe back, or begin a new search"
             )
         return angle_deg
 
 
 class _Stamps:
-    """Tells by their time stamps which messages are new and current."""
+    """Decides by the time stamps which messages are new and current."""
 
     def __init__(self, age_s: float) -> None:
         self._age_s = age_s
@@ -74,10 +74,10 @@ class _Stamps:
         self.unused = ""
 
     def is_used(self, stamp_s: float, now_s: float) -> bool:
-        """Whether a message is current: later than the one before, not too old, and not from the future."""
+        """Whether a message is current: later than the last one, not too old, and not from the future."""
         if stamp_s == self._last_s:
-            # A server that repeats the last angle says nothing new; `unused` says so once nothing else comes.
-            self.unused = "its messages repeat one moment"
+            # A server may repeat its last message; `unused` says so if no other message comes.
+            self.unused = "its messages repeat one time stamp"
             return False
         apart_s = now_s - stamp_s
         if stamp_s <= 0:
@@ -86,7 +86,7 @@ class _Stamps:
             self.unused = "the time of its messages runs backwards"
         elif not abs(apart_s) <= self._age_s:
             side = "old" if apart_s > 0 else "ahead of this computer's clock"
-            self.unused = f"its messages are {abs(apart_s):.2f} s {side}; compare the clocks, and the way between"
+            self.unused = f"its messages are {abs(apart_s):.2f} s {side}; compare the two clocks, and check the network"
         else:
             self.unused, self._last_s = "", stamp_s
             return True
@@ -96,10 +96,10 @@ class _Stamps:
 class IgtlEncoder(IgtlMessages):
     """A TRANSFORM of a PLUS server, or of another server of OpenIGTLink.
 
-    Only the newest message counts, and only if its own time is current. ``device``: name of the TRANSFORM. ``axis``:
+    Only the newest message counts, and only if its time stamp is current. ``device``: name of the TRANSFORM. ``axis``:
     index of the axis of rotation. ``states``: whether the metadata of each message must state that it is valid.
-    ``unix_s``: time of day in seconds since 1970, which the messages carry. ``emulated``: whether the server says that
-    it is an emulator. Raises `NotConnectedError` if no server answers.
+    ``unix_s``: returns the time of day in seconds since 1970, as in the messages. ``emulated``: whether the server says
+    that it is an emulator. Raises `NotConnectedError` if no server answers.
     """
 
     driver, peer, content = "stage", "server of its encoder", "TRANSFORM"
@@ -125,7 +125,7 @@ class IgtlEncoder(IgtlMessages):
 
     @property
     def unused(self) -> str:
-        """Why the last message is of no use."""
+        """Why the last message was not used; empty if it was."""
         return self._said or self._stamps.unused
 
     def read(self) -> float | None:
@@ -146,7 +146,7 @@ class IgtlEncoder(IgtlMessages):
         return self._transforms.angle_deg(matrix)
 
     def _objection(self, transform: igtl.Message) -> str:
-        """Why a transform is not believed; empty if it is: a server sends its last matrix with a status of INVALID."""
+        """Why a transform is rejected; empty if it is not. A server may repeat its last matrix as INVALID."""
         status = transform.metadata.get("TransformStatus")
         if status is None and self._states:
             said = "its transform does not state by TransformStatus in its metadata that it is valid"
@@ -173,7 +173,7 @@ class Ros2Encoder:
         self.emulated = False
         kind = "sensor_msgs/msg/JointState" if axis is None else "geometry_msgs/msg/TransformStamped"
         node.subscribe(topic, kind, self._on_message)
-        # A node of ours says there that it is simulated; others have no such topic.
+        # Our nodes state on this topic whether they are simulated; other nodes have no such topic.
         node.subscribe(topics.beside(topic, topics.STATE), "std_msgs/msg/String", self._on_state)
 
     def _on_message(self, message: Any) -> None:
@@ -185,7 +185,7 @@ class Ros2Encoder:
 
     @property
     def unused(self) -> str:
-        """Why the last message is of no use."""
+        """Why the last message was not used; empty if it was."""
         if self._node.publishes(self._topic):
             return self._stamps.unused
         return f"nobody publishes {self._topic}; its node is looked for in {reach()}"
@@ -203,7 +203,7 @@ class Ros2Encoder:
 
 
 def _matrix(transform: Any) -> Float64[np.ndarray, "4 4"]:
-    """Matrix of a geometry_msgs/Transform, its translation in millimetres; NaN if the quaternion is no rotation."""
+    """Matrix of a geometry_msgs/Transform, in millimetres; NaN if the quaternion has another length than 1."""
     from scipy.spatial.transform import Rotation
 
     turn, place = transform.rotation, transform.translation

@@ -1,4 +1,4 @@
-"""What the table of drivers holds of each: its settings, how it is opened, and what a rig must know of it.
+"""Entry of a driver in the table of drivers: its settings, how to open the device, and what a rig must know of it.
 
 A driver's file ends with its ``ENTRY``. A rig looks it up by the key ``driver`` of its file
 (`markerseek.drivers.table`), and treats all drivers alike.
@@ -29,7 +29,7 @@ PARTS: tuple[Part, ...] = ("stage", "laser", "receiver")
 
 
 class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver"):
-    """The keys of one table of a rig file; each driver has its own, tagged with its name."""
+    """The keys of one table of a rig file; each driver has a subclass, tagged with the driver's name."""
 
     part: ClassVar[Part]
     """Name of the table."""
@@ -39,7 +39,7 @@ class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     @property
     def driver(self) -> str:
-        """Name of the driver, as the rig file has it."""
+        """Name of the driver, as written in the rig file."""
         return str(self.__struct_config__.tag)
 
 
@@ -50,7 +50,7 @@ class StageSettings(DeviceSettings, frozen=True, kw_only=True):
 
 
 class MotorSettings(StageSettings, frozen=True, kw_only=True):
-    """Keys of a stage with a motor of its own; angles are the probe's unless they are called the stage's own."""
+    """Keys of a stage with a motor; angles are those of the probe, unless the text names the stage's own reading."""
 
     zero_deg: Annotated[float, Within(-360, 360, "deg")]
     """The stage's own reading at which the probe points at 0."""
@@ -64,7 +64,7 @@ class MotorSettings(StageSettings, frozen=True, kw_only=True):
     acceleration_deg_s2: Annotated[float, Within(0.1, 25, "deg/s²")] = 10.0
     """Acceleration of moves."""
     approach_deg: Annotated[float, Within(0.01, 5, "deg")] = 1.0
-    """Distance over which every target is approached from one side: longer than the gears' play."""
+    """Distance over which every target is approached from one side: longer than the backlash of the gears."""
     begin_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
     """Time without motion after which the stage counts as stuck."""
 
@@ -75,8 +75,8 @@ class MotorSettings(StageSettings, frozen=True, kw_only=True):
 
 
 LIGHT = ("wavelength_nm", "pulse_energy_j", "pulse_width_s", "spot_diameter_m")
-"""Keys of the light on the skin. Their ranges are those in which the limits of skin exposure hold, or which a suitable
-laser can have."""
+"""Keys of the light on the skin. Their ranges are those in which the limits of skin exposure are valid, or those of
+suitable lasers."""
 
 
 class LaserSettings(DeviceSettings, frozen=True, kw_only=True):
@@ -88,30 +88,32 @@ class LaserSettings(DeviceSettings, frozen=True, kw_only=True):
     """Pulses averaged in one acquisition."""
     rate_hz: Annotated[float, Within(0, 1000, "Hz", open_low=True)] = 100.0
     """Pulses per second."""
+    # The four keys of the light only serve to show the exposure of skin when the rig is armed.
     wavelength_nm: Annotated[float | None, Within(400, 1400, "nm")] = None
+    """Wavelength of the light on the skin; None if not known."""
     pulse_energy_j: Annotated[float | None, Within(1e-9, 10, "J")] = None
+    """Energy of a pulse on the skin; None if not known."""
     pulse_width_s: Annotated[float | None, Within(1e-9, 1e-3, "s")] = None
+    """Duration of a pulse; None if not known."""
     spot_diameter_m: Annotated[float | None, Within(1e-5, 1, "m")] = None
-    """``wavelength_nm``, ``pulse_energy_j``, ``pulse_width_s`` and ``spot_diameter_m``: the light on the skin:
-    wavelength in nm, energy and duration of a pulse in J and s, and diameter of the lit spot in metres. They only serve
-    to show the exposure of skin when the rig is armed; None if not known."""
+    """Diameter of the lit spot on the skin; None if not known."""
     energy_from: Literal["photodiode", "pickup", "metadata"] | None = None
-    """What measures the energy of each acquisition, by which readings are divided: the photodiode of a laser box with a
-    light meter, the laser's pick-up in the channels, or a field of a PLUS server's images. None: nothing does."""
+    """Source of the pulse energy by which each reading is divided: the photodiode of a laser box with a light meter,
+    the laser's pick-up in the channels, or a field of a PLUS server's images. None: readings are not divided."""
     usual_energy: Annotated[float | None, Within(0, 1e12, open_low=True)] = None
-    """What it says of a usual pulse, in a unit of its own; None: it is measured and not used."""
+    """Reading of that source for a usual pulse, in its own unit; None: the energy is measured but not used."""
     pickup_us: tuple[float, float] | None = None
-    """Where the pick-up is: first and last moment after the trigger, in microseconds."""
+    """Time window of the pick-up: first and last moment after the trigger, in microseconds."""
     energy_field: str | None = None
-    """Name of the field of a PLUS server's images."""
+    """Name of the field of a PLUS server's images that states the energy."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, source in (("pickup_us", "pickup"), ("energy_field", "metadata")):
             if (getattr(self, name) is None) == (self.energy_from == source):
                 raise ConfigError(
-                    f"laser: {name} belongs to energy_from = {source!r}, which is {self.energy_from!r}; name both, or "
-                    "neither"
+                    f"laser: {name} belongs to energy_from = {source!r}, but energy_from is {self.energy_from!r}; set "
+                    "both, or neither"
                 )
         if self.pickup_us is not None and not 0 <= self.pickup_us[0] < self.pickup_us[1] <= 1000:
             raise ConfigError(
@@ -125,12 +127,12 @@ class ReceiverSettings(DeviceSettings, frozen=True, kw_only=True):
     part = "receiver"
 
     channels: ClassVar[int | None] = None
-    """Channels that it records; None: as many as the probe has elements."""
+    """Number of channels that it records; None: one for each element of the probe."""
 
     sampling_hz: Annotated[float, Within(0, 1e9, "Hz", open_low=True)] = 40e6
-    """Sampling frequency, which frames of a device do not hold."""
+    """Sampling frequency; the frames of a device do not state it."""
     noise_ratio: float = 2.0
-    """Factor by which a frame's noise may differ from that of the run's first, see `markerseek.guard.Admission`."""
+    """Factor by which the noise may differ from that of the run's first frame, see `markerseek.guard.Admission`."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -139,38 +141,38 @@ class ReceiverSettings(DeviceSettings, frozen=True, kw_only=True):
 
     @property
     def varied(self) -> bool:
-        """Whether the number of pulses may vary from acquisition to acquisition, which shows the trigger of a frame."""
+        """Whether the number of pulses may vary between acquisitions, so that a frame shows its trigger."""
         return False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opening:
-    """What a rig has for the driver that it opens."""
+    """What a rig gives to the driver that it opens."""
 
     clock: Clock
-    """All waiting is done on it, because each wait renews a lease."""
+    """Clock for all waits, because each wait renews a lease."""
     limits: Limits
-    """Angles that may be searched, and at which the probe may be."""
+    """Search range and travel limits of the probe."""
     pulses: int
-    """Laser pulses of one acquisition, as set, and so the triggers of a dark frame."""
+    """Laser pulses of one acquisition, as set; a dark frame has as many triggers."""
     port: Port | None
-    """The device's serial line, which the supervisor holds; None where its entry names none."""
+    """The device's serial line, which the supervisor owns; None if the driver's entry has no line."""
     receiver: Receiver | None
     """The rig's receiver, which is opened before the laser."""
     beats: list[Callable[[], None]]
-    """Called in each wait of the clock: so the control loop's own steps renew a device's lease."""
+    """Functions that the clock calls in each wait, so that the control loop renews a device's lease."""
     enables: list[Callable[[], None]]
-    """Called when a person arms the rig."""
+    """Functions that the rig calls when a person arms it."""
     stack: ExitStack
-    """What is left when the rig is closed."""
+    """Contexts that end when the rig is closed."""
     node: Callable[[], RosNode]
     """The rig's ROS 2 node, which all its devices share."""
     simulated: Callable[[DeviceSettings], Any]
-    """A simulated device, in the world that all simulated devices of this rig share."""
+    """Makes a simulated device, in the world that all simulated devices of this rig share."""
 
     @property
     def line(self) -> Port:
-        """The device's serial line; only where its entry names one."""
+        """The device's serial line; only for a driver whose entry has a line."""
         assert self.port is not None  # noqa: S101  by its entry
         return self.port
 
@@ -188,24 +190,24 @@ class Entry(Generic[SettingsT, DeviceT]):
     open: Callable[[SettingsT, Opening], DeviceT]
     """Connects to the device; nothing moves and nothing is fired."""
     describe: Callable[[SettingsT, DeviceT], str]
-    """What was connected, for people; empty if another part says it."""
+    """Text that names the connected device; empty if the text of another part does."""
     line: Callable[[SettingsT], Line | None] = lambda _settings: None
-    """Serial line that the supervisor holds, with the command that makes the device safe; None if it has none."""
+    """Serial line that the supervisor owns, with the command that makes the device safe; None if it has none."""
     paths: tuple[str, ...] = ()
-    """Keys that name a file or folder, from where the rig file lies."""
+    """Keys that name a file or folder relative to the rig file."""
     same: tuple[str, ...] = ()
-    """Keys that change what an angle or an intensity is: a search is not resumed with others. ``("",)``: all but
-    ``port``."""
+    """Keys that change the meaning of an angle or an intensity; a search is only resumed if their values are the same.
+    ``("",)``: all keys except ``port``."""
     require_room: Callable[[SettingsT, Limits], None] = lambda _settings, _limits: None
     """Raises `ConfigError` if the travel range leaves no room to approach the ends of the search range."""
     by_hand: Callable[[SettingsT], ByHand | None] = lambda _settings: None
-    """How a person turns a stage; None: a motor does."""
+    """How a person turns the stage; None if a motor does."""
     paired: bool = False
     """Whether laser and receiver must both have this driver, or neither."""
     is_node: bool = False
-    """Whether a ROS 2 node drives it."""
+    """Whether a ROS 2 node drives the device."""
     without_supervisor: str = ""
-    """Why a laser must not be used without the supervisor, as the end of a sentence; empty if it may."""
+    """Why a laser must not be used without the supervisor, as the end of a sentence; empty if it may be used."""
 
 
 AnyEntry: TypeAlias = Entry[Any, Any]

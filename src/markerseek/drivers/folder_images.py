@@ -151,7 +151,7 @@ class _Folder:
         try:
             data = read_input(path, most_bytes=_MOST_BYTES)
             unchanged = file.id == _id(path.stat())
-            # A file whose end cannot be told must not have changed since the last look.
+            # A file whose format has no end mark must not have changed since the last look.
             settled = says_its_end(data) or file.id in self._waiting
             pixels = decoded_image(data) if unchanged and settled else None
         except FileNotFoundError:

@@ -195,7 +195,7 @@ class Kdc101Logic:
             problem = f"the stage reports: {', '.join(status.faults)}; look for an obstacle"
         elif not status.homed or status.homing:
             problem = (
-                "the stage is not homed any more: it lost power, or was told to home; take the probe out of the "
+                "the stage is not homed any more: it lost power, or was commanded to home; take the probe out of the "
                 "patient and home it by the controller's menu"
             )
         return StageStatus(

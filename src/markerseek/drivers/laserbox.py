@@ -1,9 +1,8 @@
 """Driver of the laser box (`markerseek.wire.laserbox`), which triggers laser and acquisition under a lease.
 
-While a permit is held, `beat` renews the lease; it counts the control loop's own steps and must be called from there,
-never from a timer. A clock that waits calls it (`markerseek.drivers.clock.SystemClock`). In a sweep `beat`
-renews the lease only while the loop asks for the pulses often enough: a loop that waits for a silent stage has no
-light.
+While the box has a permit, `beat` renews the lease. Only the control loop may call `beat`, never a timer:
+`markerseek.drivers.clock.SystemClock` calls it during each wait. In a sweep `beat` renews the lease only while the loop
+asks for the pulses often enough. If the loop waits for a silent stage, the light ends.
 """
 
 from __future__ import annotations
@@ -40,13 +39,16 @@ _SPARE_S = 0.5
 _BUSY_POLL_S = 0.05
 
 _BOOT_S = 3.0
-"""Longest time for which a board that restarts when its port is opened may be deaf, in seconds."""
+"""Longest time without an answer from a board that restarts when its port is opened, in seconds."""
 
 _LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 """Longest time for which a box completes the triggers of an earlier firing, in seconds."""
 
-_TIME_S, _ROUND_TRIPS = 0.03, 6
-"""Longest time for an answer of the box's clock in a sweep, in seconds, and number of questions before a sweep."""
+_TIME_S = 0.03
+"""Longest wait for the time of the box's clock in a sweep, in seconds."""
+
+_ROUND_TRIPS = 6
+"""Number of times that the driver asks for the box's clock before a sweep."""
 
 
 class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox"):
@@ -57,10 +59,10 @@ class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox")
     answer_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
     """Longest time for an answer of the box."""
     stamp_delay_s: Annotated[float, Within(-0.1, 0.1, "s")] = 0.0
-    """Time from the stamp of a pulse to its light against the stage's readings, as ``markerseek calibrate --delay``
+    """Delay from the stamp of a pulse to its light, relative to the stage's readings. ``markerseek calibrate --delay``
     measures it."""
     stamp_delay_sigma_s: Annotated[float, Within(1e-4, 0.1, "s")] = 10e-3
-    """Standard deviation of that time; the default is for a rig on which nobody has measured it."""
+    """Standard deviation of that delay; the default is for a rig on which nobody has measured the delay."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,11 +80,11 @@ class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox")
 class LaserBox:
     """A laser that a laser box triggers.
 
-    ``settings``: None: the defaults. Raises `NotConnectedError` if no box of this protocol answers, or it keeps
-    triggering for longer than any firing takes.
+    ``settings``: the defaults if None. Raises `NotConnectedError` if no box of this protocol answers, or if the box
+    still triggers after the longest time that a firing can take.
 
-    ``metered``: whether its photodiode measures the light of the pulses as well. ``light_per_pulse``: mean light of a
-    pulse of the last firing, in counts of the photodiode; None if it does not measure light, or there was none.
+    ``metered``: whether the photodiode also measures the light of the pulses. ``light_per_pulse``: mean light per pulse
+    in the last firing, in counts of the photodiode; None before the first firing, or if the light is not measured.
     """
 
     def __init__(self, *, port: Port, clock: Clock, settings: LaserBoxSettings | None = None) -> None:
@@ -90,7 +92,7 @@ class LaserBox:
         self._line = BoxLine(port=port, clock=clock, answer_s=settings.answer_s)
         self._clock = clock
         self._rate_hz = round(settings.rate_hz)
-        # As many for a dark frame as for a lit one, so that both average as many.
+        # A dark frame has as many triggers as a lit one, so that both are averages over the same number.
         self._dark_triggers = settings.pulses
         self._usual_light = settings.usual_energy if settings.energy_from == "photodiode" else None
         self._permits = Permits("laser box", clock)
@@ -112,7 +114,7 @@ class LaserBox:
 
         Raises `LaserError` if the permit was used or is too short, if the box refuses, if pulses permitted, sent and
         seen differ, or if the photodiode has seen light outside of firings. Raises `DeviceTimeoutError` if the box does
-        not answer in time. Whatever is raised, DISARM was sent.
+        not answer in time. An error during the firing also sends DISARM.
         """
         self._permits.require_unused(permit)
         if not self._settled:
@@ -145,7 +147,7 @@ class LaserBox:
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire single pulses; refused as `fire` is.
 
-        Raises `NotConnectedError` if the box still sends the dark triggers of the sweep before.
+        Raises `NotConnectedError` if the box still sends the dark triggers of the last sweep.
         """
         left_s = self._permits.use(permit, needed_s=0.0)
         with self._disarmed_by_errors():
@@ -178,8 +180,8 @@ class LaserBox:
     def pulses(self) -> Sequence[Pulse]:
         """Pulses of the sweep since the last call.
 
-        Raises `LaserError` if one is missing or double, if the box has ended the light by itself, or if its clock
-        jumped. Raises `DeviceTimeoutError` if the box is silent.
+        Raises `LaserError` if a pulse is missing or double, if the box has ended the light by itself, or if its clock
+        jumped. Raises `DeviceTimeoutError` if the box does not answer.
         """
         sweep = self._sweep
         if sweep is None:
@@ -189,15 +191,15 @@ class LaserBox:
             if sweep.dark is None:
                 self._ask_time(sweep)
                 if not self._clock.now_s() - sweep.heard_s <= SWEEP_READING_S:
-                    raise DeviceTimeoutError("laser box: it fell silent in mid-sweep; check its cable and its power")
+                    raise DeviceTimeoutError("laser box: no answer during the sweep; check its cable and its power")
             sweep.require_light()
-            return sweep.untold()
+            return sweep.new_pulses()
 
     def end_sweep(self) -> int:
         """End the light, and return how many pulses were fired; each has a stamp.
 
         Raises `LaserError` if pulses sent, seen and stamped differ. Raises `DeviceTimeoutError` if the box does not
-        confirm it.
+        confirm the end.
         """
         sweep = self._sweep
         if sweep is None:
@@ -219,7 +221,7 @@ class LaserBox:
             return fired
 
     def beat(self) -> None:
-        """Renew the lease if a permit is held and the last beat is old enough; call it often, from the control loop."""
+        """Renew the lease if the box has a permit and the last beat is old enough; the control loop calls it often."""
         now_s = self._clock.now_s()
         if self._sweep is None or now_s - self._sweep.stepped_s <= SWEEP_READING_S:
             self._line.beat()
@@ -229,7 +231,7 @@ class LaserBox:
 
         Raises `DeviceTimeoutError` if the box does not confirm it.
         """
-        # Beats end first, also if the line fails now: without a permit there is no lease to renew.
+        # Stop the beats first, even if the line fails now: without a permit there is no lease to renew.
         self._line.holds_permit = False
         if self._sweep is not None and not self._sweep.ending:
             self._sweep, self._settled = None, False
@@ -268,9 +270,9 @@ class LaserBox:
             raise stray_light(self._seen, seen)
 
     def _settle(self, *, patience_s: float = _LONGEST_TRAIN_S, boot_s: float = 0.0) -> None:
-        """Greet the box, wait until an earlier firing's triggers have ended, and count tokens and light from there.
+        """Greet the box, wait for the end of an earlier firing's triggers, and take over its token and its light count.
 
-        Raises `NotConnectedError` if it does not answer, does not end them in time, or is none that is known.
+        Raises `NotConnectedError` if the box does not answer, still triggers after ``patience_s``, or is not known.
         """
         for _ in polls(self._clock, within_s=patience_s, every_s=_BUSY_POLL_S):
             try:
@@ -316,7 +318,7 @@ class LaserBox:
         return done.photodiode
 
     def _use_permit(self, ask: wire.PermitPulses | wire.PermitSweep) -> None:
-        """Get a permit, and fire under it."""
+        """Ask the box for a permit, and fire under it."""
         # Replies of an earlier command must not be taken for the answer to this permit.
         self._line.drop_replies()
         self._line.send(ask)

@@ -41,7 +41,7 @@ _CHANNELS = {
 class RosImages(PairSource):
     """Image pairs from two topics of sensor_msgs/Image, or of CompressedImage where they end with ``/compressed``.
 
-    Publishers of every reliability are heard. Images are a pair if each is the nearest to the other by the stamps in
+    Publishers of every reliability are accepted. Images are a pair if each is the nearest to the other by the stamps in
     their headers, and these differ by at most `NEAR_S`.
 
     ``connect_s``: longest time until both topics have a publisher. Raises `NotConnectedError` if they have none.

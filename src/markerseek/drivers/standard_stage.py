@@ -148,7 +148,7 @@ class StandardStage(Generic[LogicT]):
             if not status.moving and before_deg is not None and abs(here_deg - before_deg) <= self.rules.same_deg:
                 return here_deg
             before_deg = None if status.moving else here_deg
-        raise MoveError("the stage was told to stop and keeps moving; cut its power")
+        raise MoveError("the stage got a stop command and keeps moving; cut its power")
 
     def _stop_after_error(self) -> None:
         """Stop after an error; a second error here must not hide the first."""
@@ -201,7 +201,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         return self.rules.speed_deg_s
 
     def play_deg(self, forward: float) -> float:
-        """Largest play in a sweep in that direction: 0 where the gears push as in the approach of a target."""
+        """Largest backlash in a sweep in that direction: 0 if the gears push as in the approach of a target."""
         return 0.0 if forward == self._usual else self._play_deg
 
     def move_to(self, angle_deg: float) -> float:

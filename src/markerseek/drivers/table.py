@@ -1,4 +1,4 @@
-"""The table of drivers: what the key ``driver`` of a rig file can name, and where it is.
+"""The table of drivers: the names that the key ``driver`` of a rig file can have, and the file of each driver.
 
 A driver of this package is one line here and one file. A name ``module:Class``, or that of an entry point, is a foreign
 driver (`markerseek.drivers.foreign`).
@@ -35,7 +35,7 @@ DRIVERS: dict[Part, dict[str, str]] = {
         "simulated": "simulated:RECEIVER_ENTRY",
     },
 }
-"""File and name of each entry; the first of a part is its driver where a rig file names none."""
+"""File and name of each entry; the first of a part is the default."""
 
 _FOREIGN: dict[Part, str] = {
     "stage": "foreign:STAGE_ENTRY",
@@ -64,7 +64,7 @@ def entry_of(part: Part, settings: DeviceSettings) -> AnyEntry:
 
 
 def default_driver(part: Part, table: Mapping[str, object]) -> object:
-    """Name of the driver in a table of a rig file; without one, the usual."""
+    """Name of the driver in a table of a rig file; the default if the table names none."""
     return table.get("driver", next(iter(DRIVERS[part])))
 
 

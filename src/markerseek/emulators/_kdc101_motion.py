@@ -15,7 +15,7 @@ COMPLETED, STOPPED, HOMED = 0x0464, 0x0466, 0x0444
 """Messages at the end of a move, after a stop, and at home."""
 
 VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET = 0x0413, 0x0416, 0x0423, 0x043A, 0x0440, 0x0450
-"""Messages that set a parameter; the next identity requests it, the one after answers."""
+"""Identities of the messages that set a parameter; identity + 1 requests the parameter, identity + 2 answers."""
 
 _BEGINS_S = 5e-3
 """Delay from the command to the beginning of a move; until then the moving bits are clear."""
@@ -43,9 +43,9 @@ _MOVING_UP, _MOVING_DOWN, _CONNECTED, _HOMING, _HOMED, _ERROR, _ENABLED = (
 class MotionControl:
     """Moves, homes and stops a PRM1Z8.
 
-    ``fault``: its faults. ``moves``, ``largest_lead_deg``: moves that began at
-    rest; largest distance of a target from the motor when it was set, in degrees. ``events``: messages to send unasked;
-    the caller clears them. ``enabled``: whether the motor gets current; else it takes moves, and does nothing.
+    ``fault``: faults of the device. ``moves``: number of moves that began at rest. ``largest_lead_deg``: largest
+    distance from the motor to a new target, in degrees. ``events``: messages to send without a request; the caller
+    clears them. ``enabled``: whether the motor gets current; without current it accepts moves but does not turn.
     """
 
     def __init__(self, *, stage: Prm1z8, fault: Faults) -> None:
@@ -61,14 +61,14 @@ class MotionControl:
 
     @property
     def position(self) -> int:
-        """Position counter as it reports it."""
+        """Position counter as the controller reports it."""
         if self._commanded is not None and self._fault("says it is there"):
             return self._commanded
         return self._stage.counts if self._frozen is None else self._frozen
 
     @property
     def bits(self) -> int:
-        """Status bits as it reports them."""
+        """Status bits as the controller reports them."""
         motor = self._motor
         bits = _CONNECTED | (_ENABLED if self.enabled else 0)
         if not motor.at_rest and not self._fault("hides its moves"):
@@ -83,7 +83,7 @@ class MotionControl:
         return self._motor.speed_deg_s
 
     def wake_up(self, *, homed: bool) -> None:
-        """Restart: keep only the angle of the motor and, if it is homed, the position counter."""
+        """Restart: keep only the angle of the motor and, if ``homed``, the position counter."""
         self._motor.halt()
         self._stage.offset = 0 if homed else self._stage.offset - self._stage.counts
         self._homed = homed
@@ -106,14 +106,14 @@ class MotionControl:
         self._soft_range = None if mode == _IGNORE_LIMIT else (low, high)
 
     def advance(self, now_s: float) -> None:
-        """Advance to that time."""
+        """Advance the motion to a time."""
         self._fail()
         while now_s > self._now_s:
             until_s = now_s
             if self._pending is not None:
                 until_s = min(now_s, max(self._pending[0], self._now_s))
             if self._then_deg is not None:
-                # The return from an overshoot begins when that ends, and not at the end of a long step.
+                # Short steps, so that the return from an overshoot begins when the overshoot ends.
                 until_s = min(until_s, self._now_s + _STEP_S)
             self._turn(until_s - self._now_s)
             self._now_s = until_s
@@ -123,7 +123,7 @@ class MotionControl:
                 self._begin(target_deg)
 
     def go(self, counts: int) -> None:
-        """Move to a position in counts: at once if it turns already, after a delay if it is at rest."""
+        """Move to a position in counts: at once if the motor already turns, after a delay if it is at rest."""
         if not self.enabled:
             return
         motor = self._motor
@@ -159,7 +159,7 @@ class MotionControl:
             self._arrive()
 
     def stop(self, *, profiled: bool = False) -> None:
-        """Stop at once, without deceleration, or with the deceleration that was set."""
+        """Stop at once without deceleration, or, if ``profiled``, with the deceleration that was set."""
         if self._fault("ignores stop") is None:
             if profiled:
                 motor, acceleration = self._motor, self._acceleration_deg_s2
@@ -173,7 +173,7 @@ class MotionControl:
             self.events.append(STOPPED)
 
     def _fail(self) -> None:
-        """Apply the faults of the mechanics that hold now."""
+        """Apply the faults of the mechanics that are active now."""
         if self._fault("power cut"):
             self._motor.halt()
             self._pending = self._then_deg = None
@@ -219,7 +219,7 @@ class MotionControl:
     def _begin(self, target_deg: float) -> None:
         self._error = self._braking = False
         self._then_deg = None
-        # As the device does it: downward moves overshoot and come back from below.
+        # As in the device, downward moves overshoot and come back from below.
         if self._backlash_deg > 0 and target_deg < self._motor.angle_deg:
             self._then_deg, target_deg = target_deg, target_deg - self._backlash_deg
         self._motor.target_deg = target_deg

@@ -33,9 +33,9 @@ _HELD_UP_S = 0.02
 class EmulatedBench:
     """Devices that act on one world, drawn from settings as `markerseek.rigs.simulated` draws it from the same seed.
 
-    ``settings``: settings of the world and of its data acquisition. ``stage``: None: its play is that of the settings.
-    ``receiver``: whether channel files are written, images are sent as by a
-    PLUS server, or frames as by a Vantage.
+    ``settings``: settings of the world and of its data acquisition. ``stage``: None: a stage with the backlash of the
+    settings. ``receiver``: whether channel files are written, images are sent as by a PLUS server, or frames as by a
+    Vantage.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class EmulatedBench:
     def line(self, name: Literal["stage", "laser"], *, clock: Clock, link: Path) -> PtyLine:
         """A pseudo-terminal for one of the devices.
 
-        The laser box lives in the time of the process that serves it: a lease does not lapse because that was held up.
+        The laser box lives in the time of the process that serves it: a delay of that process does not end a lease.
         The stage lives in real time: a motor turns on, whatever a computer does, and its driver checks that it does.
 
         ``link``: where to put a link to the pseudo-terminal.
@@ -87,7 +87,7 @@ class EmulatedBench:
         if name == "stage":
             return PtyLine(device=self.stage, clock=clock, link=link)
         serving = ServingClock(clock)
-        # The time of a pulse is the stage's: a box that was held up fires it later, where the probe is then.
+        # The time of a pulse is the stage's: a box that was delayed fires the pulse later, where the probe is then.
         self.laser_box.moment = lambda _: self._turned(serving.real_s)
         return PtyLine(device=self.laser_box, clock=serving, link=link)
 

@@ -114,7 +114,7 @@ class EmulatedLaserBox:
         self._interlock_opened = True
 
     def close_interlock(self) -> None:
-        """Close the interlock; a permit that was held stays void."""
+        """Close the interlock; an earlier permit stays void."""
         self._interlock_closed = True
 
     def stray_light(self, pulses: int = 1) -> None:
@@ -311,7 +311,7 @@ class EmulatedLaserBox:
         if self._triggers >= self._given:
             self._void()
         # A pulse that is late by half a period delays the next ones, so that two never come in a burst. In a sweep any
-        # does, also one that is late because this process was held up.
+        # does, also one that is late because this process was delayed.
         period_us = _period_us(train)
         self._due_us = max(
             self._due_us + period_us, self._until_us + period_us if swept else self._now_us + period_us // 2

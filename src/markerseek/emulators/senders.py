@@ -91,7 +91,7 @@ class EmulatedSender(ABC):
                 self._send(self._message(counts, at_s + _PULSE_S * number))
 
     def _said(self) -> bytes | None:
-        """What the client says; empty where it has gone, None where it is silent."""
+        """What the client says; empty if it has gone, None if it is silent."""
         if self._client is None or not select.select([self._client], [], [], 0)[0]:
             return None
         try:

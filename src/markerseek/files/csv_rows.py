@@ -27,7 +27,7 @@ class CsvRows:
     """Rows of a table."""
 
     names: tuple[str, ...]
-    """Names of the columns; empty where the first row holds numbers."""
+    """Names of the columns; empty if the first row holds numbers."""
     width: int
     separator: str
     cells: dict[int, list[str]] = field(repr=False)

@@ -21,7 +21,7 @@ MIB = 1 << 20
 
 
 def os_reason(problem: OSError) -> str:
-    """Name of an error of the file system, and what it says."""
+    """Name and message of an error of the file system."""
     return f"{errno.errorcode.get(problem.errno or 0, 'error')}: {problem.strerror or problem}"
 
 
@@ -60,11 +60,11 @@ def open_input(path: Path, *, most_bytes: int) -> BinaryIO:
 
 
 def read_input(path: Path, *, most_bytes: int) -> bytes:
-    """All bytes of a regular file; parameters and errors as of `open_input`."""
+    """All bytes of a regular file; parameters and errors are those of `open_input`."""
     data = bytearray()
     with open_input(path, most_bytes=most_bytes) as file:
-        # Files of /proc say that they are empty, and one that is being written grows. In pieces, because read(n) takes
-        # memory for n bytes, however few there are.
+        # The size is not trusted: files of /proc state 0 bytes, and a file that is being written grows. Read in pieces,
+        # because read(n) allocates n bytes even for a short file.
         while len(data) <= most_bytes and (piece := file.read(MIB)):
             data += piece
     if len(data) > most_bytes:
@@ -73,7 +73,7 @@ def read_input(path: Path, *, most_bytes: int) -> bytes:
 
 
 def require_input(path: Path, *, most_bytes: int) -> None:
-    """Check a file that a library will open by name; parameters and errors as of `open_input`."""
+    """Check a file that a library will open by name; parameters and errors are those of `open_input`."""
     open_input(path, most_bytes=most_bytes).close()
 
 
@@ -81,7 +81,9 @@ def _require(path: Path, status: os.stat_result, *, most_bytes: int) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise RecordError(f"{path}: it is a folder, and a file is expected; name a file in it")
     if not stat.S_ISREG(status.st_mode):
-        raise RecordError(f"{path}: it is not a regular file but a pipe, socket or device; copy its contents to one")
+        raise RecordError(
+            f"{path}: it is not a regular file but a pipe, socket or device; copy its contents to a regular file"
+        )
     if status.st_size > most_bytes:
         raise _too_large(path, status.st_size, most_bytes)
 

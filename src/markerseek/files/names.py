@@ -28,7 +28,7 @@ class NamedAngle:
 
     angle_deg: float
     word: str
-    """The word before it, in small letters; empty where there is none."""
+    """The word before it, in small letters; empty if there is none."""
     stated: bool
     """Whether a sign, a decimal point, a unit or the word says that the number is an angle and does not count."""
 

@@ -1,4 +1,4 @@
-"""A serial line and how it is opened: 8 data bits, 1 stop bit, locked against others. Only this file uses pyserial."""
+"""A serial line and how it is opened: 8 data bits, 1 stop bit, locked for one program. Only this file uses pyserial."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Parity: TypeAlias = Literal["N", "E", "O"]
 """Parity bit: none, even or odd."""
 
 SERIAL_ERRORS = (OSError, termios.error)
-"""Errors of a line that has been unplugged: pyserial's are OSErrors, a broken pseudo-terminal gives termios.error."""
+"""Errors of an unplugged line: pyserial raises OSError, a broken pseudo-terminal raises termios.error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,15 +24,17 @@ class Line:
     """A serial line, and the command that makes its device safe."""
 
     name: str
-    """Its name in this rig."""
+    """Name of the line in the rig."""
     path: str
+    """Device file, for example ``/dev/ttyUSB0``."""
     safe_command: bytes
-    """Message that takes the laser's permit away, or stops the stage; valid at any time, also twice."""
+    """Message that withdraws the laser's permit or stops the stage; it is valid at any time, also twice."""
     baud: Annotated[int, Within(1200, 4_000_000)] = 115200
+    """Bits per second."""
     parity: Parity = "N"
+    """Parity bit."""
     rtscts: bool = False
-    """``baud``, ``parity`` and ``rtscts``: how it is opened: 8 data bits, 1 stop bit; ``rtscts`` for the handshake by
-    two wires."""
+    """Whether the line uses RTS/CTS flow control."""
 
     def __post_init__(self) -> None:
         if not self.safe_command:
@@ -44,7 +46,7 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
     """Serial port as an object of pyserial; reads return at once.
 
     ``baud``: bits per second. ``write_timeout_s``: longest time that a write may block; 0: never. ``rtscts``: whether
-    to use RTS/CTS flow control. Raises `NotConnectedError` if the port cannot be opened, or another program holds it.
+    to use RTS/CTS flow control. Raises `NotConnectedError` if the port cannot be opened, or if another program uses it.
     """
     with needs_package("pyserial", extra="devices", purpose="a serial port", module="serial"):
         import serial  # type: ignore[import-untyped, unused-ignore]
@@ -54,7 +56,7 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
             baudrate=baud,
             parity=parity,
             rtscts=rtscts,
-            # Drivers wait by their own clock, which also renews the supervisor's lease.
+            # Drivers wait on their own clock, which also renews the supervisor's lease.
             timeout=0,
             write_timeout=write_timeout_s,
             # Two programs on one line would each receive a part of the answers.
@@ -76,7 +78,7 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
 
 
 def _group_of(path: str) -> str:
-    """The group that may open a port: dialout on most systems."""
+    """Group that may open a port; dialout if it is not known."""
     with suppress(OSError, KeyError):
         if (name := Path(path).group()) != "root":
             return name

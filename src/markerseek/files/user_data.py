@@ -1,4 +1,4 @@
-"""Where the package keeps what belongs to a user."""
+"""Folder in which the package keeps the files of a user."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from markerseek.core import RecordError
 
 
 def data_folder() -> Path:
-    """The user's data folder, which need not be there yet; `RecordError` where the system knows none."""
+    """The user's data folder, which may not exist yet; `RecordError` if the system knows none."""
     from platformdirs import user_data_path
 
     try:

@@ -20,7 +20,7 @@ class Lease:
         return self._ends_s
 
     def hold(self, *, now_s: float) -> None:
-        """Require steps from now on; renews no lease held already. One held at a time that is no number has lapsed."""
+        """Require steps from now on; an existing lease is not renewed. It lapses if ``now_s`` is not a number."""
         if self._ends_s is None:
             self._ends_s = (now_s if is_finite(now_s) else -math.inf) + self._period_s
 
@@ -33,7 +33,7 @@ class Lease:
                 self._ends_s = now_s + self._period_s
 
     def lapsed(self, *, now_s: float) -> bool:
-        """Whether it is held and no step came in time."""
+        """Whether steps are required and none came in time."""
         return self._ends_s is not None and not (is_finite(now_s) and now_s <= self._ends_s)
 
     def release(self) -> None:

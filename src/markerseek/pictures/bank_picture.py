@@ -28,9 +28,9 @@ def bank_figure(
 ) -> Figure:
     """Figure of one bank.
 
-    ``max_deg``, ``com_deg``, ``cen_deg``, ``fwhm_deg``: statistics of the peak; None where the curve has none.
+    ``max_deg``, ``com_deg``, ``cen_deg``, ``fwhm_deg``: statistics of the peak; None if the curve has none.
     ``reference_deg``: known angle of the marker, or None. ``dark_level``: largest intensity of a frame without laser.
-    ``image``: None where there are no frames.
+    ``image``: None if there are no frames.
     """
     figure = new_figure(width_in=10.0 if image is not None else 6.6, height_in=5.2, heading=title, fontsize=11.0)
     grid = figure.add_gridspec(1, 2 if image is not None else 1, width_ratios=(3, 2) if image is not None else None)

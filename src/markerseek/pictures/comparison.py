@@ -33,7 +33,7 @@ def comparison_figure(
 ) -> Figure:
     """Figure of several searches.
 
-    ``title``: the rig, with "simulated" if it is. ``truth_deg``: true angle of the marker, None where it is not known.
+    ``title``: the rig, with "simulated" if it is. ``truth_deg``: true angle of the marker, None if not known.
     """
     figure = new_figure(width_in=10.0, height_in=7.0, heading=title)
     curve, track = figure.subplots(2, 1, height_ratios=(3, 2))

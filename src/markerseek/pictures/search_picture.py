@@ -53,12 +53,12 @@ def search_figure(
       it is not known.
     - ``confirmation``: the acquisition after the last move, None if there was none.
     - ``pictured``: acquisition whose image is shown; None: `pictured_sample` of ``samples``.
-    - ``image``: its image, None where there are no channel data.
+    - ``image``: its image, None if there are no channel data.
     - ``limits``: range of the search, which both axes of angles show.
     - ``density``: angles in degrees, and the posterior's density at each per degree; None for methods without one.
     - ``recorded``: angles in degrees, and the intensities recorded there, of the scan that a replay searches; the
       ``samples`` are then those of the search.
-    - ``stand_in``: what was simulated or emulated, in words; None where nothing was.
+    - ``stand_in``: what was simulated or emulated, in words; None if nothing was.
     """
     # Without a heading: the page or the paper around it says of what rig it is.
     figure = new_figure(width_in=11.0, height_in=7.0 if density is None else 8.0)

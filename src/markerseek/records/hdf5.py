@@ -80,7 +80,7 @@ class CheckedHdf5(Closing):
         return self._item(name) is not None
 
     def names(self, name: str) -> list[str]:
-        """Names in a group in natural order, of the whole file for an empty name; empty where it is no group."""
+        """Names in a group in natural order, of the whole file for an empty name; empty if it is no group."""
         import h5py
 
         item = self._item(name) if name else self.opened
@@ -104,7 +104,7 @@ class CheckedHdf5(Closing):
         return self.checked(self.opened[reference], name=name)
 
     def scalars(self, references: Iterable[h5py.Reference], *, name: str) -> Float64[np.ndarray, " references"] | None:
-        """The single numbers that many references point to; None where one of them points to more.
+        """The single numbers that many references point to; None if one of them points to more.
 
         Read by the low-level interface of h5py, which takes a tenth of the time. Raises `ValueError` or `TypeError`.
         """
@@ -151,7 +151,7 @@ class CheckedHdf5(Closing):
         return np.atleast_1d(np.asarray(item[()], dtype=np.float64)).ravel()
 
     def number(self, name: str) -> float | None:
-        """The single number of a dataset; None where it is missing, not finite, or the text ``None``."""
+        """The single number of a dataset; None if it is missing, not finite, or the text ``None``."""
         if not self.has(name) or self.text(name) == "None":
             return None
         values = self.numbers(name)
@@ -160,7 +160,7 @@ class CheckedHdf5(Closing):
         return float(values[0]) if math.isfinite(values[0]) else None
 
     def text(self, name: str) -> str | None:
-        """The text of a dataset; None where it is missing or is not text."""
+        """The text of a dataset; None if it is missing or is not text."""
         import h5py
 
         if not self.has(name):
@@ -175,11 +175,11 @@ class CheckedHdf5(Closing):
         return text[:_MAX_TEXT]
 
     def _item(self, name: str) -> object:
-        """Group or dataset of that name; None where it is missing."""
+        """Group or dataset of that name; None if it is missing."""
         return self.inside(self.opened, name)
 
     def inside(self, group: object, name: str) -> object:
-        """Group or dataset of that name in a group; None where it is missing, `TypeError` where it is a link."""
+        """Group or dataset of that name in a group; None if it is missing, `TypeError` where it is a link."""
         import h5py
 
         item = group

@@ -43,9 +43,9 @@ class ImageSeries:
     images: tuple[UInt8[np.ndarray, "rows columns"], ...]
     """Grey values of 8 bits, each."""
     pixel_m: tuple[float, float] | None
-    """Height and width of a pixel; None where the files do not say."""
+    """Height and width of a pixel; None if the files do not say."""
     angles_deg: tuple[float, ...] = ()
-    """Angle of each, of a sequence; empty where they are not asked for, or the files do not say."""
+    """Angle of each, of a sequence; empty if they are not asked for, or the files do not say."""
 
 
 def read_images(
@@ -214,7 +214,7 @@ def _read_png(path: Path) -> np.ndarray:
 
 
 _DAMAGED = {"what": "image", "cure": "it is damaged: export it again"}
-"""Of files of which a library makes no image."""
+"""Error of a file that a library cannot decode as an image."""
 
 
 def _read_dicom(path: Path) -> dict[str, np.ndarray]:

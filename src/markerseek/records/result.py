@@ -172,7 +172,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     elapsed_s: float | None
     """Time on the clock of the rig, in seconds; None for a recording."""
     known_s: float | None
-    """The same to the answer, before the probe turned to the marker; None where none was found."""
+    """The same to the answer, before the probe turned to the marker; None if none was found."""
     confirmation: SampleRow | None
     """The acquisition at the answer; one after which the search went on is one of the ``samples``."""
     confirmed: bool | None

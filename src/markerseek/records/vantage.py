@@ -213,7 +213,7 @@ class _Workspace:
         return numbers
 
     def last_frame(self, buffer: int) -> float | None:
-        """Number of the frame of a buffer that was filled last; None where it is not stated."""
+        """Number of the frame of a buffer that was filled last; None if not stated."""
         last = self._items("Resource", "RcvBuffer", "lastFrame")
         if last is None or buffer > len(last):
             return None
@@ -244,7 +244,7 @@ class _Workspace:
         return np.arange(channels)
 
     def pitch_m(self) -> float | None:
-        """Distance of the elements; None where it is not stated."""
+        """Distance of the elements; None if not stated."""
         kind = self.number("Trans", "type")
         if kind not in (None, 0):
             self.refuse(f"Trans.type is {kind:g}, the array is not linear", "only linear arrays (type 0) can be imaged")
@@ -256,7 +256,7 @@ class _Workspace:
         return waves * speed_m_s / (1e6 * frequency_mhz) if waves and speed_m_s and frequency_mhz else None
 
     def number(self, *names: str) -> float | None:
-        """One number; None where it is missing."""
+        """One number; None if it is missing."""
         items = self._items(*names)
         if items is None:
             return None
@@ -324,7 +324,7 @@ class _Workspace:
         return values
 
     def _scalars(self, *names: str) -> Float64[np.ndarray, " items"] | None:
-        """One number for each structure of an array of MATLAB; None where they are stored otherwise."""
+        """One number for each structure of an array of MATLAB; None if they are stored otherwise."""
         import h5py
 
         item, name = self._item(*names), ".".join(names)
@@ -335,12 +335,12 @@ class _Workspace:
         return self.file.scalars(data[()].ravel(), name=name)
 
     def _items(self, *names: str) -> list[h5py.Dataset] | None:
-        """Datasets of a variable, or of a field of it, one for each cell or structure; None where it has none."""
+        """Datasets of a variable, or of a field of it, one for each cell or structure; None if it has none."""
         item = self._item(*names)
         return None if item is None else self._expanded(item, name=".".join(names)) or None
 
     def _item(self, *names: str) -> object:
-        """A variable, or a field of it; None where it is missing."""
+        """A variable, or a field of it; None if it is missing."""
         item: object = self.file.opened
         for name in names:
             item = self.file.inside(_octave_value(self.file, item), name)

@@ -174,7 +174,7 @@ def acquisitions_text(acquisitions: int, refused: int) -> str:
 def time_text(elapsed_s: float, *, known_s: float | None, simulated: bool) -> str:
     """Duration of a search on the clock of its rig.
 
-    ``known_s``: time to the answer, before the probe turned to the marker; None where there was none.
+    ``known_s``: time to the answer, before the probe turned to the marker; None if there was none.
     """
     text = f"{elapsed_s:.1f} s"
     if known_s is not None and known_s < elapsed_s:

@@ -70,10 +70,10 @@ class SeenMarker:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Choice:
-    """What the markers say together."""
+    """Registration from all markers."""
 
     report: RegistrationReport | None
-    """The registration by the chosen candidates; None where no set fits, or there are too few markers."""
+    """The registration by the chosen candidates; None if no set fits, or there are too few markers."""
     chosen: Mapping[str, int]
     """Number of the candidate of each marker that was chosen."""
     left_out: tuple[str, ...] = ()
@@ -81,9 +81,9 @@ class Choice:
     share: float = 1.0
     """Probability of that set among all that fit."""
     open: tuple[str, ...] = ()
-    """Markers of which another candidate, or their leaving out, is too probable still: more markers decide."""
+    """Markers for which another candidate, or none, is still too probable; more markers decide."""
     reason: str | None = None
-    """Why there is no registration, or not for certain; None where there is."""
+    """Why there is no registration, or not for certain; None if there is."""
 
     @property
     def decided(self) -> bool:
@@ -140,7 +140,7 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
 
 
 def _unfit(useful: Sequence[SeenMarker], problem: str, target_trus_m: tuple[float, float, float] | None) -> Choice:
-    """What is said where no set fits: why the likeliest candidates do not."""
+    """Message if no set fits: why the most probable candidates do not."""
     numbers = (0,) * len(useful)
     try:
         report = register_pairs(_pairs(useful, numbers), target_trus_m=target_trus_m)

@@ -73,7 +73,7 @@ _GRID = (24, 20)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
-    """What the probe can reach."""
+    """Reach of the probe."""
 
     angles: Interval
     """Angles that may be searched."""
@@ -107,7 +107,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """What the markers so far say of a spot."""
+    """Prediction for a spot from the markers so far."""
 
     prior: AnglePrior
     lateral_m: float
@@ -190,7 +190,7 @@ class Poses:
     def predict(
         self, camera_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"], *, limits: Interval
     ) -> Prediction | None:
-        """What the poses say of a spot; None where they leave most of the range open.
+        """Prediction for a spot from the poses; None if they leave most of the range open.
 
         ``camera_m``, ``covariance_m2``: the spot, as both cameras see it. ``limits``: angles that may be searched.
         """
@@ -231,7 +231,7 @@ class Poses:
         probe_deg: float,
         avoid_m: Sequence[Float64[np.ndarray, " 3"]] = (),
     ) -> Place | None:
-        """The place for the next spot that lowers the expected TRE at the target most; None where nothing is in reach.
+        """The place for the next spot that lowers the expected TRE at the target most; None if nothing is in reach.
 
         Before there is a registration: a place that is far from the spots so far and from the line through them, and
         probably in reach. ``probe_deg``: where the probe is, in degrees. ``avoid_m``: points in the camera's frame near
@@ -359,7 +359,7 @@ def _lines_of_sight(
 
 
 def _seen_right(cameras: StereoCameras, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 2"] | None:
-    """Pixel of a point in the right image; None where it does not see it."""
+    """Pixel of a point in the right image; None if it does not see it."""
     there_m = cameras.left_to_right.apply(camera_m)
     if not (camera_m[2] > 0 and there_m[2] > 0):
         return None

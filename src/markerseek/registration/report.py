@@ -42,7 +42,7 @@ class PointPair:
     """``trus_m`` and ``camera_m``: the point in the frame of the probe and in that of the camera."""
     trus_covariance_m2: Float64[np.ndarray, "3 3"] | None = None
     camera_covariance_m2: Float64[np.ndarray, "3 3"] | None = None
-    """``trus_covariance_m2`` and ``camera_covariance_m2``: covariances in these frames; None where they are not
+    """``trus_covariance_m2`` and ``camera_covariance_m2``: covariances in these frames; None if they are not
     known."""
     camera_shared_m: Float64[np.ndarray, "3 errors"] | None = None
     """Displacement of the camera point by the errors that all share, as `camera_shared_m` gives it; None: of the focal
@@ -62,7 +62,7 @@ class PointReport(msgspec.Struct, frozen=True, kw_only=True):
     """One point of a registration.
 
     ``transformed_m`` is the camera point in the TRUS frame, ``residual_m`` its distance from ``trus_m``, and
-    ``left_out_m`` the same where the transform comes from the other points only; None where they determine none.
+    ``left_out_m`` the same where the transform comes from the other points only; None if they determine none.
     """
 
     name: str

@@ -85,7 +85,7 @@ class SessionPlan:
     markers: int | None = None
     """Number of markers after which it ends, whatever the TRE; None: when the goal is reached, or nothing helps."""
     target_trus_m: tuple[float, float, float] | None = None
-    """Where the error counts, in the TRUS frame; None: 20 mm under the middle of the points."""
+    """Point of the expected error, in the TRUS frame; None: 20 mm under the middle of the points."""
     search: SearchPlan = field(default_factory=lambda: SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM))
     """How a marker is searched."""
     guided: bool = True
@@ -279,7 +279,7 @@ class RegistrationSession:
         return None
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
-        """What the markers so far say of a spot; None where they say nothing."""
+        """Prediction for a spot from the markers so far; None if they allow none."""
         if not self._plan.guided or self._possible is None:
             return None
         return self._possible.predict(seen.camera_m, seen.camera_covariance_m2, limits=self._room.rig.limits.search)
@@ -293,7 +293,7 @@ class RegistrationSession:
         return replace(search, prior=self._curve, near=near, stay=True, acquisitions=acquisitions)
 
     def _state(self) -> Registered:
-        """What the markers say together."""
+        """Registration from all markers."""
         markers, rig = [marker.seen for marker in self.taken], self._room.rig
         missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
         choice = self._choice = choose(markers, target_trus_m=self._plan.target_trus_m)
@@ -414,7 +414,7 @@ _USUAL_LATERAL_M = 15e-3
 
 
 def reach_of(rig: Rig) -> Reach:
-    """What a rig's probe can reach: its search range, and four fifths of its array."""
+    """Reach of a rig's probe: its search range, and four fifths of its array."""
     lateral_m = _USUAL_LATERAL_M
     if rig.imaging is not None:
         lateral_m = 0.8 * float(rig.imaging.preset.array.lateral_m[-1])

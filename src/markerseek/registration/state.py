@@ -100,7 +100,7 @@ class RegistrationState:
 
     @property
     def known(self) -> dict[str, object]:
-        """What is shown beside the transform; its errors only where it holds."""
+        """What is shown beside the transform; its errors only if the registration is valid."""
         errors = {"markers": self.markers} if self.registration is None else self.registration.errors
         return {
             "file": _text(self.source.name),

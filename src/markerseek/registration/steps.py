@@ -1,4 +1,4 @@
-"""The steps of a registration session, as programs see them; all but `Searching` are recorded."""
+"""The steps of a registration session, as data for other programs; all except `Searching` are recorded."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True, tag="begun"):
     goal_m: float
     """Expected TRE at which the session ends."""
     target_trus_m: tuple[float, float, float] | None
-    """Where the error counts, in the TRUS frame; None: `TARGET_DEPTH_M` under the middle of the points."""
+    """Point of the expected error, in the TRUS frame; None: `TARGET_DEPTH_M` under the middle of the points."""
     begun: str
     """When it began, UTC."""
     seed: int | None = None
@@ -51,18 +51,18 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True, tag="begun"):
 
 
 class Waiting(msgspec.Struct, frozen=True, kw_only=True, tag="waiting"):
-    """A spot is waited for."""
+    """The session waits for a spot."""
 
     name: str
     """Name that the next marker will have."""
     place: Place | None
-    """Where it helps most; None: anywhere in view and in reach."""
+    """Place at which a spot reduces the error most; None: anywhere in view and in reach."""
     said: str
     """What the person has to do, in a sentence."""
 
 
 class SpotRefused(msgspec.Struct, frozen=True, kw_only=True, tag="spot-refused"):
-    """The images show no spot that can be measured, or the spot moved; it is looked for again."""
+    """The images show no spot that can be measured, or the spot moved; the session looks for it again."""
 
     name: str
     reason: str
@@ -76,7 +76,7 @@ class SpotSeen(msgspec.Struct, frozen=True, kw_only=True, tag="spot"):
     camera_m: tuple[float, float, float]
     """The spot in the frame of the left camera."""
     prediction: Prediction | None
-    """What the markers so far say of it; None: nothing."""
+    """Prediction of its marker from the markers so far; None if they allow none."""
     journal: str | None
     """Name of the search's journal in the folder of the session."""
 
@@ -96,25 +96,27 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
     name: str
     spot: Spot
     camera_m: list[float]
+    """The spot in the frame of the left camera."""
     camera_covariance_m2: Numbers
+    """Covariance of the spot's position."""
     camera_shared_m: Numbers
-    """``camera_m``, ``camera_covariance_m2`` and ``camera_shared_m``: the spot in the frame of the left camera, its
-    covariance, and its displacements by the errors that all spots share."""
+    """Displacements of the spot by the errors that all spots share."""
     answer: str
+    """Answer of the search."""
     reason: str | None
-    """``answer`` and ``reason``: those of the search."""
+    """Reason that the search gives for its answer."""
     candidates: list[MarkerCandidate]
-    """Sources that may be the marker, the likeliest first; none where the search found nothing."""
+    """Sources that may be the marker, the most probable first; empty if the search found nothing."""
     acquisitions: int
     rig_s: float
     """Time on the rig's clock from the first look at the spot to the answer, without waiting for a person."""
     prior: str | None
-    """What the markers before said of its angle; None: nothing."""
+    """Prior over its angle from the earlier markers, as text; None if there was no prior."""
     journal: str | None
     at: str
     """When it was taken, UTC."""
     again: str | None = None
-    """Name of the marker that it is, measured again; None for a new one."""
+    """Name of the earlier marker that was measured again; None for a new marker."""
 
     @property
     def seen(self) -> SeenMarker:
@@ -129,22 +131,22 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
 
 
 class Registered(msgspec.Struct, frozen=True, kw_only=True, tag="registered"):
-    """What the markers say together, after each of them."""
+    """The registration from all markers so far, computed after each marker."""
 
     report: RegistrationReport | None
-    """The registration; None where there are too few markers, or they do not fit."""
+    """The registration; None if there are too few markers, or if they do not fit."""
     decided: bool
     """Whether the registration is accepted, and no marker may be another source."""
     chosen: dict[str, int]
-    """Number of the candidate that was chosen of each marker."""
+    """Number of the chosen candidate of each marker, by name."""
     left_out: tuple[str, ...]
     """Markers none of whose candidates fits."""
     open: tuple[str, ...]
-    """Markers that may be another source still."""
+    """Markers that may still be another source."""
     reason: str | None
-    """Why it is not decided."""
+    """Why the registration is not decided."""
     place: Place | None
-    """Where the next spot helps most, with the TRE that is expected then."""
+    """Place at which the next spot reduces the error most, with the TRE expected after it."""
     done: bool
     """Whether the session ends here."""
     said: str
@@ -156,11 +158,11 @@ class MovedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="again"):
 
     name: str
     moved_m: float
+    """Distance that the marker has moved since its first measurement, relative to the camera."""
     sigma_m: float
-    """``moved_m`` and ``sigma_m``: how far it is from where it was, as seen from the camera, and the standard deviation
-    of that."""
+    """Standard deviation of that distance."""
     moved: bool
-    """Whether it has moved by more than that explains: the registration does not hold."""
+    """Whether the distance is larger than its standard deviation explains; the registration is then not valid."""
     said: str
 
 

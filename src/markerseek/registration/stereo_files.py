@@ -184,7 +184,7 @@ def _rotation(name: str, values: Sequence[float]) -> Float64[np.ndarray, "3 3"]:
 
 
 def _in_metres(shift: Sequence[float]) -> Float64[np.ndarray, " 3"]:
-    """Translation between the cameras, from millimetres or metres, which its length tells apart."""
+    """Translation between the cameras, from millimetres or metres; its length shows which."""
     base = float(np.linalg.norm(shift))
     for unit_m in (1e-3, 1.0):
         if _BASE_MM[0] <= 1e3 * unit_m * base <= _BASE_MM[1]:

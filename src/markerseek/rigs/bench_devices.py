@@ -209,7 +209,7 @@ class _Laser(SimulatedLaser):
         self._stage = stage
 
     def fire(self, permit: Permit) -> int:
-        # A simulated stage turns the probe itself, and knows of its play.
+        # A simulated stage turns the probe itself, with its own backlash.
         if not isinstance(self._stage, _Stage):
             self._world.angle_deg = self._stage.angle_deg
         return super().fire(permit)

@@ -30,7 +30,7 @@ class MovableMarker:
     beside: Beside | None = None
 
     def move(self, *, angle_deg: float, radius_m: float, lateral_m: float) -> Rig:
-        """Put the spot of light elsewhere, with clutter drawn anew, and return the rig."""
+        """Put the spot of light elsewhere, draw new clutter, and return the rig."""
         scene = marker_scene(self.settings, self.rng, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m)
         others = () if self.beside is None else self.beside(scene, self.rng)
         self.world.replace_absorbers((*scene.absorbers, *others))
@@ -44,7 +44,7 @@ def movable(
     """A simulated rig of channel data whose marker can be moved.
 
     Gain and noise are those of a marker in the middle of the range. ``pace``: as of `simulated`. ``beside``: draws what
-    is beside the marker, anew with each move; None: nothing but the clutter of the material.
+    is beside the marker again for each move; None: only the clutter of the material.
     """
     rng = np.random.default_rng(require_seed(seed))
     middle_deg = settings.limits.search.centre_deg

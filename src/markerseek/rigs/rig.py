@@ -42,19 +42,19 @@ class Rig(Closing):
     receiver: Receiver
     scanner: Scanner
     imaging: ImageReader | None
-    """Imaging chain of its channel data; None where there are intensities only."""
+    """Imaging chain of its channel data; None if there are intensities only."""
     dark_frames: int
     """Number of dark frames at the start of a search; 0 if the rig cannot take any."""
     angles_deg: tuple[float, ...] | None = None
     """Angles that can be measured, each with one result, in degrees: those of a recording; None if any can."""
     by_hand: ByHand | None = None
-    """How a person turns its probe; None where a motor does."""
+    """How a person turns its probe; None if a motor does."""
     closing_dark: bool = False
     """Whether a search should end with a dark frame, as `markerseek.scan.run` says: on rigs of devices."""
     recipe: Recipe | None = None
     """Arguments to make the same rig again; None if unknown."""
     devices: Devices | None = None
-    """The lines to real devices; None where no hardware is involved."""
+    """The lines to real devices; None if no hardware is involved."""
     bench: BenchSettings | None = None
     """Settings of a rig of devices, as its rig file has them; None of any other rig."""
     checks: Mapping[str, tuple[RuleCheck, ...]] = field(default_factory=dict)

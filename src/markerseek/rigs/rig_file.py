@@ -17,13 +17,13 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     """Settings of the rig in a file.
 
     ``path``: TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other
-    keys are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, such as no lens. A
+    keys are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, for example no lens. A
     receiver's folder is relative to the rig file, and the module of a foreign driver is looked for beside it and
     imported: a rig file can run code.
     """
     table = read_toml(path, what="rig file")
     if "policies" in table:
-        raise ConfigError(f"{path}: it has policies, so that it is a study file: 'markerseek study'")
+        raise ConfigError(f"{path}: it has policies, so it is a study file; run 'markerseek study'")
     if "kind" not in table:
         raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
     # Removed here, because it selects the settings that know the other keys.
@@ -39,9 +39,9 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
 
 
 def read_simulated(path: Path | None, *, cure: str) -> SimulatedSettings:
-    """Settings of the simulated rig in a file; without one, the defaults.
+    """Settings of the simulated rig in a file; the defaults without a file.
 
-    ``cure``: what helps where the file describes a rig of devices, for the message.
+    ``cure``: advice for the message if the file describes a rig of real devices.
     """
     settings = SimulatedSettings() if path is None else read_rig_file(path)
     if not isinstance(settings, SimulatedSettings):

@@ -1,4 +1,4 @@
-"""Assembles simulated devices in a simulated world, also in one that returns intensities instead of frames."""
+"""Assembles rigs of simulated devices, in a world that returns frames or in one that returns intensities."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from markerseek.sim import (
 )
 
 DARK_FRAMES = 3
-"""Frames without laser before a checked search, on a rig that can take them."""
+"""Number of frames without laser before a checked search, on a rig that can take them."""
 
 USUAL_CELLS = 460_000
 """Approximate number of independent envelope cells in an image of the simulated probe."""
 
 
 def require_seed(seed: SupportsIndex) -> int:
-    """The seed as an int, checked: journals and banks store 63 bits."""
+    """The seed as a checked int; journals and banks store 63 bits."""
     # bool is an int in Python, and seed=True is a mistake.
     whole = isinstance(seed, SupportsIndex) and not isinstance(seed, bool)
     if not whole or not 0 <= operator.index(seed) < 2**63:
@@ -56,8 +56,8 @@ def rig_in_world(
     """Assemble simulated devices in a world.
 
     ``settings``: settings of stage, laser, receiver and limits. ``reader``: turns the world's frames into readings.
-    ``rng``: that of the world. ``seed``: its seed, if it has one. ``recipe``: arguments to make the same rig again, for
-    a journal. ``resumed_after``: as of `simulated`.
+    ``rng``: random generator of the world. ``seed``: its seed, if known. ``recipe``: arguments that make the same rig
+    again, for a journal. ``resumed_after``: as in `simulated`.
     """
     if resumed_after:
         rng.bit_generator.state = np.random.PCG64((seed or 0, resumed_after)).state
@@ -93,7 +93,7 @@ def rig_in_world(
         clock=clock,
         guard=Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission()),
         pulses=settings.laser.pulses,
-        # Nothing here emits light, so that no person is needed.
+        # A simulated laser emits no light, so that no person has to arm the rig.
         arms_itself=True,
     )
     facts = RigFacts(
@@ -134,7 +134,7 @@ def of_intensities(
 
     ``seed``: seed of noise and energy. ``curve``: noise-free intensity over the angle off the marker; None: no source.
     ``cells``: independent envelope cells of an image. ``noise_stated``: whether dark frames can be taken, and each
-    frame states noise and cells; false is as a CSV of intensities.
+    frame states noise and cells; if false, the rig gives as much as a CSV of intensities.
     """
     settings = settings or SimulatedSettings()
     rng = np.random.default_rng(require_seed(seed))

@@ -30,8 +30,8 @@ HOME, PROBE, IMAGE = "trus_home", "trus_probe", "trus_image"
 """Frames: the probe at 0 degrees, the probe, and the images (x along columns, y along rows, from the first pixel)."""
 
 CAMERA, SIMULATED_CAMERA = "davinci_camera_optical", "simulated_davinci_camera_optical"
-"""Frame of the da Vinci camera (z along its view), by whether its registration is simulated: a transform has no other
-place to say so."""
+"""Frame of the da Vinci camera (z along its view) with a real and with a simulated registration. The name states this,
+because a transform has no field for it."""
 
 RANGE_DB = 40.0
 """Dynamic range from white to black, in dB."""
@@ -64,7 +64,7 @@ def made(what: str, /, **fields: Any) -> Any:
 
 
 def _native(value: object) -> object:
-    # An image as an array of NumPy costs rclpy 100 ms, which takes each pixel for itself; as an array of bytes nothing.
+    # rclpy converts a NumPy array pixel by pixel, 100 ms for an image; an `array.array` takes almost no time.
     return array.array(value.dtype.char, value.tobytes()) if isinstance(value, np.ndarray) else value
 
 
@@ -75,7 +75,7 @@ def time_ns(time_s: float) -> int:
 
 
 def header(*, time_s: float, frame: str = "") -> Any:
-    """Header of a message; an empty frame where the message has no coordinates."""
+    """Header of a message; the frame is empty if the message has no coordinates."""
     sec, nanosec = divmod(time_ns(time_s), 1_000_000_000)
     stamp = made("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
     return made("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
@@ -101,7 +101,7 @@ def transforms(
     images: Mapping[str, ScanGeometry],
     face_radius_m: float | None,
 ) -> list[Any]:
-    """Transforms of the probe in its home frame, and of images in the probe where the face radius is known.
+    """Transforms of the probe in its home frame, and of images in the probe's frame if the face radius is known.
 
     A list of geometry_msgs/TransformStamped; ``images`` names the frame of each image.
     """
@@ -128,7 +128,7 @@ def _turned(angle_deg: float) -> tuple[float, float, float, float]:
 def registered(davinci_to_trus: RigidTransform | None, *, time_s: float, simulated: bool) -> Any:
     """The camera of the da Vinci system in the home frame of the probe, as a geometry_msgs/TransformStamped.
 
-    ``davinci_to_trus``: None is sent as NaN, which no program can take for a place, and tf2 refuses.
+    ``davinci_to_trus``: None is sent as NaN, which no program can mistake for a position, and which tf2 refuses.
     """
     frames = HOME, SIMULATED_CAMERA if simulated else CAMERA
     if davinci_to_trus is None:
@@ -161,9 +161,10 @@ def empty() -> Any:
 
 
 class AcquireRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """Request to an acquisition node; -1 pulses ask it to end what it does.
+    """Request to an acquisition node.
 
-    ``id`` names the request, ``stamp_ns`` is when it was sent, on the clock of ROS; 0 pulses take a dark frame.
+    ``id`` names the request. ``pulses``: 0 takes a dark frame, -1 ends the acquisition. ``stamp_ns``: time at which the
+    request was sent, on the clock of ROS.
     """
 
     id: str
@@ -191,16 +192,16 @@ class Acquired(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AcquisitionState(msgspec.Struct, frozen=True, kw_only=True):
-    """What an acquisition node is."""
+    """State of an acquisition node."""
 
     simulated: bool
 
 
 class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a stage node: the fields of crtk_msgs/OperatingState, and those that it has no place for.
+    """State of a stage node: the fields of crtk_msgs/OperatingState, and further ones.
 
-    ``angle_deg`` is the angle at rest as the stage gave it: on its way over radians it would be rounded, and a search
-    can then decide otherwise.
+    ``angle_deg`` is the angle at rest as the stage reported it: in radians it would be rounded, and a search could then
+    decide otherwise.
     """
 
     state: str
@@ -214,11 +215,11 @@ class OperatingState(msgspec.Struct, frozen=True, kw_only=True):
     fault: str = ""
 
 
-_Held = TypeVar("_Held", bound=msgspec.Struct)
+_Value = TypeVar("_Value", bound=msgspec.Struct)
 
 
-def decoded(data: str, kind: type[_Held]) -> _Held | None:
-    """Value of this kind in the text of a std_msgs/String; None if it holds none."""
+def decoded(data: str, kind: type[_Value]) -> _Value | None:
+    """Value of this kind in the text of a std_msgs/String; None if the text is not one."""
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.MsgspecError, ValueError, RecursionError):
@@ -238,7 +239,7 @@ CRTK_STATE = "crtk_msgs/msg/OperatingState"
 
 
 def state_of(message: Any) -> OperatingState | None:
-    """State in a message; None if it holds none."""
+    """State in a message; None if the message has none."""
     if hasattr(message, "data"):
         return decoded(message.data, OperatingState)
     return OperatingState(
@@ -247,7 +248,7 @@ def state_of(message: Any) -> OperatingState | None:
 
 
 def counts_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:
-    """Channel data of an image message; None if it is no 16SC1 image of the size that it states."""
+    """Channel data of an image message; None if it is not a 16SC1 image of the size that it states."""
     rows, columns, data = message.height, message.width, bytes(message.data)
     right = message.encoding == "16SC1" and rows > 0 and columns > 0 and message.step == 2 * columns
     if not right or len(data) != 2 * rows * columns:
@@ -275,7 +276,7 @@ def grey(
     values: Float32[np.ndarray, "rows columns"], *, brightest: float, range_db: float = RANGE_DB
 ) -> UInt8[np.ndarray, "rows columns"]:
     """Envelope in ADC counts as shades from 0 (``range_db`` and more below) to 255 (the brightest and above)."""
-    # The lower end is clipped before the logarithm, which has none of zero; a frame without sound is black.
+    # The lower end is clipped before the logarithm, because 0 has no logarithm; a frame without sound is black.
     share = np.clip(values / (brightest or 1.0), 10 ** (-range_db / 20), 1.0)
     return np.rint(255 * (1 + 20 * np.log10(share) / range_db)).astype(np.uint8)
 

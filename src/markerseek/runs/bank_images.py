@@ -81,7 +81,7 @@ def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | No
 
 
 def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> float | None:
-    """Largest intensity of the dark frames; None where there are none. Arguments as of `bank_samples`."""
+    """Largest intensity of the dark frames; None if there are none. Arguments as of `bank_samples`."""
     if isinstance(bank, IntensityBank) or bank.dark_frames == 0:
         return None
     imaging = ImageReader(preset_of(bank, probe))

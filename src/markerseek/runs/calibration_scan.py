@@ -39,7 +39,7 @@ class Calibration:
     noise_sigma: Fitted
     """Standard deviation of the beamformed noise in counts, with that of its mean over the frames."""
     energy_spread: float | None
-    """Relative standard deviation of an acquisition's energy; None where the scan does not show it."""
+    """Relative standard deviation of an acquisition's energy; None if the scan does not show it."""
     frames: int
     waves: int
     """``frames`` and ``waves``: number of frames, and of those whose wave was clear enough to be used."""

@@ -74,7 +74,7 @@ def rebuild_reader(configuration: Configuration) -> Reader:
 
 
 def rebuild_image_reader(configuration: Configuration) -> ImageReader | None:
-    """The reader of a journal's rig where it makes photoacoustic images; None where it makes none."""
+    """The reader of a journal's rig where it makes photoacoustic images; None if it makes none."""
     return _image_reader(bytes(configuration.imaging))
 
 

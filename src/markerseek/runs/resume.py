@@ -1,4 +1,4 @@
-"""Resumes a run from its record: the policy is told what was measured, a person arms the rig, the search goes on."""
+"""Resumes a run from its record: the policy gets the samples, a person arms the rig, the search goes on."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def resumed(
 ) -> Generator[JournalEvent, None, None]:
     """The events of a run from where it was interrupted.
 
-    The policy is told the recorded samples, the rig is armed, and the strongest angle is measured again. Where it has
-    changed by more than noise, `Checked` says so, and the search begins anew; else it goes on.
+    The policy gets the recorded samples, the rig is armed, and the strongest angle is measured again. If the intensity
+    has changed by more than noise, `Checked` says so, and the search begins again; otherwise it goes on.
 
     ``policy``: in its state before the run; ``anew`` makes another. ``by``: name of the person who arms the rig.
     ``reset_fault``: whether that person has inspected the rig after a fault, and resets it. ``check``: False for a
@@ -128,7 +128,7 @@ def resumed(
 
 
 def tell_recorded(policy: AnyPolicy, entries: Iterable[Entry]) -> None:
-    """Ask a fresh policy and tell it the recorded samples, in their order; a dark frame at the end was never told."""
+    """Ask a fresh policy and tell it the recorded samples, in their order, except a dark frame at the end."""
     lit, sweeping = False, None
     for entry in entries:
         match entry.event:

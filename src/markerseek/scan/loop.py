@@ -144,8 +144,7 @@ def run(
     limits
         Limits of the run.
     earlier
-        What the events of the run add up to that was interrupted, with a policy that has been told all of it; the run
-        goes on from there.
+        State of an interrupted run, from which the run goes on; the policy must have got all of its samples.
 
     Yields
     ------
@@ -237,7 +236,7 @@ def _step(
         except AcquisitionError as refusal:
             if scanner.guard.state is State.FAULT:
                 raise
-            # A policy cannot forget: if some samples of a sweep were told, it cannot be refused whole any more.
+            # A policy cannot forget: once it has samples of a sweep, the whole sweep cannot be refused any more.
             if tally.counts[role] > before:
                 scanner.guard.fail(str(refusal))
                 raise

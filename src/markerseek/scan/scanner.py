@@ -66,7 +66,7 @@ class Scanner:
 
     ``guard``: permits each step, and admits frames. It must be armed before anything moves. ``arms_itself``: whether
     the guard is armed by the first measurement: only where no hardware is involved. ``watchdog``: lease for each move
-    and each firing; None where no hardware is involved.
+    and each firing; None if no hardware is involved.
     """
 
     def __init__(
@@ -177,7 +177,7 @@ class Scanner:
         self._arm_itself()
         at_deg = self.angle_deg
         permit = self.guard.issue(angle_deg=at_deg, pulses=self._pulses[0], now_s=self.clock.now_s())
-        # What a receiver may have heard of it must not pass for the answer to the next permit.
+        # What a receiver may have recorded of it must not pass for the answer to the next permit.
         self._begun, self._settled, self._lit = True, False, True
         self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())
         with self._faulting, self._watchdog_held:

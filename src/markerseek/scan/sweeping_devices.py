@@ -1,4 +1,4 @@
-"""The devices of a rig that can sweep: what they can, how long a sweep takes, and the permit that it needs."""
+"""The devices of a rig that can sweep: their limits, the duration of a sweep, and the permit that it needs."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from markerseek.core import (
 )
 
 SLOWEST, FASTEST = 0.08, 1.25
-"""Speeds between which the probe is lit, as shares of the speed of the sweep: its ramps are in the light, and a probe
-that stalls is not."""
+"""Lowest and highest speed at which the laser fires, over the speed of the sweep: it fires on the ramps, but not if the
+probe stalls."""
 
 TURN_DEG = 0.1
-"""Distance from the angle where it turns back at which a probe has reached it, as for the guard."""
+"""Distance from the turning angle at which the probe counts as having reached it, the same as for the guard."""
 
 TURN_S = 0.5
-"""Time in which a stage has turned back: it comes to rest, and is told its next target."""
+"""Time that a stage needs to turn back: it comes to rest, and gets its next target."""
 
 LEAST_WAY_DEG = 0.5
-"""Way from rest to rest below which the probe need not be lit."""
+"""Shortest way from rest to rest on which the laser must fire."""
 
 SLOWER = 1.1
-"""Time of a sweep over that which the stage's own numbers give: it may be slower than it says."""
+"""Longest duration of a sweep over the computed one: a stage may be slower than its settings say."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,17 +44,17 @@ class SweepingDevices:
 
     @classmethod
     def of(cls, stage: Stage, laser: Laser, receiver: Receiver) -> SweepingDevices:
-        """The devices, if all three can; `ConfigError` names the one that cannot."""
+        """The devices, if all three can sweep; `ConfigError` names a device that cannot."""
         for part, device in (("stage", stage), ("laser", laser), ("receiver", receiver)):
-            # Of the class, and no isinstance: it would ask the device for its angle.
+            # The class is checked, because isinstance would read the properties, and so ask the device for its angle.
             if not hasattr(type(device), "begin_sweep"):
-                # Of a class of one's own the name in the rig file, not that of what is wrapped around it.
+                # A user's own class is called by its name in the rig file, not by the name of its wrapper.
                 name = getattr(device, "driver", type(device).__name__)
                 raise ConfigError(
                     f"this rig cannot sweep: its {part} ({name}) only works with the probe at rest; leave --sweep out"
                 )
         devices = cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
-        # Asked here, since a device of a kind that can may not be set up for it.
+        # Read here, because it raises `ConfigError` if a device can sweep but is not set up for it.
         _ = devices.least_period_s
         return devices
 
@@ -69,7 +69,7 @@ class SweepingDevices:
         return self.receiver.sweep_readout_s > 0
 
     def wait_deg(self, sweep: Sweep) -> float | None:
-        """Where the probe waits for the frames of a sweep; None: where it ends, for they are read sooner than that."""
+        """Angle at which the probe waits for the frames of a sweep; None: where it ends, because they come first."""
         if sweep.wait_deg is None:
             return None
         way_s = self._way_s(sweep.wait_deg - sweep.end_deg, speed_deg_s=sweep.speed_deg_s)
@@ -78,17 +78,17 @@ class SweepingDevices:
     def permit(self, sweep: Sweep, *, from_deg: float, dark: int = 0, mark: int = 0) -> SweepPermit:
         """The permit that a sweep needs, without token and expiry; `ConfigError` if it is too fast for the stage.
 
-        ``dark``: triggers that must be left without light at the end. ``mark``: further ones.
+        ``dark``: least number of triggers without light at the end. ``mark``: additional triggers.
         """
         speed, fastest = sweep.speed_deg_s, self.stage.fastest_sweep_deg_s
         if not speed <= fastest:
             raise ConfigError(
                 f"sweep: {speed:g} deg/s is too fast for this stage: at most {math.floor(100 * fastest) / 100:g} deg/s"
             )
-        # On a short way the probe is at rest again before it reaches the speed of the sweep.
+        # On a short way the probe brakes before it reaches the speed of the sweep.
         way_deg = abs(sweep.to_deg - from_deg)
         reached = math.sqrt(max(way_deg, LEAST_WAY_DEG) * self.stage.acceleration_deg_s2)
-        # Where it turns back it is as slow as a stage is that much before rest.
+        # At the turning angle the probe is as slow as a stage that is `TURN_DEG` away from rest.
         turning = math.inf if sweep.back_deg is None else 0.8 * math.sqrt(2 * self.stage.acceleration_deg_s2 * TURN_DEG)
         period_s = self.least_period_s
         lasts = self.duration_s(sweep, from_deg=from_deg) / period_s
@@ -106,7 +106,7 @@ class SweepingDevices:
         )
 
     def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
-        """Refuse a sweep by `ConfigError` if its permit may expire on the way: nothing has moved."""
+        """Raise `ConfigError`, before anything moves, if the permit may expire during the sweep."""
         duration_s, left_s = self.duration_s(sweep, from_deg=permit.angle_deg), permit.expires_s - now_s
         if not SLOWER * duration_s <= left_s:
             raise ConfigError(

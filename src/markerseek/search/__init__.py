@@ -1,7 +1,7 @@
-"""Search policies: asked for the next angle, and given the sample taken there (ask and tell). Pure.
+"""Search policies (ask and tell): `ask` returns the next angle, `tell` takes the sample measured there. No I/O.
 
-A method has two forms: as published, which always answers, and `CheckedPolicy`, whose answer must pass tests. `build`
-makes either from a name.
+Each method exists as published, which always answers, and as a `CheckedPolicy`, whose answer must pass tests. `build`
+makes either of them from the method's name.
 """
 
 from markerseek.search.average import THRESHOLD, weighted_average

@@ -251,8 +251,8 @@ def refuse_posterior_settings(method: str, **settings: object) -> None:
 def most_acquisitions(plan: SearchPlan) -> int | None:
     """Return the most acquisitions of a plan: its own number or that of its method, and those of a whole recording.
 
-    None where it sweeps. With a prior over the angle they are
-    counted twice: once it is given up, the whole number is left.
+    None if it sweeps. With a prior over the angle they are counted twice, because the search has the whole number again
+    after it gives up the prior.
     """
     if plan.sweep_speed_deg_s is not None:
         return None

@@ -18,8 +18,8 @@ class Peak:
     max_intensity: float
     """``max_deg`` and ``max_intensity``: angle of the largest sample in degrees, and its intensity."""
     com_deg: float
-    """Centre of mass of what exceeds half of the maximum: noise far from the peak, of which a wide scan has much, would
-    pull that of all samples to the middle of the angles. The latter if all are zero."""
+    """Centre of mass of what exceeds half of the maximum: over all samples, the noise of a wide scan would
+    pull it to the middle of the angles. If all samples are zero, it is the mean of the angles."""
     cen_deg: float | None
     """Middle between the two crossings of half maximum; None if a side has none."""
     fwhm_deg: float | None

@@ -34,7 +34,7 @@ def with_half_width(found: Found, *, radius_m: float | None) -> Found:
 
 
 def beyond_tolerance(found: Found, tolerance: Tolerance, *, radius_m: float | None) -> str | None:
-    """How well the angle is known, in words, where that is not within the tolerance; None where it is."""
+    """How well the angle is known, in words, where that is not within the tolerance; None if it is."""
     half_deg = half_width_deg(found)
     if half_deg <= tolerance.half_width_deg(radius_m):
         return None

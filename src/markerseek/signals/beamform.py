@@ -1,8 +1,8 @@
-"""One-way delay-and-sum on columns at the elements, and on any others.
+"""One-way delay-and-sum, on columns at the elements or at any lateral position.
 
 At the elements the delay depends on the depth and on the lateral distance alone: one small table serves every column.
 The sum is linear in the signals, with linear interpolation between samples, and is divided by the root of the number
-of channels in it: white noise is then equally strong at every depth. No apodisation, no weighting by directivity.
+of channels in it, so that white noise is equally strong at every depth. No apodisation, no weighting by directivity.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class DelayTable:
     first: Int32[np.ndarray, "distances depths"]
     """Sample before the delay; -1 where the element is not used."""
     weight: Float32[np.ndarray, "distances depths"]
-    """Share of the sample after it, same shape."""
+    """Weight of the sample after the delay, same shape."""
     scale: Float32[np.ndarray, "depths columns"]
-    """One over the root of the number of channels used; 0 where there is none."""
+    """One over the root of the number of channels used; 0 where no channel is used."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -82,7 +82,7 @@ def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray
 def beamform(signals: Float32[np.ndarray, "samples columns"], grid: ImageGrid) -> Float32[np.ndarray, "depth lateral"]:
     """Image of filtered channels (from `filtering.band_pass`), shape (depth, lateral), in the unit of the signals."""
     if signals.shape[0] != grid.samples:
-        raise ConfigError(f"beamform: records of {signals.shape[0]} samples, and a table for {grid.samples}")
+        raise ConfigError(f"beamform: the records have {signals.shape[0]} samples, the table is for {grid.samples}")
     table = grid.table
     sums = np.empty((len(grid.depth_m), signals.shape[1] - 2 * PAD), np.float32)
     delay_and_sum(signals, table.first, table.weight, table.scale, sums)
@@ -96,7 +96,7 @@ def beamform_at(
     lateral_m: Float64[np.ndarray, " lateral"],
     depth_m: Float64[np.ndarray, " depth"],
 ) -> Float32[np.ndarray, "depth lateral"]:
-    """Image on any columns, slower by the pixel than `beamform`, otherwise the same."""
+    """Image on any columns, otherwise as `beamform`, which takes less time per pixel."""
     image = np.empty((len(depth_m), len(lateral_m)), np.float32)
     aperture = half_aperture_m(preset, depth_m)
     beams(signals, preset.array.lateral_m, lateral_m, depth_m, path_delay(preset), aperture, image)
@@ -104,10 +104,10 @@ def beamform_at(
 
 
 def image_rows(preset: ProbePreset, *, samples: int, margin: int) -> tuple[Float64[np.ndarray, " depth"], slice]:
-    """Depths of an image of records of that length, with ``margin`` more rows at either end; and the rows that count.
+    """Depths of an image with ``margin`` more rows at either end, and the slice of the rows without these.
 
     ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records. ``margin``: rows
-    that the envelope needs beyond those that count; fewer where the record ends.
+    that the envelope needs beyond the image; fewer where the record ends.
     """
     metres = preset.sound_speed_m_s / preset.sampling_hz
     origin = preset.trigger_offset_s * preset.sampling_hz
@@ -143,8 +143,8 @@ def delay_table(
     # Linear interpolation between samples: weight 1 − w before the delay and w after it.
     first = np.floor(delay)
     usable = (distance_m <= reach_m) & (number < array.elements) & (first >= 0) & (first < samples - 1)
-    # Sound reaches far elements later: what is out of reach at one distance is so at all larger ones, unless the
-    # trigger's offset hides the start; then the kernel, which stops at the first gap, leaves the pixel out.
+    # Sound reaches far elements later, so that no element beyond the first unusable one is usable. Only a trigger
+    # offset that hides the start breaks this rule; the kernel stops at the first gap and leaves such a pixel out.
     usable &= np.cumsum(~usable, axis=0) == 0
     count = usable.sum(axis=0)[:, None]
     column = np.arange(padded_columns(array.elements))

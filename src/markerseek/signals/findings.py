@@ -34,7 +34,7 @@ class FrameFindings:
     """Channels without any signal."""
 
     def peak_snr_db(self, arrival: Arrival) -> float | None:
-        """Intensity of an arrival over the noise floor of the frame in dB; None where there is no noise at all."""
+        """Intensity of an arrival over the noise floor of the frame in dB; None if there is no noise at all."""
         if not (arrival.intensity > 0 and self.noise_sigma > 0):
             return None
         return 20 * math.log10(arrival.intensity / self.noise_sigma)

@@ -272,9 +272,7 @@ class ImageReader:
         level = features.found_level(chain.layout.cells)
         ratio = peak.intensity / chain.sigma if chain.sigma > 0 else math.inf
         if found:
-            return (
-                f"a coherent peak {ratio:.3g} times the noise; {level:.3g} times is the level that noise does not reach"
-            )
+            return f"a coherent peak {ratio:.3g} times the noise; {level:.3g} times is the detection threshold"
         if peak.intensity == 0:
             return "the frame is zero"
         if ratio <= level:

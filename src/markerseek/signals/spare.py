@@ -1,8 +1,8 @@
 """SPARE: photoacoustic images from the lines that an ultrasound machine has beamformed already (post-beamformed RF).
 
-The machine delays its channels for pulse and echo, and a photoacoustic wave travels one way only: in the machine's data
-a point at (xs, zs) is smeared over neighbouring lines. Its wave and the machine's delays touch at one element of each
-line, and the sum along these contacts focuses it again (H. K. Zhang et al., Biomed. Opt. Express 7, 3056 (2016)). With
+The machine delays its channels for pulse and echo, but a photoacoustic wave travels one way only: in the machine's data
+a point at (xs, zs) is smeared over neighbouring lines. The wave and the machine's delays touch at one element of each
+line, and the sum along these contacts focuses the point (H. K. Zhang et al., Biomed. Opt. Express 7, 3056 (2016)). With
 dx = x − xs, c·t the path in the line at x, τ the laser's trigger offset, and a dynamic receive focus, the sum runs over
 x at c·t = 2·c·τ + z' + dx²/z', z' = zs − c·τ.
 
@@ -46,10 +46,10 @@ FULL_SCALE = 32767
 
 
 class SpareReader:
-    """Finds a source in the lines of one ultrasound machine, a line in the place of a channel.
+    """Finds a source in the lines of one ultrasound machine, each of which takes the place of a channel.
 
-    ``preset``: the probe as the machine images it: ``array`` holds its lines, ``f_number`` is that of its receive
-    aperture. The machine focuses dynamically.
+    ``preset``: ``array`` is the row of the machine's lines, ``f_number`` is that of its receive aperture, which must
+    focus dynamically.
     """
 
     method = "SPARE, from post-beamformed RF, dynamic receive focus"
@@ -68,8 +68,8 @@ class SpareReader:
     def findings(self, frame: ChannelFrame) -> FrameFindings:
         """Whether there is a source, and where; lines stand for channels, and the coherence is unknown.
 
-        Raises `AcquisitionError` if the frame is not one of this machine: number of lines, sampling frequency or
-        length.
+        Raises `AcquisitionError` if the number of lines or the sampling frequency is not that of the machine, or if the
+        frame is too short.
         """
         signals, image, grid, rows = self._image(frame)
         window = image[rows]
@@ -87,8 +87,8 @@ class SpareReader:
         found = intensity > level * local
         ratio = intensity / local if local > 0 else math.inf
         reason = (
-            f"the largest peak is {ratio:.3g} times the noise; {level:.3g} times is the level that noise does not "
-            f"reach ({self.method})"
+            f"the largest peak is {ratio:.3g} times the noise; the detection threshold is {level:.3g} times "
+            f"({self.method})"
         )
         return FrameFindings(
             found=found,
@@ -157,7 +157,7 @@ class SpareReader:
         return np.asarray((beyond + offset_m**2 / beyond) * per_metre + 2 * origin)
 
     def _half_aperture_m(self, depth_m: Float64[np.ndarray, " depth"]) -> Float64[np.ndarray, " depth"]:
-        """Farthest line that contributes, at least half a line away."""
+        """Distance of the farthest line that contributes, at least half a line, in metres."""
         steepest = math.atan(1 / (2 * self.preset.f_number)) if self.preset.f_number > 0 else math.pi / 2
         laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s
         half = (depth_m - laser_m) * math.tan(steepest / 2)
@@ -187,7 +187,7 @@ class SpareReader:
         return (total / np.sqrt(np.maximum(used, 1))).astype(np.float32)
 
     def _saturated_lines(self, frame: ChannelFrame, *, lateral_m: float, depth_m: float) -> tuple[int, ...]:
-        """Lines that touch full scale where a point's sound is in them."""
+        """Lines that reach full scale at the arrival of a point's sound."""
         offset = np.abs(self.preset.array.lateral_m - lateral_m)
         middle = np.rint(self._place(offset, np.array(depth_m))).astype(np.int64)
         samples = self._admitted(frame).samples

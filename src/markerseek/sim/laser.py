@@ -57,7 +57,7 @@ class SimulatedLaser:
         self._true_delay_s, self._stamp_jitter_s = true_delay_s, stamp_jitter_s
         self._without_light = without_light
         self._delay_sigma_s = delay_sigma_s
-        # What a calibration of the rig has found: the true delay, as well as it was measured.
+        # Delay as a calibration of the rig states it: the true delay, with the error of the measurement.
         self.stamp_delay_s = 0.0
         if rng is not None and delay_sigma_s is not None:
             self.stamp_delay_s = true_delay_s + delay_sigma_s * float(rng.standard_normal())

@@ -202,6 +202,6 @@ def _sides(cameras: StereoCameras) -> tuple[tuple[Side, Camera], ...]:
 
 
 def _refocused(camera: Camera, error: float) -> Camera:
-    """The true camera, of which a calibration states the focal lengths too large by this share."""
+    """The true camera, if its calibration states focal lengths that are too large by this share."""
     x_px, y_px = camera.focal_px
     return replace(camera, focal_px=(x_px / (1 + error), y_px / (1 + error)))

@@ -26,7 +26,7 @@ class Flash:
     pulses: int
     energy: float
     angle_deg: float | None = None
-    """True angle of the probe then, where it turns; None where it is at rest until its frame is read."""
+    """True angle of the probe then, where it turns; None if it is at rest until its frame is read."""
 
 
 def flash_of(rng: np.random.Generator, *, pulses: int, at_s: float, energy_jitter: float) -> Flash:

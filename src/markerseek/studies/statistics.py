@@ -14,7 +14,7 @@ CONFIDENCE = 0.95
 
 
 class Mean(msgspec.Struct, frozen=True, kw_only=True):
-    """A mean with its 95 % interval, and the standard deviation of one value; None where there are too few."""
+    """A mean with its 95 % interval, and the standard deviation of one value; None if there are too few."""
 
     count: int
     mean: float | None

@@ -193,7 +193,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
 
 
 def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, rng: np.random.Generator) -> Scene:
-    """Marker, tissue and what is beside them, in counts, each other source as loud as it was drawn.
+    """Marker, tissue and what is beside them, in counts; every other source as strong as it was drawn.
 
     The gain is that of the marker alone, lowered where another source would exceed full scale.
     """

@@ -1,4 +1,4 @@
-"""A supervised line as a port: the drivers read and write it as if they held it themselves."""
+"""A supervised line as a port: the drivers read and write it as if they owned it."""
 
 from __future__ import annotations
 

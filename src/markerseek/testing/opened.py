@@ -22,7 +22,7 @@ class RuleCheck:
 
 
 def check_stage(stage: Stage, *, search: Interval) -> tuple[RuleCheck, ...]:
-    """Try a stage that is open and at rest; it is told to stop, and not to move.
+    """Try a stage that is open and at rest; it gets a stop command, and no move.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def check_stage(stage: Stage, *, search: Interval) -> tuple[RuleCheck, ...]:
 
 
 def check_laser(laser: Laser) -> tuple[RuleCheck, ...]:
-    """Try a laser that is open; it is told to disarm, and fires nothing.
+    """Try a laser that is open; it gets the command to disarm, and fires nothing.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class TipFrame:
 
     angle_deg: float
     tip: Tip | None
-    """None where it is not looked for."""
+    """None if it is not looked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,20 +67,20 @@ class SensitiveRange:
     frames: tuple[TipFrame, ...]
     """All images, in the order of their angles."""
     reference_deg: float | None
-    """Angle of the brightest tip; None where no image shows one."""
+    """Angle of the brightest tip; None if no image shows one."""
     below_deg: float | None
     above_deg: float | None
-    """``below_deg`` and ``above_deg``: half of the range on either side of it; None where no image lies there."""
+    """``below_deg`` and ``above_deg``: half of the range on either side of it; None if no image lies there."""
     open_below: bool
     open_above: bool
     """``open_below`` and ``open_above``: whether the images of that side end before the tip has disappeared: its half
     is then at least this."""
     remark: str
-    """What a person should know of the images; empty where there is nothing."""
+    """What a person should know of the images; empty if there is nothing."""
 
     @property
     def half_deg(self) -> float | None:
-        """Half of the range in degrees: of one side, or the mean of both; None where there is no tip."""
+        """Half of the range in degrees: of one side, or the mean of both; None if there is no tip."""
         sides = [side for side in (self.below_deg, self.above_deg) if side is not None]
         return sum(sides) / len(sides) if sides else None
 

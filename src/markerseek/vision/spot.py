@@ -24,7 +24,7 @@ NOISE_SIGMAS = 8.0
 """Least height over the scatter of the image, in standard deviations; highlights on wet tissue have long tails."""
 
 SECOND_SHARE = 0.5
-"""Height of another bright place over that of the brightest, from which the two cannot be told apart."""
+"""Height of another bright place over that of the brightest, from which the two cannot be distinguished."""
 
 MIN_SHARE = 0.6
 """Least share of the frames that must show the spot."""
@@ -236,7 +236,7 @@ def _fitted(
     frames: Sequence[UInt8[np.ndarray, "rows columns"]],
     first: tuple[int, int],
 ) -> _Fit | None:
-    """Least squares of a super-Gaussian profile, of any ellipse, on a plane; None where it has no such form.
+    """Least squares of a super-Gaussian profile, of any ellipse, on a plane; None if it has no such form.
 
     ``image``: the mean of the frames over their background.
 

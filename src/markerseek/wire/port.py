@@ -9,10 +9,10 @@ class Port(Protocol):
     """Bytes in order, both ways."""
 
     def write(self, data: bytes) -> None:
-        """Send all of it; `NotConnectedError` where the line is gone."""
+        """Send all bytes; `NotConnectedError` if the line is lost."""
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        """Up to that many bytes, fewer (perhaps none) after the timeout; `NotConnectedError` as above."""
+        """Up to ``size`` bytes, fewer or none after the timeout; `NotConnectedError` if the line is lost."""
 
     def close(self) -> None:
         """Close the line; allowed twice."""

@@ -75,7 +75,7 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
         )
     if bits != _BITS[kind]:
         raise RecordError(
-            f"{name}: it holds {kind} frames of {bits} bits, of which only those of "
+            f"{name}: it holds {kind} frames of {bits} bits, and only frames of "
             f"{_BITS[kind]} bits are read; export it with {_BITS[kind]} bits, or, if its header is damaged, again"
         )
     # Nothing in the header says whether frames are tagged: both sizes are tried.

@@ -223,7 +223,7 @@ def test_messages_that_are_not_of_now_tell_no_angle(server: Server) -> None:
     home = probe_to_probe_home(1.0)
     assert server.send(home) is not None
     assert server.send(home) is None
-    assert "repeat one moment" in server.encoder.unused
+    assert "repeat one time stamp" in server.encoder.unused
     server.now_s += 10
     assert server.send(home, stamp_s=server.now_s - 2) is None
     assert "2.00 s old" in server.encoder.unused

@@ -23,7 +23,7 @@ class ChildSearch:
     """A search, followed by a thread of its own until it ends.
 
     ``asked``: what a person chose on the page. ``journal``: the journal of the command. ``goes_on``: the command that
-    continues it here; empty where a person must continue it in the terminal. ``simulated``: whether no hardware is
+    continues it here; empty if a person must continue it in the terminal. ``simulated``: whether no hardware is
     involved.
     """
 

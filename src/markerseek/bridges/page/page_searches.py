@@ -61,7 +61,7 @@ class PageRig:
 
 
 class PageSearches:
-    """The search and the registration of one page, of which one runs at a time; ``launch``: starts a command."""
+    """The search and the registration of one page; only one runs at a time. ``launch``: starts a command."""
 
     def __init__(self, rig: PageRig, *, launch: Callable[..., ChildRun] = ChildRun) -> None:
         self.rig = rig

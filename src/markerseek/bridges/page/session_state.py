@@ -1,4 +1,4 @@
-"""What the steps of a registration session say together, and how the page shows it: verdict, marks, table. Pure."""
+"""State of a registration session after its steps, and how the page shows it: verdict, marks, table. No I/O."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ from markerseek.runs import Verdict, VerdictKind
 Side: TypeAlias = Literal["left", "right"]
 
 _CHI95 = 5.991
-"""Chi squared of two degrees of freedom that holds 95 %."""
+"""95 % quantile of chi squared with two degrees of freedom."""
 
 
-# eq=False: two states are compared often, and never equal unless they are the same.
+# eq=False: states are compared often, and two states are equal only if they are the same object.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionState:
     """A session after its steps so far."""
 
     begun: Begun | None = None
     waiting: Waiting | None = None
-    """What is asked of the person now; None while a marker is searched, and at the end."""
+    """What the person has to do now; None while a marker is searched, and at the end."""
     refused: str = ""
-    """Why the last spot was not accepted; empty once one is."""
+    """Why the last spot was not accepted; empty after an accepted spot."""
     seen: SpotSeen | None = None
     """The spot whose marker is searched."""
     taken: tuple[TakenMarker, ...] = ()
     last: Registered | None = None
-    """What the markers say together; None before the first."""
+    """The registration from all markers so far; None before the first marker."""
     errors_mm: tuple[tuple[int, float, float], ...] = ()
-    """Number of markers, expected TRE, and TRE below which 95 % are, of each registration so far."""
+    """Number of markers, expected TRE and its 95 % limit, for each registration so far."""
     moved: str = ""
-    """How far the first marker was when it was measured again."""
+    """How far the first marker has moved when it was measured again, in words."""
     ended: Ended | None = None
 
     @property
@@ -63,12 +63,12 @@ class SessionState:
 
     @property
     def registered(self) -> bool:
-        """Whether there is a registration, and it holds."""
+        """Whether there is a valid registration."""
         return self.last is not None and self.last.decided and (self.ended is None or self.ended.registered)
 
     @property
     def report(self) -> RegistrationReport | None:
-        """What the markers so far give; None before there are enough."""
+        """The registration from the markers so far; None if there are too few markers."""
         return None if self.last is None else self.last.report
 
     def add(self, step: RecordedStep) -> SessionState:
@@ -151,7 +151,7 @@ class SessionState:
         return f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
     def _target(self, side: Side) -> str:
-        """The target and the ellipse that holds it with 95 %; empty before a registration, or behind the camera."""
+        """The target and its 95 % ellipse; empty before a registration, or if the target is behind the camera."""
         if self.report is None or self.report.davinci_to_trus is None or self.stereo is None:
             return ""
         try:
@@ -163,7 +163,7 @@ class SessionState:
         turn_deg = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
         x, y = pixel
         width = self.stereo.left.size_px[0]
-        # An ellipse of a millimetre is small in an image: its name is what is found from two metres.
+        # The ellipse of a millimetre is small in the image: from two metres away, its label is easier to find.
         label = f'x="{x:.1f}" y="{y + large + width / 20:.1f}" font-size="{width // 26}" text-anchor="middle"'
         return (
             f'<g transform="translate({x:.1f} {y:.1f}) rotate({turn_deg:.1f})">'
@@ -172,7 +172,7 @@ class SessionState:
         )
 
     def use_of(self, marker: TakenMarker) -> str:
-        """What the registration makes of a marker."""
+        """How the registration uses a marker."""
         if not marker.candidates:
             return "not found"
         if self.last is not None and marker.name in self.last.left_out:

@@ -95,10 +95,10 @@ class Bank:
     """Angles, rising; at least 3."""
     facts: BankFacts = field(default_factory=BankFacts)
     intensities: tuple[float, ...] = field(repr=False, default=())
-    """Peak of the photoacoustic image at each angle, NaN where it is not known; empty where none is."""
+    """Peak of the photoacoustic image at each angle, NaN where it is not known; empty if none is."""
     started_s: tuple[float, ...] = field(repr=False, default=())
     """When the acquisition at each angle began, in seconds on a clock that read 0 at `BankFacts.clock_zero_unix_s`; NaN
-    where it is not known, empty where none is."""
+    where it is not known, empty if none is."""
 
     def to_xarray(self) -> xr.Dataset:
         """The bank as a data set of xarray: ``intensity`` over ``angle_deg`` where it is known, and the facts.
@@ -137,9 +137,9 @@ class FrameBank(Bank, ABC):
     dark_frames: int = 0
     """Number of frames that were taken without laser."""
     pulses: tuple[int, ...] = field(repr=False, default=())
-    """Laser pulses averaged at each angle; empty where it is not known."""
+    """Laser pulses averaged at each angle; empty if it is not known."""
     energies: tuple[float, ...] = field(repr=False, default=())
-    """Energy of the pulses at each angle over the usual one, NaN where it was not measured; empty where none is."""
+    """Energy of the pulses at each angle over the usual one, NaN where it was not measured; empty if none is."""
     left_out: tuple[int, ...] = ()
     """Channels that are left out, counted from 0: their samples are 0."""
 

@@ -57,7 +57,7 @@ class EncodedEvent:
     """Its fields, JSON."""
     samples: memoryview | None
     """Arrays of its frame, one behind the other, row after row: counts as little-endian int16, grey values as uint8;
-    None where it has none."""
+    None if it has none."""
 
 
 def encode(event: JournalEvent) -> EncodedEvent:

@@ -21,7 +21,7 @@ class Resuming:
 
     by: str
     check_deg: float | None
-    """This angle; None where nothing has been measured yet."""
+    """This angle; None if nothing has been measured yet."""
     fault_reset: bool
     """Whether the run had ended with a fault, and the person reset it."""
     versions: dict[str, str]
@@ -34,9 +34,9 @@ class Checked:
 
     reading: Reading
     difference: str | None
-    """How it differs from the earlier one, in words, so that the search begins anew; None where it does not."""
+    """How the reading differs from the earlier one, in words, so that the search begins again; None if it does not."""
     frame: ChannelFrame | None = None
-    """None where there are intensities only."""
+    """None if there are intensities only."""
 
 
 JournalEvent: TypeAlias = Event | Interrupted | Resuming | Checked

@@ -132,7 +132,7 @@ class EntryReader:
         self.configuration = self._configuration()
 
     def next(self) -> Entry | None:
-        """The next entry; None where the file ends, or holds an entry that was never finished."""
+        """The next entry; None if the file ends, or holds an entry that was never finished."""
         found = self._next_line_1() if self.version == 1 else self._next_line()
         if found is None:
             return None

@@ -156,7 +156,7 @@ def run_state(entries: Iterable[Entry]) -> RunState:
 
 
 def since_started(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """The entries since the search last began: it begins anew where a check found that the rig has changed."""
+    """The entries since the search last began; it begins again if a check finds that the rig has changed."""
     begun = [index for index, entry in enumerate(entries) if isinstance(entry.event, Started)]
     return tuple(entries[begun[-1] :]) if begun else ()
 

@@ -189,7 +189,7 @@ def predictive_check(
     height, spread = _prediction(source.posterior, shapes, source.samples)
     measured = np.array([height_of(sample, source.posterior) for sample in source.samples])
     away = np.abs(measured - height) / spread
-    # The family has no nulls, but the tails of a real curve do: what is missing there is no second hump.
+    # The family has no nulls, but the tails of a real curve do: a dip there is no second peak.
     away[(measured < height) & (height < TAIL_SHARE * height.max())] = 0.0
     # The worst of many is farther off than that of a few, also where the curve is right; more so of single pulses.
     swept = sum(sample.sweep is not None for sample in source.samples)
@@ -201,8 +201,8 @@ def predictive_check(
         if away[k] <= allowed:
             return None
         sample = source.samples[k]
-        # Where a second source as loud has no room beside a sample, the sample may be weaker, for a dip would show, or
-        # stronger by what a weak source adds.
+        # If a second source as strong has no room beside a sample, the sample may be weaker, because a dip would show,
+        # or stronger by what a weak source adds.
         if not weak[k] or top_beside_deg(source, source, [sample], measured_deg, limits=limits) is not None:
             return (
                 f"one curve does not explain the sample at {sample.angle_deg:.2f} deg: its intensity is "

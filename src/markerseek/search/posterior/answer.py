@@ -58,25 +58,25 @@ class SearchState:
 
     noise: SearchNoise
     sources: Sequence[Candidate]
-    """The sources, the loudest first, at least one."""
+    """The sources, the strongest first, at least one."""
     survey: Survey | None
-    """None where it is not known."""
+    """Survey of the range; None if not known."""
     misfit: str | None
-    """From `predictive_check` of the loudest."""
+    """Result of `predictive_check` for the strongest source."""
     unresolved_rival: tuple[Candidate, float | None] | None
-    """None where there is one source only."""
+    """None if there is one source only."""
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
-    """Return the sources, the loudest first; those whose angle or existence is not known come last."""
-    # While a source is seen from far only, its loudness may come out as anything.
+    """Return the sources, the strongest first; those whose angle or existence is not known come last."""
+    # While a source is only seen from far away, its strength may come out as anything.
     return sorted(sources, key=lambda each: (each.missing is not None, not each.known, -each.log_snr))
 
 
 def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
-    """Return the sources that may be the marker as well as the loudest: about as loud, and at another angle.
+    """Return the sources that may be the marker instead of the strongest: about as strong, and at another angle.
 
-    Only those of which that is known; another one is unresolved.
+    A source whose strength is not known is not among them; it is unresolved.
     """
     first, *others = sources
     present = [each for each in others if each.missing is None and each.loudness_known and each.apart_from(first)]
@@ -84,9 +84,9 @@ def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _may_be_as_loud(source: Candidate, first: Candidate, *, by_db: float, sigmas: float = LOUDER_SIGMAS) -> bool:
-    """Whether a source may be the marker beside the loudest.
+    """Whether a source may be the marker instead of the strongest.
 
-    One beyond an end of the range is as loud as it was seen: the marker is in the range.
+    A source beyond an end of the range counts with the strength seen in the range, because the marker is in the range.
     """
     if source.beyond:
         seen = max(sample.reading.intensity for sample in source.samples) / source.posterior.sigma
@@ -99,7 +99,7 @@ def unresolved_rival(
 ) -> tuple[Candidate, float | None] | None:
     """Return a source that may still be the marker, because too little is known of it; None without one.
 
-    With it comes the angle at which its top may have been missed, in degrees; None where that is not known.
+    With it comes the angle at which its top may have been missed, in degrees; None if not known.
 
     ``sources``: the sources, the loudest first. ``measured_deg``: angles measured so far. ``by_db``: loudness over the
     loudest from which one is a rival, in dB.
@@ -203,7 +203,7 @@ def answer_of(
     further = tuple(sorted(beside, key=lambda each: -each.relative_db))
     surveyed = None if state.survey is None else state.survey.surveyed
     probability = other_probability(state, others=others)
-    # Of a single source the loudest is the marker; and one of which too little is known may be louder than all.
+    # With a prior of a single source, the strongest is the marker. A source that is not known enough may be stronger.
     settled = first.loudness_known and (spent or state.unresolved_rival is None)
     rivals = rivals_of(state.sources) if others and settled else []
     side = _side(posterior, limits)
@@ -281,14 +281,14 @@ def _cure(posterior: AnglePosterior, *, more: str) -> str:
 def other_probability(state: SearchState, *, others: float) -> float:
     """Probability that another source is the marker: one that still hides, or one that was seen and may be louder.
 
-    ``others``: prior probability that there is another source as loud.
+    ``others``: prior probability of a second source as strong.
     """
     first, *seen = state.sources
     none = 1.0 - (others if state.survey is None else hidden_probability(state.survey, others=others))
     for each in seen:
         none *= 1.0 - _louder_probability(each, first)
     if state.unresolved_rival is not None:
-        # One of which too little is known is as loud as any other that nobody has seen.
+        # A source that is not known enough may be as strong as one that was not seen.
         none *= 1.0 - max(others, state.unresolved_rival[0].louder_probability(first))
     return 1.0 - none
 
@@ -311,19 +311,19 @@ def _louder_probability(source: Candidate, first: Candidate) -> float:
 
 def _other(state: SearchState, probability: float, *, more: str) -> str:
     """Why another source may be the marker, and what to do about it."""
-    said = f"another source is the marker with a probability of {100 * probability:.2g} %"
+    said = f"the probability that another source is the marker is {100 * probability:.2g} %"
     cure = more
     if state.unresolved_rival is not None:
-        return f"{said}: one near {state.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as loud; {cure}"
+        return f"{said}: a source near {state.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as strong; {cure}"
     first, *seen = state.sources
     louder = max(seen, key=lambda each: _louder_probability(each, first), default=first)
     if _louder_probability(louder, first) > probability / 2:
-        return f"{said}: the one at {louder.posterior.mean_deg:.1f} deg may be the louder; {cure}"
+        return f"{said}: the source at {louder.posterior.mean_deg:.1f} deg may be stronger; {cure}"
     if state.survey is None:
         return f"{said}: the range has not been surveyed; {cure}"
     return (
-        f"{said}: one as loud would have been detected in {100 * state.survey.surveyed:.0f} % of the range only, and "
-        f"may be missed near {state.survey.hidden_deg:.0f} deg; {cure}"
+        f"{said}: only {100 * state.survey.surveyed:.0f} % of the range is checked for a second source as strong, "
+        f"which may be missed near {state.survey.hidden_deg:.0f} deg; {cure}"
     )
 
 

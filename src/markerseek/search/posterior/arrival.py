@@ -56,9 +56,9 @@ SAME_PLACE_M = 3e-3
 """Largest lateral distance between peaks of one marker, in metres."""
 
 MOST_COUNTED = 24
-"""Samples at rest of which more say no more, for the same reason: a scan has a hundred, and the sound of weaker sources
-is in the moments of those that are far out. A search has fewer: with 12, two of 60 markers within 0.6° of an end of the
-range were no longer told from markers beyond it."""
+"""Most samples at rest that count, for the same reason: a scan has a hundred, and the arrival times of those far from
+the marker contain the sound of weaker sources. A search has fewer: with a limit of 12, two of 60 markers within 0.6° of
+an end of the range were no longer distinguished from markers beyond it."""
 
 ITERATIONS = 3
 """Steps of reweighted least squares."""

@@ -77,7 +77,7 @@ class MeanCoherence(NamedTuple):
 
 
 def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> MeanCoherence | None:
-    """Mean and scatter of C over the samples; None where it is not known.
+    """Mean and scatter of C over the samples; None if not known.
 
     ``lit``: samples with the laser on, as they are at the marker's place. ``sigma``: noise of one quadrature, in the
     intensity's unit.
@@ -110,7 +110,7 @@ def asymmetry_probability(coherence: MeanCoherence | None, *, width_m: float) ->
     if coherence is None:
         return PRIOR
     incoherence, sigma = 1 - coherence.mean, coherence.sigma
-    # A normal distribution of which one half is possible.
+    # A half-normal distribution.
     of_point = OUTLIERS + (1 - OUTLIERS) * math.exp(-((incoherence / sigma) ** 2) / 2) / (
         sigma * math.sqrt(math.pi / 2)
     )

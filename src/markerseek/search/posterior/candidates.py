@@ -44,19 +44,19 @@ PLACE_SHARE = 0.01
 """Probability with which noise at the place of a source passes for it in one frame, when it is looked at again."""
 
 DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0
-"""Standard deviations of noise and laser by which a dip must be deeper than both humps, and for doubt."""
+"""Standard deviations of noise and laser by which a dip must lie below both peaks, and for doubt."""
 
 SAMPLE_ERROR, PULSE_ERROR = 0.03, 0.12
 """Relative error of one sample by itself, the laser's energy: at rest, and of a single pulse of a sweep."""
 
 MIN_DIP, NEAR_FIELD_DIP = 0.1, 0.35
-"""Least depth of a dip over the lower hump, for intensities alone, and for frames, where the near field is excluded."""
+"""Least depth of a dip over the lower peak, for intensities alone, and for frames, where the near field is excluded."""
 
 ALIKE_DEG = 1.0
-"""Samples nearer than this are alike on any curve: a burst or a misfire among them is neither hump nor dip."""
+"""Samples nearer than this are alike on any curve: a burst or a misfire among them is neither peak nor dip."""
 
 HUMPS_APART_DEG = 5.0
-"""Least distance of two humps, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
+"""Least distance of two peaks, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
 
 ASYMMETRY_SHARE = 0.2
 """Least share of a sample's intensity by which one nearer to the centre must be weaker, on either side, for doubt."""
@@ -86,9 +86,9 @@ class Candidate:
     """A source with its posterior."""
 
     source: Source | None
-    """None where the samples have no positions: then all of them are of one source."""
+    """None if the samples have no positions: then all of them are of one source."""
     side: Side
-    """Which of several humps at that place it is, empty where there is one."""
+    """Which of several peaks at that place it is; empty if there is one."""
     samples: Sequence[Sample]
     """The samples with the laser on, as they are at its place."""
     missing: str | None
@@ -188,7 +188,7 @@ def _seen(at: Sequence[Sample], noise: SearchNoise) -> int:
 
 
 def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: SearchNoise) -> bool:
-    """Whether a source was loud at one angle and not beside it, where even the narrowest curve would be."""
+    """Whether a source was strong at one angle and not beside it, where even the narrowest curve would be."""
     # An upper bound says the same as a sample where it is below the detection threshold.
     measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= noise.level_or_zero)]
     beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in measured)
@@ -198,7 +198,7 @@ def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, no
 
 
 def _is_background(at: Sequence[Sample]) -> bool:
-    """Whether a place is as loud at all angles, as an artefact of the rig is."""
+    """Whether a place is equally strong at all angles, as an artefact of the rig is."""
     intensities = [sample.reading.intensity for sample in at]
     return len(at) > 1 and max(intensities) - min(intensities) <= FLAT_SHARE * max(intensities)
 
@@ -291,7 +291,7 @@ class Candidates:
         return found
 
     def _divided(self, group: SourceSamples, noise: SearchNoise) -> list[SourceSamples]:
-        """The group, or its humps where dips lie between them."""
+        """The group, or its peaks if dips lie between them."""
         sigma = noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
         dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero, single=self._single)
         if dip is None:
@@ -344,9 +344,9 @@ def _strongest(at: Sequence[Sample]) -> float:
 
 
 def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = False) -> float | None:
-    """Return the angle of the deepest dip between two humps, in degrees; None without one.
+    """Return the angle of the deepest dip between two peaks, in degrees; None without one.
 
-    ``sigma``: noise of one intensity, in its unit. ``level``: largest intensity that noise reaches; both humps must be
+    ``sigma``: noise of one intensity, in its unit. ``level``: largest intensity that noise reaches; both peaks must be
     above it. ``single``: whether intensities alone need a dip as deep as frames do.
     """
     if len(at) < 3:
@@ -362,7 +362,7 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = 
         DIP_SIGMAS * np.hypot(1.5 * sigma, error[1:-1] * lower),
         (NEAR_FIELD_DIP if has_positions or single else MIN_DIP) * lower,
     )
-    # Where the humps are that a sample lies between.
+    # Distance of the two peaks around each sample.
     inner = np.arange(1, len(order) - 1)
     apart_deg = np.array(
         [angle_deg[k + 1 + np.argmax(hump[k + 1 :])] - angle_deg[np.argmax(hump[:k])] for k in inner.tolist()]
@@ -386,7 +386,7 @@ def _heights(order: Sequence[Sample]) -> tuple[Float64[np.ndarray, " samples"], 
 def _without_bursts(
     angle_deg: Float64[np.ndarray, " samples"], height: Float64[np.ndarray, " samples"]
 ) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
-    """Intensities as those of humps and as those of dips: a burst makes no hump, and a misfire no dip."""
+    """Intensities for peaks and for dips, so that a burst makes no peak and a misfire no dip."""
     near = np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG
     np.fill_diagonal(near, False)
     hump, bottom = height.copy(), height.copy()

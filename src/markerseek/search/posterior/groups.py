@@ -13,12 +13,11 @@ import numpy as np
 from markerseek.search.posterior.likelihood import PEAK_NOISE, Observation
 
 MIN_FOR_OUTLIERS, OUTLIER_SIGMAS = 5, 6.0
-"""Samples of a group from which those are left out that differ from its median by more than so many standard
-deviations."""
+"""Least size of a group from which outliers are left out, and the standard deviations from its median that make one."""
 
 MIN_STRONG = 3
 """Strong samples from which (7) replaces the grid. From the first one on it is as good for frames, but in a file of
-intensities 5 of 50 pairs of humps were `Found`, one of them wrong, instead of 2."""
+intensities 5 of 50 pairs of peaks were `Found`, one of them wrong, instead of 2."""
 
 MAX_GROUPS = 24
 """Most groups of strong samples that count by (7), the strongest: the matrix of (8) is as large."""
@@ -68,7 +67,7 @@ def _without_outliers(group: list[Observation]) -> list[Observation]:
 
 
 def _sweep(observation: Observation) -> int:
-    """Which way of which sweep it is of; 0 for none."""
+    """Number of the sweep and the direction that the observation belongs to; 0 for none."""
     sweep = observation.sweep
     return 0 if sweep is None else 2 * sweep.number + (sweep.speed_deg_s < 0)
 
@@ -114,8 +113,8 @@ def with_energies(samples: Grouped) -> tuple[Grouped, float | None]:
     """Return the observations with the spot's energy in the strong ones, and ln of the factor that it has got.
 
     The peak of a stained spot is speckle, and that of a point has a cell's noise: their energy is steadier. The factor
-    makes it as high as the peak at the top of the curve. A strong observation of which it is not known counts as a weak
-    one. Where too few are known, all keep their peaks, and the factor is None.
+    makes it as high as the peak at the top of the curve. A strong observation without a known energy counts as a weak
+    one. If too few energies are known, all keep their peaks, and the factor is None.
     """
     known = [(each, *each.spot) for group in samples.strong for each in group if each.spot is not None]
     if len(known) < MIN_STRONG:

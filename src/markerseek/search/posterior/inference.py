@@ -198,7 +198,7 @@ class Centre:
     strong: Sequence[Sequence[Observation]]
     """Groups of observations to which a symmetric curve was fitted; none if too few are strong."""
     log_gain: float | None
-    """ln of the factor of the spot's energies, `with_energies`; None where the curve is that of the peak."""
+    """ln of the factor of the spot's energies, `with_energies`; None if the curve is that of the peak."""
     sample_error: float
     """Mean of the relative error of one sample by itself, the laser's energy."""
 

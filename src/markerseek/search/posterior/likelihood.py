@@ -84,9 +84,9 @@ class Observation:
     """g of the peak's lateral position, `lateral_ratio`."""
     spot: tuple[float, float] | None = None
     """ln of the amplitude of the spot's energy over the unit of the search, and the standard deviation that noise gives
-    it; None where it is not known."""
+    it; None if not known."""
     sweep: SweepTiming | None = None
-    """What its angle shares with those of its sweep; None where the probe was at rest."""
+    """What its angle shares with those of its sweep; None if the probe was at rest."""
     angle_sigma_deg: float = 0.0
     """Standard deviation of the error of its angle by itself."""
     energy_share: float = 1.0

@@ -96,12 +96,13 @@ class Posterior(SearchPolicy):
     cues
         Which of `CUES` are used: "intensity", "arrival", "lateral" (places in the image).
     others
-        Prior probability that there is another source as loud; 0: the search looks for no other, and ends earlier.
+        Prior probability of a second source as strong; 0: the search looks for no other, and ends earlier.
     prior
         Width and height of the curve of a former marker on this rig; None if there was none.
     near
-        Where the marker is expected: the search begins there, and takes the whole range, with its acquisitions counted
-        anew, once that is more probably wrong than right, or where it would end without `Found`. None: anywhere.
+        Where the marker is expected: the search begins there. It takes the whole range, with its acquisitions counted
+        from 0 again, if that angle is more probably wrong than right, or if it would end without `Found`. None:
+        anywhere.
     tolerance
         How well the angle of a `Found` must be known.
     angles_deg
@@ -213,7 +214,7 @@ class Posterior(SearchPolicy):
 
     @property
     def lit(self) -> list[Sample]:
-        """Samples with the laser on as they were told, without pulses that gave no light."""
+        """Samples with the laser on, in the order of `tell`, without pulses that gave no light."""
         return with_light(self._lit)
 
     def take_out_delay(self, delay_s: float) -> None:
@@ -245,7 +246,7 @@ class Posterior(SearchPolicy):
         if self._expected is None or not self._lit:
             return None
         sources = self._analysis.state.sources
-        # The marker may be at any of two that are as loud.
+        # The marker may be either of two sources that are about as strong.
         known = [sources[0], *(rivals_of(sources) if isinstance(self.estimate(), Ambiguous) else ())]
         wrong = min(self._expected.wrong_probability(source.posterior) for source in known)
         return PriorEvidence(probability=1 - wrong, whole_range=not self.is_narrowed)
@@ -260,12 +261,12 @@ class Posterior(SearchPolicy):
         if analysis.detected and not at_end and self._comes_first(analysis.first):
             return False
         assert self._expected is not None  # noqa: S101 - there is one where the search is narrowed
-        # Evenly spread over the window, as many as the plan has miss the fewest markers.
+        # Evenly spread over the window, the acquisitions of the plan miss the fewest markers.
         missed = not analysis.detected and len(self._lit) >= len(PLAN)
         return missed or self._expected.is_contradicted(analysis.state.sources[0], former=self._former)
 
     def widen(self) -> None:
-        """Give the prior over the angle up: search the whole range, with all samples kept and acquisitions anew."""
+        """Give up the prior over the angle: search the whole range, keep all samples, count the acquisitions from 0."""
         self.is_narrowed = self._range_swept = False
         self._asked, self._before = 0, len(self._lit)
         self._next = self._cached = None
@@ -327,7 +328,7 @@ class Posterior(SearchPolicy):
         return None if first.missing is not None else self._progress_of(first)
 
     def progress_near(self, other: Posterior) -> Progress | None:
-        """How well that source is known which is the strongest of another posterior; None where it is not detected."""
+        """How well that source is known which is the strongest of another posterior; None if it is not detected."""
         if self.progress is None or other.progress is None:
             return None
         theirs = other._analysis.first
@@ -381,7 +382,7 @@ class Posterior(SearchPolicy):
         """Next angle in degrees, whether it can be measured or not; None at the end."""
         if self._asked >= self._budget:
             return None
-        # Three samples about the marker say more of it than one that is followed to where the prior does not expect it.
+        # Three samples near the marker say more about it than one sample where the prior does not expect it.
         if not self._lit or not self._analysis.detected or (self.is_narrowed and len(self._lit) < MIN_SAMPLES):
             return self._detection_deg()
         first = self._analysis.first

@@ -164,9 +164,9 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tup
 
 
 def as_upper_limit(sample: Sample) -> Sample:
-    """Return the sample as an upper limit: the source is no louder, because all of it may be of another source.
+    """Return the sample as an upper limit: the source is no stronger, and another source may cause all of it.
 
-    Another source is as noise of which the largest cell is that loud (3).
+    Another source acts as noise whose largest cell has that intensity (3).
     """
     reading = sample.reading
     cells = max(2, reading.cells or FEWEST_CELLS)

@@ -1,16 +1,15 @@
-"""What may still hide: where in the range a source as loud as the one answered would have been detected.
+"""Survey of the range: at which angles a second source as strong as the one found would have been detected.
 
-A source at θ with the amplitude A and the curve S of the one answered stays undetected if no sample i,
-taken at θ_i, exceeds the level L_i that noise reaches there, or that other sources did:
+A second source at θ with amplitude A and curve S stays undetected if no sample i, taken at θ_i, exceeds the level L_i
+that noise or other sources reach there:
 
     h(θ) = mean over A, S of ∏_i Φ((L_i − A·S(θ_i − θ))/s_i),       s_i² = σ² + (εA·S)².                      (13)
 
-The share of the range that has been surveyed is the mean of 1 − h over it. Amplitude and curve are those of markers
-drawn from the posterior, so that both are as uncertain as the samples leave them, and differ from those by as much as
-second sources do (`HIDDEN_STEPS`, `HIDDEN_DB`).
+The surveyed share of the range is the mean of 1 − h over the range. Amplitude and curve are drawn from the posterior
+of the source found, and then varied as much as two sources on one probe differ (`HIDDEN_STEPS`, `HIDDEN_DB`).
 
-How far from a marker a sample still detects it: a curve S of (1), the most common member of the family, is level/peak
-at the distance
+A sample still detects a marker at the distance at which the curve S of (1), with the exponents of the most common
+member of the family, has fallen to level/peak:
 
     t = (F/2)·(((peak/level)^(q/p) − 1)/(2^(q/p) − 1))^(1/q).                                                 (12)
 """
@@ -32,34 +31,36 @@ from markerseek.search.posterior.inference import AnglePosterior
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
 
 USUAL_OTHERS = 0.05
-"""Prior probability that there is another source as loud, within 6 dB: a person lights one spot."""
+"""Prior probability of a second source as strong (within 6 dB); low, because a person lights one spot."""
 
 STATED = 0.02
-"""Probability that another source is the marker, up to which the probability is stated and is no veto."""
+"""Largest probability of another source being the marker at which the answer may still be `Found`, and states it."""
 
 SURVEY_UNTIL = 12
-"""Acquisitions after which the survey goes on only while more than `STATED` is left: then the noise is high, each
-further acquisition lowers the probability by a twentieth to a tenth, and there may be ten to make."""
+"""Acquisitions after which the survey goes on only while that probability is above `STATED`: the noise is then high,
+each further acquisition lowers the probability by 5 to 10 %, and ten may be needed."""
 
 WORTH = 0.00025
-"""Least amount by which an acquisition must lower that probability to be made."""
+"""Least decrease of that probability that is worth an acquisition."""
 
 LATE_WORTH = 0.25
-"""The same of a file of intensities after `SURVEY_UNTIL`, over that probability: so much is in one gap that is left."""
+"""The same after `SURVEY_UNTIL` for intensities alone, as a share of that probability: one gap holds as much."""
 
 HIDDEN_STEPS = (1, -2, 2, -9, 0, 4, -1, 9, -4, 1, 0, -1)
-"""Steps of `WIDTHS_DEG`, by a tenth each, by which the curves of the hidden sources are wider than that of the one
-answered: quantiles of the widths of 120 pairs of sources on one probe with everything drawn, whose ratio was 0.86 to
-1.11 in half of the pairs and 0.36 to 2.7 in 95 %."""
+"""Steps in `WIDTHS_DEG`, of 10 % each, by which the curves of hidden sources are wider than that of the source found.
+
+They are quantiles over 120 pairs of sources on one probe, with all parameters drawn at random: the ratio of the widths
+was 0.86 to 1.11 in half of the pairs and 0.36 to 2.7 in 95 %.
+"""
 
 HIDDEN_DB = (-2.9, -0.2, -4.3, -1.6, -5.6, -0.9, -3.5, -2.2, -1.2, -4.9, -0.5, -2.5)
-"""Their loudness over that of the one answered, in dB: evenly spread amplitudes down to a half of it."""
+"""Strength of hidden sources over that of the source found, in dB: evenly spread amplitudes, from 1 down to 0.5."""
 
 TAIL_ERROR = 0.2
 """Relative error ε of the curve in its tails, where a source is detected or not (`shapes.MODEL_ERROR`)."""
 
 SURVEY_TRAVEL_DEG = 600.0
-"""Travel that must double what a sample adds to the survey to be worth it, in degrees."""
+"""Travel in degrees for which a sample must add twice as much to the survey as a sample without travel."""
 
 WEAKEST_DB = 20.0
 """Peak SNR of the weakest marker that a search is asked to find, in dB (physics notes: 20 to 60)."""
@@ -76,21 +77,21 @@ class Survey:
     """How much of the range has been surveyed."""
 
     surveyed: float
-    """Share of the range in which a source as loud would have been detected."""
+    """Share of the range in which a second source as strong would have been detected."""
     hidden: float
-    """What is missing to 1; of a search with a prior weighted by it, over its density at the source."""
+    """1 − ``surveyed``; in a search with a prior, weighted by the prior's density relative to that at the source."""
     hidden_deg: float
-    """Angle at which it would most probably not have been."""
+    """Angle at which such a source would most probably have been missed."""
     next_deg: float
-    """Angle whose sample adds most, travel weighed in."""
+    """Angle whose sample adds most to the survey, with travel as a cost."""
     gain: float
-    """How much one acquisition takes from `hidden`, at best."""
+    """Largest decrease of `hidden` by one acquisition."""
 
 
 def hidden_probability(survey: Survey, *, others: float) -> float:
-    """Probability that there is another source as loud, after the survey has not shown it: Bayes' rule.
+    """Probability of a second source as strong that the survey has not shown, by Bayes' rule.
 
-    ``others``: prior probability that there is one.
+    ``others``: prior probability of such a source.
     """
     hidden = others * survey.hidden
     return hidden / (1 - others + hidden) if hidden else 0.0
@@ -105,37 +106,37 @@ def survey_of(
     limits: Interval,
     expected: ExpectedAngle | None = None,
 ) -> Survey:
-    """Return the survey of a range for sources as loud as one (13).
+    """Return the survey of a range for second sources as strong as ``source`` (13).
 
-    ``expected``: prior over the marker's angle; None: it may be anywhere.
+    ``expected``: prior over the marker's angle; None: no prior.
     """
     posterior, largest = source.posterior, [sample.reading.intensity for sample in lit]
     level = noise.floor.level or min(largest)
     angles_deg = survey_angles_deg(limits)
     measured_deg = np.array([sample.angle_deg for sample in lit])
-    # Where a frame lists no arrivals, another source shows only if it is louder than what was measured.
+    # If a frame lists no local maxima, another source shows only if it is stronger than the intensity measured.
     listed = np.array([sample.reading.local_maxima is not None for sample in lit])
     has_positions = bool(listed.all())
-    # Where nothing else is above the noise, a frame's largest peak is looked at again before it proves a source.
+    # If nothing else exceeds the noise, a frame's largest peak is measured again before it counts as a source.
     share = noise_shares(lit, noise)
     suspect = np.where(np.array(largest) < level * share, suspect_level(lit, noise), level) * share
     needed = np.where(listed, suspect, np.maximum(level * share, largest)) / posterior.sigma
     hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg, noise=share).prod(axis=1)
     if not has_positions:
-        # Beside the source itself it shows in the form of the curve only, which is tested for two humps.
+        # Near the source found, a second one shows only in the form of the curve, which is tested for two peaks.
         hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg / 2] = 0.0
     surveyed = 1 - float(hidden.mean())
     if expected is not None:
         hidden = hidden * expected.weights(posterior)
     left = hidden.mean(axis=0)
     hidden_deg = float(angles_deg[np.argmax(left)])
-    # What samples at candidates leave hidden, of all that is.
+    # Angles at which the next sample may be taken.
     candidates_deg = angles_deg[::2]
     apart_deg = np.abs(candidates_deg[:, None] - measured_deg).min(axis=1)
-    # A source that a sample does not show is not shown by a second one beside it, for the curve's error is the same.
+    # A second sample beside the first does not show a source that the first misses: the curve's error is the same.
     new = candidates_deg[apart_deg > BESIDE_DEG]
     candidates_deg = new if new.size else candidates_deg[[int(np.argmax(apart_deg))]]
-    # It is measured at rest, as the last one was if any was.
+    # The next sample is taken at rest, so that it has the noise of the samples at rest, if there are any.
     next_share = np.full(candidates_deg.size, share.min())
     needed = next_share * (suspect_level(lit, noise) if has_positions else level) / posterior.sigma
     if not has_positions:
@@ -146,7 +147,7 @@ def survey_of(
 
 
 def noise_shares(lit: Sequence[Sample], noise: SearchNoise) -> Float64[np.ndarray, " samples"]:
-    """Return the noise of each sample over that of the search, which is that of single pulses where it has sweeps."""
+    """Return the noise of each sample over that of the search; with sweeps, the latter is that of single pulses."""
     shares = np.ones(len(lit))
     if noise.sigma and any(sample.sweep is not None for sample in lit):
         for index, sample in enumerate(lit):
@@ -162,13 +163,13 @@ def _next(
     *,
     last_deg: float,
 ) -> tuple[float, float]:
-    """Candidate whose sample adds most, alone or as one of a pair, travel weighed in; and how much it adds."""
+    """Candidate whose sample adds most, alone or in a pair, with travel as a cost; and how much it adds."""
     far = 1 + np.abs(candidates_deg - last_deg) / SURVEY_TRAVEL_DEG
     rest = hidden[:, None] * there
     left = rest.mean(axis=(0, 2))
     alone = (hidden.mean() - left) / far
     gain = float(hidden.mean() - left.min())
-    # The best one, and then the best one after it, would leave gaps that two chosen together do not.
+    # Two candidates chosen together leave fewer gaps than the best one followed by the next best.
     particles, count, angles = there.shape
     rows = rest.transpose(1, 0, 2).reshape(count, -1)
     left = rows @ there.transpose(1, 0, 2).reshape(count, -1).T / (particles * angles)
@@ -188,7 +189,7 @@ def undetected(
     *,
     noise: Float64[np.ndarray, " samples"],
 ) -> Float64[np.ndarray, "particles samples angles"]:
-    """Return the probability that a source at each angle does not exceed the level of each sample, a factor of (13).
+    """Return the probability that a source at each angle does not exceed the level of each sample, the factors of (13).
 
     ``posterior``: markers drawn from it give amplitude and curve. ``measured_deg``, ``needed``: angles of the samples
     in degrees, and the intensity over σ that a source must exceed to be detected there. ``noise``: noise of each sample
@@ -222,11 +223,11 @@ def detection_distance_deg(*, level: float, peak: float, fwhm_deg: float) -> flo
 def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg: float = NARROW_DEG) -> int:
     """Return the number of equal steps, one acquisition in the middle of each, that miss no marker.
 
-    Halfway between two of them the curve is still level/peak (12).
+    Halfway between two acquisitions the curve is still at level/peak (12).
 
     ``level``: largest intensity that noise reaches, positive. ``peak``: intensity with the probe on the marker, in the
-    same unit. ``fwhm_deg``: full width at half maximum of its curve. Raises `ValueError` if the peak is not above the
-    level: then no number would do.
+    same unit. ``fwhm_deg``: full width at half maximum of the curve. Raises `ValueError` if the peak is not above the
+    level, because then no number is enough.
     """
     if not 0 < level < peak:
         raise ValueError(f"level {level} must be positive and below the peak {peak}; average more pulses")
@@ -235,7 +236,7 @@ def acquisitions_needed(limits: Interval, *, level: float, peak: float, fwhm_deg
 
 
 def missed_marker(lit: Sequence[Sample], noise: SearchNoise, limits: Interval) -> str:
-    """Return which marker a search without a detection may have missed, and what would detect it; empty if none.
+    """Return which marker a search without a detection may have missed, and how to detect it; empty if none.
 
     ``lit``: samples with the laser on, at least one.
     """
@@ -250,5 +251,5 @@ def missed_marker(lit: Sequence[Sample], noise: SearchNoise, limits: Interval) -
         return ""
     return (
         f"; {len(lit)} acquisitions may have missed a marker {WEAKEST_DB:g} dB above the noise and {NARROW_DEG:g} deg "
-        f"wide, {needed} would not"
+        f"wide; with {needed} acquisitions such a marker would have been seen"
     )

@@ -62,10 +62,10 @@ SLOWEST = 8.0
 
 
 def centre_by(posterior: Posterior, samples: Sequence[Sample], *, of: Posterior | None = None) -> Centre | None:
-    """Return the centre of the curve of some samples; None where they show none.
+    """Return the centre of the curve of some samples; None if they show none.
 
-    ``posterior``: one that was told nothing. ``samples``: of sweeps. ``of``: the strongest source of this posterior is
-    meant; None: that of the samples.
+    ``posterior``: a posterior without samples. ``samples``: samples of sweeps. ``of``: the curve is that of the
+    strongest source of this posterior; None: that of the samples.
     """
     for sample in samples:
         posterior.tell_swept(sample)
@@ -141,7 +141,7 @@ class SweepPosterior:
     sweeps: list[Sweep]
     """The sweeps that it will ask for unless the marker is found before; others may follow."""
     disorder: str | None = None
-    """Why samples are not at their angles, which ends a run with a fault; None where the ways there and back agree."""
+    """Why samples are not at their angles, which ends a run with a fault; None if the ways there and back agree."""
 
     def ask(self) -> float | Sweep | None:
         """Next sweep, or next angle in degrees; None at the end of the search, or of a sweep that is ended early."""

@@ -161,7 +161,7 @@ def symmetric_log_likelihood(
 def shift_sigmas_deg(observations: Sequence[Observation]) -> Float64[np.ndarray, "observations shifts"]:
     """Return by how much each unknown that samples of sweeps share shifts their angles, a standard deviation of it.
 
-    The first is the delay between pulse and angle, common to all sweeps; each further one is the play of one sweep.
+    The first is the delay between pulse and angle, common to all sweeps; each further one is the backlash in one sweep.
     Samples at rest have no part in them. There are none where no sample is shifted.
     """
     sweeps = [each.sweep for each in observations]

@@ -54,7 +54,7 @@ TISSUES = dict(zip(MATERIALS, ("liver", "muscle", "chicken-breast", "plastisol-p
 """The simulated material in place of each material of Table 1."""
 
 ONE_BANK = MATERIALS[-1]
-"""The material of which the paper recorded a single position."""
+"""The material for which the paper recorded a single position."""
 
 STEP_DEG = 0.5
 """Step of the scan (section 2.5)."""

@@ -1,7 +1,7 @@
 """The online analysis (section 2.5 C): the searches drive the simulated rig, in virtual time. Table 2, Fig. 7 and 8.
 
-Stage motion, play, pulses, noise and averaging are those of the simulated rig; each acquisition is a frame of channel
-data. The probe begins at −35°, and a search ends with a move to the angle found.
+Stage motion, backlash, pulses, noise and averaging are those of the simulated rig; each acquisition is a frame of
+channel data. The probe begins at −35°, and a search ends with a move to the angle found.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ class Comparison:
     failed: float | None = None
     """Share of our searches with an error beyond `SENSITIVE_DEG`; None if it is no mean of errors."""
     condition: str = ""
-    """Condition of ours, such as the noise; empty where there is only one."""
+    """Condition of ours, such as the noise; empty if there is only one."""
 
     @property
     def difference(self) -> float | None:

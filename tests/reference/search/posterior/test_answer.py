@@ -160,10 +160,10 @@ def test_a_search_that_may_have_missed_a_source_says_how_probable_that_is():
     assert isinstance(doubtful, Unsure)
     assert doubtful.doubt == "source"
     assert doubtful.other_probability > 0.1
-    assert f"another source is the marker with a probability of {100 * doubtful.other_probability:.2g} %" in (
+    assert f"the probability that another source is the marker is {100 * doubtful.other_probability:.2g} %" in (
         doubtful.reason
     )
-    assert f"in {100 * doubtful.surveyed:.0f} % of the range only" in doubtful.reason
+    assert f"only {100 * doubtful.surveyed:.0f} % of the range is checked" in doubtful.reason
     assert isinstance(single, Found)
     assert single.surveyed is None
     assert single.other_probability == 0

@@ -137,7 +137,7 @@ def test_a_budget_too_small_for_the_noise_is_reported():
     rng = np.random.default_rng(8)
     few, _ = search(Posterior(acquisitions=8), rng=rng, sigma=1.0, markers=[])
     assert "8 acquisitions may have missed a marker 20 dB above the noise" in few.reason
-    needed = int(few.reason.split(" would not")[0].split()[-1])
+    needed = int(few.reason.split("; with ")[1].split()[0])
     assert 25 <= needed <= 40
     enough, _ = search(Posterior(acquisitions=needed + 2), rng=rng, sigma=1.0, markers=[])
     assert isinstance(enough, NotFound)

@@ -54,10 +54,10 @@ def test_rf_is_line_after_line(tmp_path, tagged):
         (file_bytes(16, cut=-1)[0], "bytes, 216 expected, or 224 with numbered frames"),
         (file_bytes(16)[0] + b"\0", "cut off or damaged"),
         (struct.pack("<19i", 3, *[1] * 18) + bytes(2), "type 3 found, and 4 .* are read; export one of these"),
-        (file_bytes(16, bits=32)[0], r"it holds rf frames of 32 bits, of which only those of 16 bits are read"),
+        (file_bytes(16, bits=32)[0], r"it holds rf frames of 32 bits, and only frames of 16 bits are read"),
         (struct.pack("<19i", 16, 2**31 - 1, 2**31 - 1, 2**31 - 1, 16, *[0] * 14), "expected"),
         (struct.pack("<19i", 16, -1, -1, 1, 16, *[0] * 14) + bytes(2), "header is damaged"),
-        (file_bytes(4, bits=16)[0], "only those of 8 bits are read"),
+        (file_bytes(4, bits=16)[0], "only frames of 8 bits are read"),
     ],
 )
 def test_damaged_files_are_refused_with_their_sizes(tmp_path, data, message):
