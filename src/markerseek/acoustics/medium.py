@@ -10,7 +10,7 @@ import numpy as np
 from markerseek.acoustics._checks import not_negative
 from markerseek.core import Float64, require_range
 
-# 20 dB and not 10, because this is an amplitude.
+# Divided by 20 and not by 10, because this is an amplitude.
 _NEPER_PER_METRE = math.log(10) / 20 * 100
 """One dB/cm in Np/m."""
 
