@@ -57,7 +57,7 @@ def test_the_noise_floor_names_the_acquisitions_on_which_it_depends(shell: Shell
 def test_a_doubt_whether_there_is_another_source_names_the_option_that_states_it(shell: Shell) -> None:
     code, out, _ = shell("search", "--seed", 3, "--no-journal", "--acquisitions", 4)
     said = " ".join(out.split())
-    assert (code, "unsure: another source is the marker with" in said) == (3, True)
+    assert (code, "unsure: the probability that another source is the marker is" in said) == (3, True)
     assert "the marker; --single states that there is none" in said
     _, out, _ = shell("search", "--seed", 1, "--no-journal", "--acquisitions", 4)
     assert "--single" not in out
