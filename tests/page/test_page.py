@@ -154,6 +154,8 @@ def test_setting_that_cannot_be_used_is_said(opened):
     watched.tab.wait_for_selector("text=at least 2 are needed")
     # Nor is another search started than the one that is shown.
     watched.tab.get_by_label("acquisitions").fill("")
+    # One change after the other: the page answers the first before a person makes the second.
+    watched.tab.wait_for_selector("text=at least 2 are needed", state="hidden")
     watched.tab.get_by_role("checkbox", name="as published").click()
     watched.tab.wait_for_selector("text=it is markerseek's own")
     # Said once, below the fields, and nothing can be started.
