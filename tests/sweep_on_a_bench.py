@@ -117,6 +117,5 @@ def sweeping(speed_deg_s: float, *, start_deg: float = -35.0, from_end: bool = F
         start_deg=start_deg,
         sweep_speed_deg_s=speed_deg_s,
         sweep_from_end=from_end,
-        sweep_turns_back=from_end,
     )
     return build_sweeping(plan, limits=SETTINGS.limits.search)

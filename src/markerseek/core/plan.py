@@ -169,9 +169,8 @@ class SearchPlan(RunPlan):
     """Speed of the sweeps of a posterior, in degrees per second; None: it stops for each acquisition."""
     sweep_from_end: bool = False
     """Whether the first sweep begins at the nearer end of the range, to which the probe turns without light, instead of
-    where the probe is: one sweep instead of two, for a receiver that reads the frames of a sweep at its end."""
-    sweep_turns_back: bool = False
-    """Whether such a sweep turns back in light."""
+    where the probe is, and turns back in light: one sweep instead of two, for a receiver that reads the frames of a
+    sweep at its end."""
 
     def __post_init__(self) -> None:
         # Checked before any device is opened: a plan comes from a command line or a page.

@@ -1,5 +1,5 @@
 from ._stage_move import StageLogic, StageRules, StageStatus
-from .clock import LONGEST_WAIT_S, SystemClock
+from .clock import SystemClock
 from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
 from .entry import (
@@ -39,7 +39,6 @@ from .ximc import XimcSettings, XimcStage
 
 __all__ = [
     "DRIVERS",
-    "LONGEST_WAIT_S",
     "PARTS",
     "AnyEntry",
     "BenchProbe",

@@ -127,7 +127,6 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
         start_deg=rig.scanner.angle_deg if plan.start_deg is None else plan.start_deg,
         sweep_speed_deg_s=speed_deg_s,
         sweep_from_end=in_bursts,
-        sweep_turns_back=in_bursts,
         stay=plan.stay or run.stay,
         angles_deg=rig.angles_deg,
         whole=rig.angles_deg is not None and not without,

@@ -185,7 +185,6 @@ def build_sweeping(plan: SearchPlan, *, limits: Interval) -> AnyPolicy:
         start_deg=plan.start_deg,
         near=plan.near,
         in_bursts=plan.sweep_from_end,
-        turns_back=plan.sweep_turns_back,
     )
 
 

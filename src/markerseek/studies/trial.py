@@ -289,7 +289,6 @@ def _search(
         near=near,
         sweep_speed_deg_s=None if devices is None else devices.stage.fastest_sweep_deg_s,
         sweep_from_end=devices is not None and devices.in_bursts,
-        sweep_turns_back=devices is not None and devices.in_bursts,
     )
     dark_frames = 0 if settings.plan.as_published or settings.plan.sweep else rig.dark_frames
     try:

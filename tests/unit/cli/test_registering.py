@@ -14,6 +14,7 @@ from markerseek import registration
 from markerseek.cli import registering
 from markerseek.cli.registering import SessionOptions
 from markerseek.core import ConfigError, DeviceError
+from tests.registration_sessions import BEGUN
 
 
 @pytest.mark.parametrize(
@@ -67,18 +68,7 @@ def test_a_fault_names_the_command_that_goes_on(
 def test_a_session_that_is_continued_otherwise_says_how_it_was_begun(
     tmp_path: Path, changed: dict[str, object], said: str
 ) -> None:
-    begun = registration.Begun(
-        rig="f1",
-        description="a rig",
-        simulated=True,
-        images="images",
-        cameras="[]",
-        size_px=(640, 480),
-        goal_m=5e-4,
-        target_trus_m=None,
-        begun="2026-01-01T00:00:00+00:00",
-        seed=31,
-    )
+    begun = structs.replace(BEGUN, cameras="[]", seed=31)
     registration.SessionRecord.create(tmp_path / "first", begun).close()
     options = SessionOptions(simulate=True, continue_=tmp_path / "first")
     registering._record(options, begun).close()

@@ -10,7 +10,8 @@ import pytest
 
 from markerseek import rigs
 from markerseek.core import ConfigError, Found, LaserError, Measured, Policy, RunPlan, SearchPlan
-from markerseek.drivers import LONGEST_WAIT_S, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
+from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings, SystemClock
+from markerseek.drivers.clock import LONGEST_WAIT_S
 from markerseek.emulators import EmulatedBench
 from markerseek.emulators.bench import ServingClock
 from markerseek.guard import Admission, FiringLimits, Guard

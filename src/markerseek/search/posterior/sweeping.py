@@ -90,8 +90,6 @@ class SweepPosterior:
         Where the marker is expected; None: anywhere.
     in_bursts
         Whether the frames of a sweep are read at its end: it begins at the nearer end of the range then.
-    turns_back
-        Whether such a burst may turn back in light.
     """
 
     name = "posterior"
@@ -105,13 +103,12 @@ class SweepPosterior:
         start_deg: float | None = None,
         near: AnglePrior | None = None,
         in_bursts: bool = False,
-        turns_back: bool = True,
     ) -> None:
         self._make = make
         self._posterior = make()
         self._limits = limits
         self._speed_deg_s = speed_deg_s
-        self._in_bursts, self._turns_back = in_bursts, turns_back
+        self._in_bursts = in_bursts
         self._dark: list[Sample] = []
         self._lit: list[Sample] = []
         # Over what it sweeps: what a prior leaves, in the end the whole range.
@@ -369,6 +366,6 @@ class SweepPosterior:
             to_deg=to_deg,
             speed_deg_s=self._speed_deg_s if speed_deg_s is None else speed_deg_s,
             from_deg=None if here else from_deg,
-            back_deg=from_deg if self._turns_back else None,
+            back_deg=from_deg,
             wait_deg=wait_deg,
         )

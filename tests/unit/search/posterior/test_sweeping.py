@@ -66,7 +66,6 @@ class Search:
             near=near,
             sweep_speed_deg_s=SPEED,
             sweep_from_end=from_end,
-            sweep_turns_back=from_end,
         )
         policy = build_sweeping(plan, limits=PAPER_RANGE)
         assert isinstance(policy, SweepPosterior)
