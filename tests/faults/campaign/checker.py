@@ -59,7 +59,8 @@ def check(trace: Trace) -> Verdict:
         if isinstance(last, Failed)
         else "finished"
     )
-    verdict.acted = bool(trace.acted)
+    # A host that has died reports nothing more: what it left behind is judged by P1 and P3.
+    verdict.acted = bool(trace.acted) and verdict.outcome != "killed"
     verdict.reported = any(isinstance(event, Refused | Failed) for event in events)
     _p1(trace, verdict, harmless=not any(each.harm == "angle" for each in kinds.values()))
     _p3(trace, verdict, harmless=not any(each.harm == "pulses" for each in kinds.values()))
@@ -157,7 +158,7 @@ def _p6(trace: Trace, verdict: Verdict, *, observable: bool) -> None:
         return
     silent = ("fires by itself",)
     seen = [fault for fault in trace.acted if fault.name not in silent]
-    if seen and not verdict.reported and verdict.outcome != "killed":
+    if seen and verdict.acted and not verdict.reported:
         verdict.broken.append(("P6", f"not reported: {', '.join(f'{each.device} {each.name}' for each in seen)}"))
     faulty = _accepted_faulty(trace)
     if faulty and verdict.outcome == "finished":
