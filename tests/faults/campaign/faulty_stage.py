@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from markerseek.core import DeviceTimeoutError, Interval, MoveError, StageReading
+from markerseek.scan.sweeping_devices import SLOWEST
 from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
 
 from .fault import Fault
@@ -17,7 +18,7 @@ from .world import WatchedWorld
 
 COUNTS_PER_DEG = StageMotion().counts_per_deg
 
-TOO_SLOW, FASTER, ARRIVAL_DEG, BEYOND_DEG = 5.5, 1.25, 0.1, 0.15
+TOO_SLOW, FASTER, ARRIVAL_DEG, BEYOND_DEG = 1.1 / SLOWEST, 1.25, 0.1, 0.15
 """How many times as slowly as asked a sweep is never lit; how many times as fast, and by how much more in degrees, a
 reading is refused; and how far beyond its end one is, in degrees, with some room."""
 
