@@ -9,8 +9,7 @@ from markerseek.acoustics import Absorber, AcousticModel, Noise, digitise
 from markerseek.core import ChannelFrame, FrameHeader
 from markerseek.signals import ImageReader, probe_preset
 from markerseek.signals.beamform import beamform, image_grid
-from markerseek.signals.envelope import envelope
-from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.filtering import band_pass, band_pass_taps, envelope
 
 CHAIN = "chain: filter, beamform, envelope, features"
 

@@ -1,5 +1,4 @@
 from .bench_rig import bench, bench_part
-from .moved_marker import Beside, MovableMarker, marker_scene, movable
 from .probe_file import blanked_samples, chosen_probe, preset_of, probe_facts, read_recording, with_probe_facts
 from .replay import replayed
 from .rig import (
@@ -9,11 +8,20 @@ from .rig import (
     Rig,
     SimulatedRecipe,
     fingerprint,
+    read_rig_file,
+    read_simulated,
 )
-from .rig_file import read_rig_file, read_simulated
 from .scene import Scene, draw_scene, image_peak, image_reader, largest_count, scene_curve, scene_of
-from .simulated_devices import USUAL_CELLS, of_intensities, rig_in_world
-from .simulation import simulated
+from .simulation import (
+    USUAL_CELLS,
+    Beside,
+    MovableMarker,
+    marker_scene,
+    movable,
+    of_intensities,
+    rig_in_world,
+    simulated,
+)
 
 __all__ = [
     "USUAL_CELLS",

@@ -1,12 +1,9 @@
-from .findings import FrameFindings
-from .intensities import IntensityReader
 from .noise_gain import beamformed_sigma, envelope_cells
-from .own_probe import ProbeKeys, is_own
 from .peaks import strongest_peaks
 from .picks import common_wave
 from .pickup import pickup_amplitude
-from .presets import PRESET_NAMES, ProbePreset, probe_preset
-from .reader import ImageReader
+from .presets import PRESET_NAMES, ProbeKeys, ProbePreset, is_own, probe_preset
+from .reader import FrameFindings, ImageReader, IntensityReader
 from .spare import SpareReader
 
 __all__ = [

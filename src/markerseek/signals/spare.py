@@ -35,11 +35,10 @@ from markerseek.signals.beamform import (
     image_rows,
     path_delay,
 )
-from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
-from markerseek.signals.filtering import band_pass, band_pass_taps
-from markerseek.signals.findings import FrameFindings
+from markerseek.signals.filtering import ENVELOPE_MARGIN, band_pass, band_pass_taps, envelope
 from markerseek.signals.peaks import refine_peak
 from markerseek.signals.presets import ProbePreset
+from markerseek.signals.reader import FrameFindings
 
 FULL_SCALE = 32767
 """Largest count of an RF line."""

@@ -1,11 +1,10 @@
 from .figure import error_figure
 from .policies import StudyPolicy, study_policy
 from .runner import FinishedStudy, columns, read_rows, run_study, values_of
-from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
-from .statistics import Mean, Share
 from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
-from .summary import Difference, PolicySummary, Summary, TwoSources, summarise
+from .summary import Difference, Mean, PolicySummary, Share, Summary, TwoSources, summarise
 from .trial import Row, run_row, run_trial
+from .unknowns import ClutterAround, Repeats, SceneSettings, SecondSource
 from .workers import default_workers
 from .worlds import intensity_curve
 

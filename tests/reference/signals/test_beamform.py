@@ -9,8 +9,7 @@ from scipy import signal
 from markerseek.signals import PRESET_NAMES, ProbePreset, probe_preset
 from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import beamform, beamform_at, image_grid
-from markerseek.signals.envelope import envelope
-from markerseek.signals.filtering import HALF_LENGTH, band_pass, band_pass_taps, response
+from markerseek.signals.filtering import HALF_LENGTH, band_pass, band_pass_taps, envelope, response
 from markerseek.signals.presets import LinearArray
 
 SAMPLES = 1200

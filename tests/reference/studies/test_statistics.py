@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from markerseek.studies import Mean, Share
-from markerseek.studies.statistics import clopper_pearson
+from markerseek.studies.summary import clopper_pearson
 
 
 @pytest.mark.parametrize("count", [2, 3, 30, 1000])

@@ -39,7 +39,7 @@ from markerseek.sim import (
     SimulatedSettings,
     VirtualClock,
 )
-from markerseek.sim.curve_world import largest_noise
+from markerseek.sim.curves import largest_noise
 from markerseek.testing import ReceiverContract
 
 HEADER = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)

@@ -15,9 +15,8 @@ import pytest
 from markerseek.core import ConfigError
 from markerseek.studies.paper import RunOptions, Section, write_report, write_section
 from markerseek.studies.paper.offline import OfflineBank, fig6, grid, offline_searches
-from markerseek.studies.paper.printed import MATERIALS, PAPER_NUMBERS, paper_number
 from markerseek.studies.paper.report import REPORT
-from markerseek.studies.paper.section import compared, errors_of
+from markerseek.studies.paper.section import MATERIALS, PAPER_NUMBERS, compared, errors_of, paper_number
 
 
 class Tables(HTMLParser):
