@@ -128,8 +128,8 @@ class BlockGrid:
         needs.
         """
         out = np.empty(self._shape, np.float32)
-        taps = quadrature_taps().astype(np.float32)
-        block_maxima(image, envelope, rows.start, rows.stop, self._rows, self._columns, taps, self._between, out)
+        place = rows.start, rows.stop, self._rows, self._columns
+        block_maxima(image, envelope, *place, quadrature_taps(), self._between, out)
         return LocalMaxima(
             first_lateral_m=self._first_m[0],
             first_depth_m=self._first_m[1],

@@ -28,7 +28,7 @@ from markerseek.core import (
 )
 from markerseek.signals import features
 from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid, image_rows
-from markerseek.signals.filtering import ENVELOPE_MARGIN, TAPER_SAMPLES, band_pass, band_pass_taps, envelope
+from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, envelope
 from markerseek.signals.focus import focused_coherence
 from markerseek.signals.noise_gain import cell_pixels, envelope_cells
 from markerseek.signals.peaks import BlockGrid, refine_peak, strongest_peaks
@@ -104,7 +104,6 @@ class ImageReader:
 
     def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
-        self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._layouts: dict[int, _Layout] = {}
 
     @property
@@ -190,7 +189,7 @@ class ImageReader:
             )
         self._admit(frame)
         layout = self._layout(frame.samples.shape[1])
-        signals = band_pass(frame.samples, self._taps, blanked=self.preset.pickup_samples)
+        signals = band_pass(frame.samples, self.preset)
         image = beamform(signals, layout.grid)
         magnitude = envelope(image)
         profile = features.noise_profile(magnitude[layout.rows])
@@ -227,7 +226,7 @@ class ImageReader:
     def _layout(self, samples: int) -> _Layout:
         if samples not in self._layouts:
             preset = self.preset
-            depth, rows = image_rows(preset, samples=samples, margin=ENVELOPE_MARGIN)
+            depth, rows = image_rows(preset, samples=samples)
             grid = image_grid(preset, samples=samples, depth_m=depth)
             inside = depth[rows]
             self._layouts[samples] = _Layout(
