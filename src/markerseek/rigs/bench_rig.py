@@ -45,7 +45,6 @@ from markerseek.sim import (
     SimulatedHand,
     SimulatedLaser,
     SimulatedReceiver,
-    SimulatedSettings,
     SimulatedStage,
     World,
 )
@@ -178,7 +177,8 @@ class SimulatedParts:
 
     def __init__(self, bench: BenchSettings) -> None:
         keys = bench.receiver if isinstance(bench.receiver, SimulatedReceiverKeys) else SimulatedReceiverKeys()
-        settings = _world_of(keys)
+        settings = read_simulated(None if keys.world is None else Path(keys.world), cure="name one of kind simulated")
+        settings = replace(settings, receiver=replace(settings.receiver, sampling_hz=keys.sampling_hz))
         rng = np.random.default_rng(keys.seed)
         self._settings, self._bench, self._readout_s, self._rng = settings, bench, keys.readout_s, rng
         self._world = draw_scene(settings, rng).world(settings, rng)
@@ -198,12 +198,6 @@ class SimulatedParts:
         if isinstance(settings, SimulatedLaserKeys):
             return _Laser(self._world, clock, stage, LaserSettings(rate_hz=settings.rate_hz))
         return _Receiver(world=self._world, clock=clock, readout_s=self._readout_s)
-
-
-def _world_of(keys: SimulatedReceiverKeys) -> SimulatedSettings:
-    """Settings of the world, with the sampling frequency of the rig; `ConfigError` if they are of another kind."""
-    settings = read_simulated(None if keys.world is None else Path(keys.world), cure="name one of kind simulated")
-    return replace(settings, receiver=replace(settings.receiver, sampling_hz=keys.sampling_hz))
 
 
 class _Stage(SimulatedStage):

@@ -32,7 +32,6 @@ from markerseek.sim.stereo_endoscope import (
     camera_above,
     endoscope,
     on_tissue_m,
-    spot_images,
 )
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.world import Flash, SimulatedWorld, VirtualClock, World
@@ -74,7 +73,6 @@ __all__ = [
     "hashable_values",
     "on_tissue_m",
     "phases",
-    "spot_images",
     "tissue_named",
     "vary_last_flash",
     "with_options",

@@ -1,7 +1,6 @@
 """A simulated stereo endoscope: its cameras, the errors of their calibration, and images of tissue with the laser spot.
 
-`SimulatedEndoscope` gives image pairs that show the spot while the laser of a simulated rig fires; `spot_images` gives
-the frames of one camera alone.
+`SimulatedEndoscope` gives image pairs that show the spot while the laser of a simulated rig fires.
 """
 
 from __future__ import annotations
@@ -117,32 +116,6 @@ def uneven_tissue(
         down += [np.cos(y), np.sin(y)]
     waves = np.stack(down, axis=1) @ np.stack(across)
     return np.asarray(settings.tissue_counts * (1 + 0.08 * waves))
-
-
-def spot_images(
-    place_px: Float64[np.ndarray, " 2"] | None,
-    *,
-    size_px: tuple[int, int],
-    settings: EndoscopeSettings,
-    rng: np.random.Generator,
-) -> list[UInt8[np.ndarray, "rows columns"]]:
-    """Frames of one camera that looks at uneven tissue with a laser spot; simulated.
-
-    ``place_px``: where the spot is, (x, y); None: the laser is off. ``size_px``: width and height of the images.
-    """
-    width, height = size_px
-    columns, rows = np.arange(width), np.arange(height)
-    texture = uneven_tissue(size_px, settings=settings, rng=rng)
-    images = []
-    for _ in range(settings.frames):
-        image = texture + settings.noise_counts * rng.standard_normal((height, width), dtype=np.float32)
-        if place_px is not None:
-            x, y = place_px + settings.spot_sigma_px * rng.standard_normal(2)
-            across = np.exp(-0.5 * ((columns - x) / settings.spot_radius_px) ** 2)
-            down = np.exp(-0.5 * ((rows - y) / settings.spot_radius_px) ** 2)
-            image += settings.spot_counts * down[:, None] * across[None, :]
-        images.append(np.clip(np.rint(image), 0, 255).astype(np.uint8))
-    return images
 
 
 RATE_HZ = 30.0

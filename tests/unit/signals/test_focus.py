@@ -11,7 +11,7 @@ from markerseek.signals import PRESET_NAMES, probe_preset
 from markerseek.signals._kernel import PAD, aligned_energies
 from markerseek.signals.filtering import band_pass
 from markerseek.signals.focus import focused_coherence
-from tests.unit.signals.test_reader import pulse_frame
+from tests.unit.signals.pulse_frames import pulse_frame
 
 BPL = probe_preset("BPL9-5/55")
 WHITE = 5.0
