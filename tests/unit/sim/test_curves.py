@@ -109,7 +109,7 @@ def test_widths_powers_and_levels_that_cannot_be_are_refused(value: float) -> No
         lambda: SechCurve(fwhm_deg=value),
         lambda: PowerCurve(fwhm_deg=5.0, power=value),
     ):
-        with pytest.raises(ConfigError, match=r"must lie|must be positive and finite"):
+        with pytest.raises(ConfigError, match="must lie"):
             make()
 
 
