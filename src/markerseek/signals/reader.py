@@ -102,14 +102,12 @@ class _Peak:
 class ImageReader:
     """Reads channel frames of one probe."""
 
+    method = "one-way delay-and-sum of channel data"
+    """The reconstruction in words, for results."""
+
     def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
         self._layouts: dict[int, _Layout] = {}
-
-    @property
-    def method(self) -> str:
-        """The reconstruction in words, for results."""
-        return "one-way delay-and-sum of channel data"
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.

@@ -122,6 +122,7 @@ class SimulatedStage:
 
     def __init__(self, *, world: SimulatedWorld, clock: Clock, motion: StageMotion, travel: Interval) -> None:
         self.limits = travel
+        self.fastest_sweep_deg_s, self.acceleration_deg_s2 = motion.speed_deg_s, motion.acceleration_deg_s2
         self._world = world
         self._clock = clock
         self._motion = motion
@@ -161,16 +162,6 @@ class SimulatedStage:
     def stop(self) -> None:
         """Brake, in a sweep; a move of this stage is over when `move_to` returns."""
         self.brake()
-
-    @property
-    def fastest_sweep_deg_s(self) -> float:
-        """Largest speed of a sweep, in degrees per second."""
-        return self._motion.speed_deg_s
-
-    @property
-    def acceleration_deg_s2(self) -> float:
-        """Acceleration, in degrees per second squared."""
-        return self._motion.acceleration_deg_s2
 
     def play_deg(self, forward: float) -> float:
         """Backlash between encoder and probe where the angle falls, in degrees."""
