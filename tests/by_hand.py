@@ -41,7 +41,7 @@ def turned_by_hand(
         motion=motion,
     )
     stage = GuidedStage(encoder=turner, clock=clock, settings=settings, limits=rig.limits, asks=turner.turn_to)
-    # As `markerseek.rigs.bench_devices.guard_of`.
+    # As `markerseek.rigs.bench_rig.guard_of`.
     guard = Guard(
         limits=rig.limits,
         firing=FiringLimits(),

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError
 from markerseek.registration import read_stereo
-from markerseek.sim import EndoscopeSettings, spot_images
+from markerseek.sim import EndoscopeSettings
+from tests.spot_images import spot_images
 
 Shell = Callable[..., tuple[int, str, str]]
 

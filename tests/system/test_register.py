@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from markerseek.registration import read_registration
 from markerseek.registration.points import read_camera_images
-from markerseek.sim import EndoscopeSettings, endoscope, spot_images
+from markerseek.sim import EndoscopeSettings, endoscope
 from markerseek.vision import find_spot
+from tests.spot_images import spot_images
 
 Shell = Callable[..., tuple[int, str, str]]
 

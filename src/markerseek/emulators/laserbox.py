@@ -354,13 +354,7 @@ class EmulatedLaserBox:
         """Light the world, with the probe at an angle; None: where it is."""
         at_s = self._last_trigger_us / 1e6
         self._world.flash(pulses=pulses, at_s=at_s)
-        vary_last_flash(
-            self._world,
-            spread=self._laser.energy_spread,
-            drift_per_min=self._laser.energy_drift_per_min,
-            now_s=at_s,
-            rng=self._rng,
-        )
+        vary_last_flash(self._world, self._laser, now_s=at_s, rng=self._rng)
         if angle_deg is not None:
             self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=angle_deg)
 

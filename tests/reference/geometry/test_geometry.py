@@ -20,7 +20,7 @@ from markerseek.geometry import (
     register_points,
     triangulate,
 )
-from markerseek.sim.camera import endoscope
+from markerseek.sim.stereo_endoscope import endoscope
 
 GRID_M = np.array([[x, y, 60.0] for x in (-20, 0, 20) for y in (-20, 0, 20)]) * 1e-3
 RELIEF_M = np.array([1.0, -2.2, 2.4, 0.3, -1.7, 0.9, -2.4, 2.0, -0.4]) * 1e-3

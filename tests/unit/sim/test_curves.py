@@ -39,7 +39,7 @@ from markerseek.sim import (
     SimulatedSettings,
     VirtualClock,
 )
-from markerseek.sim.curve_world import largest_noise
+from markerseek.sim.curves import largest_noise
 from markerseek.testing import ReceiverContract
 
 HEADER = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
@@ -109,7 +109,7 @@ def test_widths_powers_and_levels_that_cannot_be_are_refused(value: float) -> No
         lambda: SechCurve(fwhm_deg=value),
         lambda: PowerCurve(fwhm_deg=5.0, power=value),
     ):
-        with pytest.raises(ConfigError, match=r"must lie|must be positive and finite"):
+        with pytest.raises(ConfigError, match="must lie"):
             make()
 
 

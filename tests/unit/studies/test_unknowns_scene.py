@@ -25,8 +25,8 @@ from markerseek.studies import (
     study_policy,
     summarise,
 )
-from markerseek.studies.scene import DrawnScene, draw_extra_sources
 from markerseek.studies.trial import TwoAngles
+from markerseek.studies.unknowns import DrawnScene, draw_extra_sources
 from markerseek.studies.worlds import draw_trial, hidden_noise, study_rig
 
 LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
