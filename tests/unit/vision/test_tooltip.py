@@ -10,13 +10,8 @@ import pytest
 from markerseek.acoustics import Probe, two_way_elevation
 from markerseek.core import ConfigError
 from markerseek.sim import BModeSettings, BModeWorld
-from markerseek.vision import (
-    Rectangle,
-    brightest_blob,
-    find_tip,
-    published_sensitive_range,
-    sensitive_range,
-)
+from markerseek.vision import Rectangle, published_sensitive_range, sensitive_range
+from markerseek.vision.as_published import brightest_blob, find_tip
 
 PIXEL_M = (0.15e-3, 0.15e-3)
 
