@@ -27,19 +27,16 @@ from markerseek.acoustics import Absorber, Clutter
 from markerseek.core import AnglePrior, ConfigError, MarkerseekError, SearchPlan, StereoPair
 from markerseek.registration import (
     REGISTRATION_TOLERANCE_MM,
-    Place,
-    Poses,
-    Prediction,
     Registered,
     RegistrationSession,
-    SeenMarker,
     SessionPlan,
     SimulatedRoom,
     SimulatedRoomSettings,
     Spot,
     SpotRefused,
-    choose,
 )
+from markerseek.registration.choice import SeenMarker, choose
+from markerseek.registration.poses import Place, Poses, Prediction
 from markerseek.registration.spots import _POLL_S, Looked, SpotFinder
 from markerseek.rigs import Scene, image_peak
 from markerseek.sim import STREAMING, SimulatedEndoscope, SimulatedSettings
@@ -118,8 +115,8 @@ class _ToldSpots(SpotFinder):
             scanner.clock.wait(_POLL_S)
         return Looked(spot=self._told.spot())
 
-    def moved(self, looked: Looked, later: Sequence[StereoPair]) -> str | None:  # noqa: ARG002
-        return None
+    def require_still(self, looked: Looked, later: Sequence[StereoPair]) -> None:
+        pass
 
 
 class _Session(RegistrationSession):

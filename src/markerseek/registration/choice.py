@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from scipy.special import chdtri
 
@@ -68,27 +69,21 @@ class SeenMarker:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Choice:
+class Choice(msgspec.Struct, frozen=True, kw_only=True):
     """Registration from all markers."""
 
     report: RegistrationReport | None
     """The registration by the chosen candidates; None if no set fits, or there are too few markers."""
-    chosen: Mapping[str, int]
-    """Number of the candidate of each marker that was chosen."""
+    decided: bool
+    """Whether the registration is accepted, and its set is certain enough."""
+    chosen: dict[str, int]
+    """Number of the candidate of each marker that was chosen, by name."""
     left_out: tuple[str, ...] = ()
     """Markers none of whose candidates fits."""
-    share: float = 1.0
-    """Probability of that set among all that fit."""
     open: tuple[str, ...] = ()
     """Markers for which another candidate, or none, is still too probable; more markers decide."""
     reason: str | None = None
     """Why there is no registration, or not for certain; None if there is."""
-
-    @property
-    def decided(self) -> bool:
-        """Whether there is a registration whose set is certain enough."""
-        return self.report is not None and self.report.registered and self.share >= MIN_SHARE
 
 
 def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, float] | None = None) -> Choice:
@@ -97,9 +92,9 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
     ``target_trus_m``: where the error is wanted, as of `register_pairs`.
     """
     useful = [marker for marker in markers if marker.candidates]
-    first = {marker.name: 0 for marker in useful}
     if len(useful) < MIN_POINTS:
-        return Choice(report=None, chosen=first, reason=f"{len(useful)} of {MIN_POINTS} markers")
+        first = {marker.name: 0 for marker in useful}
+        return Choice(report=None, decided=False, chosen=first, reason=f"{len(useful)} of {MIN_POINTS} markers")
     fits: list[tuple[float, tuple[int | None, ...]]] = []
     """Sets that fit, and the logarithm of their probability but for a constant."""
     problem = ""
@@ -121,7 +116,11 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
         return _unfit(useful, problem, target_trus_m)
     (best_log, best), *others = sorted(fits, key=lambda fit: -fit[0])
     share = 1 / (1 + sum(math.exp(log - best_log) for log, _ in others))
+    report = register_pairs(_pairs(useful, best), target_trus_m=target_trus_m)
     chosen = _chosen(useful, best)
+    left = tuple(marker.name for marker in useful if marker.name not in chosen)
+    if share >= MIN_SHARE:
+        return Choice(report=report, decided=report.registered, chosen=chosen, left_out=left)
     rivals = [other for log, other in others if log - best_log > math.log(1 - MIN_SHARE) - math.log(len(others))]
     unsure = {
         marker.name
@@ -129,24 +128,20 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
         for marker, mine, theirs in zip(useful, best, rival, strict=True)
         if mine != theirs
     }
-    left = tuple(marker.name for marker, number in zip(useful, best, strict=True) if number is None)
-    undecided = tuple(sorted(unsure)) if share < MIN_SHARE else ()
-    reason = None
-    if share < MIN_SHARE:
-        named = f"marker {' or '.join(undecided)}"
-        reason = f"{named} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
-    report = register_pairs(_pairs(useful, best), target_trus_m=target_trus_m)
-    return Choice(report=report, chosen=chosen, left_out=left, share=share, open=undecided, reason=reason)
+    named = f"marker {' or '.join(sorted(unsure))}"
+    reason = f"{named} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
+    return Choice(report=report, decided=False, chosen=chosen, left_out=left, open=tuple(sorted(unsure)), reason=reason)
 
 
 def _unfit(useful: Sequence[SeenMarker], problem: str, target_trus_m: tuple[float, float, float] | None) -> Choice:
     """Message if no set fits: why the most probable candidates do not."""
     numbers = (0,) * len(useful)
+    chosen = _chosen(useful, numbers)
     try:
         report = register_pairs(_pairs(useful, numbers), target_trus_m=target_trus_m)
     except ConfigError as refusal:
-        return Choice(report=None, chosen=_chosen(useful, numbers), reason=problem or str(refusal))
-    return Choice(report=report, chosen=_chosen(useful, numbers), reason=report.reason)
+        return Choice(report=None, decided=False, chosen=chosen, reason=problem or str(refusal))
+    return Choice(report=report, decided=report.registered, chosen=chosen, reason=report.reason)
 
 
 def _most_left_out(count: int) -> int:

@@ -25,6 +25,7 @@ from markerseek.registration.choice import Choice, SeenMarker, chosen_pairs
 from markerseek.registration.report import PointPair, default_target, registered_pairs, triple
 from markerseek.registration.shared_errors import seen_point, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
+from markerseek.rigs import Rig
 
 DRAWS = 4000
 """Poses that are drawn where rotations are open; a known registration needs a tenth."""
@@ -70,6 +71,9 @@ FAR_M = 35e-3
 _GRID = (24, 20)
 """Columns and rows of the places in the left image that are compared."""
 
+_USUAL_LATERAL_M = 15e-3
+"""Reach along the array of a probe whose array is not known."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
@@ -90,6 +94,14 @@ class Reach:
         inside = (angle_deg > self.angles.low_deg + EDGE_DEG) & (angle_deg < self.angles.high_deg - EDGE_DEG)
         inside &= (radius_m > DEPTHS_M[0]) & (radius_m < DEPTHS_M[1]) & (np.abs(lateral_m) < self.lateral_m)
         return np.asarray(inside.astype(float))
+
+
+def reach_of(rig: Rig) -> Reach:
+    """Reach of a rig's probe: its search range, and four fifths of its array."""
+    lateral_m = _USUAL_LATERAL_M
+    if rig.imaging is not None:
+        lateral_m = 0.8 * float(rig.imaging.preset.array.lateral_m[-1])
+    return Reach(angles=rig.limits.search, lateral_m=lateral_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

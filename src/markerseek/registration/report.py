@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeAlias
 
 import msgspec
 import numpy as np
@@ -17,6 +17,7 @@ from markerseek.core import Bool, ConfigError, Float64, RecordError
 from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, mirror_image_fre, register_points
 from markerseek.registration.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
+from markerseek.registration.stereo_files import StereoSettings
 
 MIN_PROBABILITY = 1e-3
 """Probability of residuals as large, or larger, below which points do not fit (a chi-squared test)."""
@@ -383,6 +384,28 @@ def davinci_to_probe_home(rows: Sequence[Sequence[float]]) -> RigidTransform:
     """The transform whose matrix has these rows, as in `RegistrationReport`."""
     matrix = np.array(rows, dtype=float)
     return RigidTransform(source="DaVinci", target="ProbeHome", rotation=matrix[:3, :3], translation_m=matrix[:3, 3])
+
+
+Pixel: TypeAlias = tuple[Float64[np.ndarray, " 2"], Float64[np.ndarray, "2 2"]]
+"""Column and row in an image, and their covariance in square pixels; they may be outside of the image."""
+
+
+def target_pixels(report: RegistrationReport, *, stereo: StereoSettings) -> tuple[Pixel, Pixel]:
+    """Return where the left and the right camera see the target of a registration.
+
+    Raises `ConfigError` if the registration is not accepted, or the target is behind a camera.
+    """
+    if report.davinci_to_trus is None:
+        raise ConfigError("the points do not fit, so that nobody knows where the target is in the images")
+    place_m, covariance_m2 = np.array(report.target_trus_m), np.array(report.target_covariance_m2)
+    seen = []
+    way = davinci_to_probe_home(report.davinci_to_trus).inverse(), stereo.cameras.left_to_right
+    for name, camera, step in zip(("left", "right"), (stereo.left, stereo.right), way, strict=True):
+        place_m, covariance_m2 = step.apply(place_m), step.rotation @ covariance_m2 @ step.rotation.T
+        if not place_m[2] > 0:
+            raise ConfigError(f"the target is behind the {name} camera; name another by --target-mm")
+        seen.append((camera.project(place_m[None])[0], camera.project_covariance(place_m, covariance_m2)))
+    return seen[0], seen[1]
 
 
 def read_registration(path: Path) -> KnownRegistration:

@@ -25,8 +25,8 @@ from markerseek.registration import (
     StereoSettings,
     TakenMarker,
     Waiting,
-    davinci_to_probe_home,
 )
+from markerseek.registration.report import davinci_to_probe_home
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings

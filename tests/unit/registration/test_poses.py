@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.registration.forged_markers import LIMITS, REACH, STEREO, ForgedScene
-from markerseek.registration import Poses, choose, poses
+from markerseek.registration import poses
+from markerseek.registration.choice import choose
+from markerseek.registration.poses import Poses
 
 SCENES = 60
 
