@@ -17,13 +17,7 @@ from markerseek.registration.shared_errors import FOCAL_LENGTH, seen_point, trus
 from markerseek.sim import camera_above, endoscope
 
 CAMERAS = endoscope()
-STEREO = StereoSettings(
-    left=CAMERAS.left,
-    right=CAMERAS.right,
-    rotation_vector=(0.0, 0.0, 0.0),
-    translation_m=(-5e-3, 0.0, 0.0),
-    calibration_sigma_px=0.2,
-)
+STEREO = StereoSettings.of(CAMERAS, calibration_sigma_px=0.2)
 LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
 REACH = Reach(angles=LIMITS, lateral_m=21.8e-3)
 """That of the usual simulated rig."""

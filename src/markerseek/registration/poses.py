@@ -261,15 +261,15 @@ class Poses:
                 continue
             trus_m = np.einsum("nij,nj->ni", self.rotations, points_m) + self.translations_m
             share = float(np.mean(reach.holds(*_polar(trus_m))))
-            place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=triple(camera_m), tre_m=None)
+            tre_m = None
             if self.registration is None:
                 worth = share * _new_span(spots_m, camera_m)
             elif share < IN_REACH:
                 continue
             else:
                 tre_m = self._tre_with(camera_m, left_px, right_px, cameras, stereo.calibration_sigma_px, target_trus_m)
-                place = Place(left_px=place.left_px, right_px=place.right_px, camera_m=place.camera_m, tre_m=tre_m)
                 worth = -tre_m
+            place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=triple(camera_m), tre_m=tre_m)
             found.append((worth, abs(float(np.median(_polar(trus_m)[0])) - probe_deg), place))
         if not found:
             return None

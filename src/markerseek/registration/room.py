@@ -16,7 +16,7 @@ import numpy as np
 from markerseek.core import ConfigError, Float64, StereoImages
 from markerseek.geometry import RigidTransform
 from markerseek.registration.poses import reach_of
-from markerseek.registration.report import RegistrationReport, davinci_to_probe_home, triple
+from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
 from markerseek.registration.shared_errors import FOCAL_LENGTH, trus_shared_m
 from markerseek.registration.steps import Registered, TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
@@ -178,13 +178,7 @@ class SimulatedRoom:
         drawn = rng.standard_normal(4) if settings.shared_errors else np.zeros(4)
         self._shared = drawn[:3]
         cameras = endoscope()
-        self.stereo = StereoSettings(
-            left=cameras.left,
-            right=cameras.right,
-            rotation_vector=(0.0, 0.0, 0.0),
-            translation_m=triple(cameras.left_to_right.translation_m),
-            calibration_sigma_px=settings.camera.calibration_sigma_px,
-        )
+        self.stereo = StereoSettings.of(cameras, calibration_sigma_px=settings.camera.calibration_sigma_px)
         """The calibration of the cameras."""
         self.images = SimulatedEndoscope(
             cameras=cameras,

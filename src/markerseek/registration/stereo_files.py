@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -59,19 +59,24 @@ class StereoSettings:
         # The base is checked with the pair.
         self.cameras  # noqa: B018
 
+    @classmethod
+    def of(cls, cameras: StereoCameras, *, calibration_sigma_px: float) -> Self:
+        """Settings of a pair of cameras."""
+        x, y, z = Rotation.from_matrix(cameras.left_to_right.rotation).as_rotvec().tolist()
+        shift_x, shift_y, shift_z = cameras.left_to_right.translation_m.tolist()
+        return cls(
+            left=cameras.left,
+            right=cameras.right,
+            rotation_vector=(x, y, z),
+            translation_m=(shift_x, shift_y, shift_z),
+            calibration_sigma_px=calibration_sigma_px,
+        )
+
     @property
     def cameras(self) -> StereoCameras:
         """The pair of cameras."""
-        return StereoCameras(
-            left=self.left,
-            right=self.right,
-            left_to_right=RigidTransform(
-                source="Left",
-                target="Right",
-                rotation=Rotation.from_rotvec(self.rotation_vector).as_matrix(),
-                translation_m=np.array(self.translation_m, dtype=float),
-            ),
-        )
+        turn = Rotation.from_rotvec(self.rotation_vector).as_matrix()
+        return _pair(self.left, self.right, turn, np.array(self.translation_m, dtype=float))
 
 
 def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = None) -> StereoSettings:
@@ -87,11 +92,11 @@ def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = N
         if all(map(_is_of_opencv, paths, texts)):
             numbers = _read_opencv(paths, texts)
             with _naming(*paths):
-                return _settings(*_of_opencv(numbers), calibration_sigma_px)
+                return _settings(_of_opencv(numbers), calibration_sigma_px)
         if len(paths) == 2 and suffixes <= {".yml", ".yaml"}:
             left, right = map(_read_camera_info, paths, texts)
             with _naming(*paths):
-                return _settings(*_of_camera_infos(left, right), calibration_sigma_px)
+                return _settings(_of_camera_infos(left, right), calibration_sigma_px)
     if len(paths) != 1 or suffixes <= {".yml", ".yaml"}:
         raise ConfigError(
             f"{_named(paths)}: a calibration is one .toml or .ini file, one or two of OpenCV (.yml, .xml, .json), "
@@ -101,7 +106,7 @@ def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = N
     if suffixes == {".ini"}:
         sections = _read_ini(path)
         with _naming(path):
-            return _settings(*_of_ini(sections), calibration_sigma_px)
+            return _settings(_of_ini(sections), calibration_sigma_px)
     table = read_toml(path, what="stereo calibration")
     if calibration_sigma_px is not None:
         raise ConfigError(f"{path}: it states calibration_sigma_px itself; leave --calibration-sigma-px out")
@@ -132,32 +137,22 @@ def _text(path: Path) -> str:
         raise ConfigError(str(problem)) from problem
 
 
-_Pair: TypeAlias = tuple[Camera, Camera, Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 3"]]
-"""The left and the right camera, and rotation and translation (in metres) from the first to the second."""
-
-
-def _settings(
-    left: Camera,
-    right: Camera,
-    turn: Float64[np.ndarray, "3 3"],
-    shift_m: Float64[np.ndarray, " 3"],
-    calibration_sigma_px: float | None,
-) -> StereoSettings:
-    """Settings of a pair from a file that does not say how good its calibration is."""
+def _settings(cameras: StereoCameras, calibration_sigma_px: float | None) -> StereoSettings:
+    """Settings from a file that does not say how good its calibration is."""
     if calibration_sigma_px is None:
         raise ConfigError(
             "the file does not say how good the calibration is; name the reprojection error of points that were not "
             "used for it by --calibration-sigma-px, 0.2 is usual"
         )
-    x, y, z = Rotation.from_matrix(turn).as_rotvec().tolist()
-    shift_x, shift_y, shift_z = shift_m.tolist()
-    return StereoSettings(
-        left=left,
-        right=right,
-        rotation_vector=(x, y, z),
-        translation_m=(shift_x, shift_y, shift_z),
-        calibration_sigma_px=calibration_sigma_px,
-    )
+    return StereoSettings.of(cameras, calibration_sigma_px=calibration_sigma_px)
+
+
+def _pair(
+    left: Camera, right: Camera, turn: Float64[np.ndarray, "3 3"], shift_m: Float64[np.ndarray, " 3"]
+) -> StereoCameras:
+    """A pair of cameras; rotation and translation are from the left one's frame to the right one's."""
+    to_right = RigidTransform(source="Left", target="Right", rotation=turn, translation_m=shift_m)
+    return StereoCameras(left=left, right=right, left_to_right=to_right)
 
 
 def _camera(of: str, matrix: Sequence[float], coefficients: Sequence[float], size: Sequence[float]) -> Camera:
@@ -276,7 +271,7 @@ def _numbers(node: Any) -> list[float]:
     return [float(node.real())]
 
 
-def _of_opencv(found: _Numbers) -> _Pair:
+def _of_opencv(found: _Numbers) -> StereoCameras:
     """The pair of OpenCV's files, whose lengths have the unit of the calibration target."""
     if "size of the images" not in found:
         raise ConfigError(
@@ -297,7 +292,7 @@ def _of_opencv(found: _Numbers) -> _Pair:
         for side in ("left", "right")
     )
     turn = _rotation("rotation (R)", _numbers_of(found, "rotation", 9))
-    return left, right, turn, _in_metres(_numbers_of(found, "translation", 3))
+    return _pair(left, right, turn, _in_metres(_numbers_of(found, "translation", 3)))
 
 
 def _read_ini(path: Path) -> configparser.ConfigParser:
@@ -310,7 +305,7 @@ def _read_ini(path: Path) -> configparser.ConfigParser:
     return parser
 
 
-def _of_ini(sections: configparser.ConfigParser) -> _Pair:
+def _of_ini(sections: configparser.ConfigParser) -> StereoCameras:
     """The pair of the sections StereoLeft and StereoRight: lengths in millimetres, distortion k1, k2, p1, p2, k3."""
     for name in ("StereoLeft", "StereoRight"):
         if name not in sections:
@@ -336,7 +331,7 @@ def _of_ini(sections: configparser.ConfigParser) -> _Pair:
             )
     turn = _rotation("[StereoRight] R_0 to R_8", numbers("StereoRight", *turns))
     shift_m = _in_metres(numbers("StereoRight", *shifts))
-    return camera("StereoLeft"), camera("StereoRight"), turn, shift_m
+    return _pair(camera("StereoLeft"), camera("StereoRight"), turn, shift_m)
 
 
 class _CameraInfo(NamedTuple):
@@ -423,7 +418,7 @@ def _part(table: Mapping[str, Any], axis: str, whole: str) -> tuple[int, int, in
     return first, length or size, joined
 
 
-def _of_camera_infos(left: _CameraInfo, right: _CameraInfo) -> _Pair:
+def _of_camera_infos(left: _CameraInfo, right: _CameraInfo) -> StereoCameras:
     """Both cameras are turned into one rectified frame, in which the right one is shifted along x."""
     if left.shift_m != 0 or not right.shift_m < 0:
         raise ConfigError(
@@ -431,7 +426,7 @@ def _of_camera_infos(left: _CameraInfo, right: _CameraInfo) -> _Pair:
             "the right one less; exchange the files, or calibrate the cameras together"
         )
     shift_m = right.turn.T @ np.array([right.shift_m, 0.0, 0.0])
-    return left.camera, right.camera, right.turn.T @ left.turn, shift_m
+    return _pair(left.camera, right.camera, right.turn.T @ left.turn, shift_m)
 
 
 def _values(table: Mapping[str, Any], name: str, *counts: int) -> tuple[float, ...]:

@@ -34,7 +34,6 @@ from tests.emulated_lines import BenchClock, DirectPort
 from tests.registration_sessions import BEGUN
 
 SETTINGS = SimulatedSettings(marker=MarkerSettings(angle_deg=0.0), receiver=ReceiverSettings(readout_s=0.1))
-CALIBRATION_PX = 0.2
 
 
 class Endoscope:
@@ -88,14 +87,7 @@ def room(folder: Path, *, wait_s: float = 6.0) -> tuple[DeviceRoom, EmulatedBenc
     )
     simulated = rigs.simulated(seed=1, settings=SETTINGS)
     rig = replace(simulated, stage=stage, laser=laser, receiver=receiver, scanner=scanner, closing_dark=True)
-    cameras = endoscope.cameras
-    stereo = StereoSettings(
-        left=cameras.left,
-        right=cameras.right,
-        rotation_vector=(0.0, 0.0, 0.0),
-        translation_m=(-5e-3, 0.0, 0.0),
-        calibration_sigma_px=CALIBRATION_PX,
-    )
+    stereo = StereoSettings.of(endoscope.cameras, calibration_sigma_px=0.2)
     person = Person(rig=rig, images=Endoscope(endoscope), stereo=stereo, by="test", wait_s=wait_s)
     return person, emulated, endoscope
 

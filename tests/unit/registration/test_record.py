@@ -25,7 +25,7 @@ from markerseek.registration import (
     read_registration,
     read_session,
 )
-from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, matrix_m, registered
+from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, matrix_m, registered, taken
 
 STEPS = [WAITING, SpotRefused(name="2", reason="no light"), MOVED, ENDED]
 
@@ -149,29 +149,10 @@ def test_a_full_disk_leaves_no_part_of_a_step_and_room_lets_it_go_on(
     SessionRecord.create(tmp_path / "new", BEGUN).close()
 
 
-def marker(name: str, *, again: str | None = None) -> TakenMarker:
-    return TakenMarker(
-        name=name,
-        spot={"left_px": (1.0, 2.0), "right_px": (1.0, 2.0), "sigma_px": 0.1},
-        camera_m=[0.0, 0.0, 0.1],
-        camera_covariance_m2=[[0.0] * 3] * 3,
-        camera_shared_m=[[0.0]] * 3,
-        answer="not found",
-        reason=None,
-        candidates=[],
-        acquisitions=5,
-        rig_s=1.0,
-        prior=None,
-        journal=None,
-        at="2026-01-01T00:00:00+00:00",
-        again=again,
-    )
-
-
 def test_a_marker_that_was_measured_again_is_no_marker_more(tmp_path: Path) -> None:
     record = SessionRecord.create(tmp_path / "s", BEGUN)
-    record.add(marker("1"))
-    record.add(marker("1-again", again="1"))
+    record.add(taken("1"))
+    record.add(taken("1-again", again="1"))
     assert [each.name for each in record.taken] == ["1"]
     record.close()
     record = SessionRecord.reopen(tmp_path / "s")
@@ -188,14 +169,14 @@ def require_whole(folder: Path, last: subprocess.CompletedProcess[str]) -> None:
     """No marker is lost, none is asked for after it was taken, and the session is registered."""
     assert last.returncode == 0, last.stderr
     steps, _ = read_session(folder)
-    taken: list[str] = []
+    names: list[str] = []
     for step in steps:
         if isinstance(step, Waiting):
-            assert step.name == str(1 + len(taken))
+            assert step.name == str(1 + len(names))
         if isinstance(step, TakenMarker):
-            assert step.name == str(1 + len(taken))
-            taken.append(step.name)
-    assert taken == ["1", "2", "3"]
+            assert step.name == str(1 + len(names))
+            names.append(step.name)
+    assert names == ["1", "2", "3"]
     state = [step for step in steps if isinstance(step, Registered)][-1]
     assert state.decided
     truth = json.loads(last.stdout)

@@ -10,9 +10,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from markerseek.bridges.igtl import Streams
 from markerseek.core import RecordError
-from markerseek.registration import KnownRegistration, PointPair, RegistrationState, read_registration, register_pairs
+from markerseek.registration import KnownRegistration, PointPair, read_registration, register_pairs
 from markerseek.ros import messages
 
 CAMERA_M = np.array([[0.0, 0.0, 0.1], [0.02, 0.0, 0.11], [0.0, 0.03, 0.1], [0.02, 0.03, 0.13]])
@@ -40,23 +39,6 @@ def rotated(quaternion: SimpleNamespace, point: np.ndarray) -> np.ndarray:
     vector = np.array([quaternion.x, quaternion.y, quaternion.z])
     once = 2 * np.cross(vector, point)
     return point + quaternion.w * once + np.cross(vector, once)
-
-
-def test_openigtlink_sends_it_in_millimetres_and_says_whether_it_is_simulated(tmp_path: Path) -> None:
-    for simulation, kind in ((None, "measured"), ({"seed": 1}, "simulated")):
-        held = report() | ({} if simulation is None else {"simulation": simulation})
-        path = tmp_path / "registration.json"
-        streams = Streams(registration=RegistrationState.of_file(read(tmp_path, held), path))
-        sent = {each.device: each.content for each in streams.idle()}
-        for camera_m, trus_m in zip(CAMERA_M, TRUS_M, strict=True):
-            there_mm = sent["DaVinciToProbeHome"].matrix @ (*(1e3 * camera_m), 1)
-            np.testing.assert_allclose(there_mm[:3], 1e3 * trus_m, atol=1e-9)
-        assert streams.metadata == {"registration": kind}
-        said = msgspec.json.decode(sent["SearchState"].text)["registration"]
-        assert (said["file"], said["simulated"]) == ("registration.json", kind == "simulated")
-        errors = next(each.metadata for each in streams.idle() if each.device == "DaVinciToProbeHome")
-        assert errors["TransformStatus"] == "OK"
-        assert float(errors["tre95_m"]) == pytest.approx(said["tre95_m"], rel=1e-5)
 
 
 @pytest.mark.parametrize(
