@@ -99,8 +99,10 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
     """Sets that fit, and the logarithm of their probability but for a constant."""
     problem = ""
     apart = _distance_misfits(useful)
+    # Three more must agree, and most of all.
+    most_left_out = 0 if len(useful) == MIN_POINTS else max(1, (len(useful) - MIN_POINTS) // 2)
     # As few markers as possible are left out: one more only where no set without it fits.
-    for left_out in range(_most_left_out(len(useful)) + 1):
+    for left_out in range(most_left_out + 1):
         for numbers in _sets(useful, apart, left_out=left_out):
             try:
                 found = registered_pairs(_pairs(useful, numbers))
@@ -144,11 +146,6 @@ def _unfit(useful: Sequence[SeenMarker], problem: str, target_trus_m: tuple[floa
     return Choice(report=report, decided=report.registered, chosen=chosen, reason=report.reason)
 
 
-def _most_left_out(count: int) -> int:
-    """Most markers that may be left out: three more must agree, and most of all."""
-    return 0 if count <= MIN_POINTS else max(1, (count - MIN_POINTS) // 2)
-
-
 def _sets(
     markers: Sequence[SeenMarker], apart: Float64[np.ndarray, "places places"], *, left_out: int
 ) -> list[tuple[int | None, ...]]:
@@ -157,8 +154,6 @@ def _sets(
     ``apart``: as of `_distance_misfits`.
     """
     used = len(markers) - left_out
-    if used < MIN_POINTS:
-        return []
     most = _MOST_APART * float(chdtri(3 * used - 6, MIN_PROBABILITY))
     # Grown marker by marker: a set whose distances do not fit has no other that holds it.
     grown: list[tuple[tuple[int | None, ...], tuple[int, ...]]] = [((), ())]

@@ -364,8 +364,9 @@ def _lines_of_sight(
     try:
         direct = stereo.left.undistort(pixels)
     except ConfigError:
-        # A distortion that cannot be inverted near the edges of the image.
-        pixels = pixels[_inner(pixels, (width, height))]
+        # A distortion that cannot be inverted near the edges of the image: its inner half.
+        size = np.array((width, height))
+        pixels = pixels[(np.abs(pixels - size / 2) < size / 4).all(axis=1)]
         direct = stereo.left.undistort(pixels)
     return [(pixel, np.array([x, y, 1.0])) for pixel, (x, y) in zip(pixels, direct, strict=True)]
 
@@ -378,11 +379,6 @@ def _seen_right(cameras: StereoCameras, camera_m: Float64[np.ndarray, " 3"]) -> 
     pixel = cameras.right.project(there_m[None])[0]
     inside = (pixel > EDGE_PX) & (pixel < np.array(cameras.right.size_px) - 1 - EDGE_PX)
     return pixel if inside.all() else None
-
-
-def _inner(pixels: Float64[np.ndarray, "pixels 2"], size_px: tuple[int, int]) -> Float64[np.ndarray, " pixels"]:
-    """Whether pixels lie in the inner half of an image."""
-    return np.asarray((np.abs(pixels - np.array(size_px) / 2) < np.array(size_px) / 4).all(axis=1))
 
 
 def _new_span(spots_m: Float64[np.ndarray, "spots 3"], camera_m: Float64[np.ndarray, " 3"]) -> float:

@@ -122,6 +122,11 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     points: list[PointReport]
     version: str = __version__
 
+    @property
+    def expected(self) -> str:
+        """The error that is to be expected, in words."""
+        return f"expected error at the target {1e3 * self.tre_m:.2f} mm, in 95 % below {1e3 * self.tre95_m:.2f} mm"
+
 
 FRAMES = {
     "davinci": "the left camera of the stereo endoscope: x to the right in the image, y down, z along the view",

@@ -185,17 +185,24 @@ class RegistrationSession:
         return str(1 + max((int(marker.name) for marker in self.taken if marker.name.isdigit()), default=0))
 
     def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
-        """Look for the spot, search its marker, and look again; None if it has to be done once more."""
+        """Take a marker; None if it has to be done once more, which is said once as long as the reason is the same."""
+        try:
+            return (yield from self._taken(name, again))
+        except SpotError as problem:
+            refused = SpotRefused(name=name, reason=str(problem))
+        if refused != self._refused:
+            self._refused = refused
+            yield self._recorded(refused)
+        return None
+
+    def _taken(self, name: str, again: TakenMarker | None) -> Generator[Step, None, TakenMarker]:
+        """Look for the spot, search its marker, and look again; `SpotError` if it has to be done once more."""
         clock = self._room.rig.scanner.clock
         begun_s = clock.now_s()
-        try:
-            looked = self._spots.look()
-            seen = self._spots.seen(name, looked.spot)
-            if again is None:
-                self._require_new(seen)
-        except SpotError as problem:
-            yield from self._refuse(name, str(problem))
-            return None
+        looked = self._spots.look()
+        seen = self._spots.seen(name, looked.spot)
+        if again is None:
+            self._require_new(seen)
         prediction = self._prediction(seen)
         journal = None if self._record is None else self._record.journal_path(name)
         yield self._recorded(
@@ -215,11 +222,7 @@ class RegistrationSession:
         result, finished = search.result(), search.view.finished
         assert finished is not None  # noqa: S101  a search that ends without is an error
         self._curve = result.curve or self._curve
-        try:
-            self._spots.require_still(looked, later)
-        except SpotError as problem:
-            yield from self._refuse(name, str(problem))
-            return None
+        self._spots.require_still(looked, later)
         lit = [*search.view.samples, *([] if search.view.confirmation is None else [search.view.confirmation])]
         taken = TakenMarker(
             name=name,
@@ -261,13 +264,6 @@ class RegistrationSession:
             if search.journal is not None:
                 search.journal.close()
         return later
-
-    def _refuse(self, name: str, reason: str) -> Generator[Step, None, None]:
-        """Say why there is no spot, once as long as it is the same."""
-        refused = SpotRefused(name=name, reason=reason)
-        if refused != self._refused:
-            self._refused = refused
-            yield self._recorded(refused)
 
     def _require_new(self, seen: SeenMarker) -> None:
         """Refuse a spot whose marker was taken before."""
@@ -332,15 +328,14 @@ class RegistrationSession:
         left = f"; left out, because it does not fit: marker {', '.join(choice.left_out)}" if choice.left_out else ""
         if report is None or not report.registered:
             return f"not registered: {choice.reason}{left}"
-        tre = f"expected error at the target {1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm"
         if not choice.decided:
-            return f"not certain: {choice.reason}; {tre}"
+            return f"not certain: {choice.reason}; {report.expected}"
         if report.tre_m <= self._plan.goal_m:
-            return f"registered: {tre}{left}"
+            return f"registered: {report.expected}{left}"
         more = (
             "" if place is None or place.tre_m is None else f"; another marker lowers it to {1e3 * place.tre_m:.2f} mm"
         )
-        return f"registered: {tre}{more}{left}"
+        return f"registered: {report.expected}{more}{left}"
 
     def _asking(self, state: Registered) -> str:
         """What the person has to do now, in a sentence."""

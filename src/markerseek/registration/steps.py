@@ -199,15 +199,11 @@ class RegistrationState:
     @classmethod
     def of_file(cls, known: KnownRegistration, path: Path) -> Self:
         """State of a finished file."""
-        said = (
-            f"registered: expected error at the target {1e3 * known.report.tre_m:.2f} mm, in 95 % below "
-            f"{1e3 * known.report.tre95_m:.2f} mm"
-        )
         return cls(
             source=path,
             simulated=known.simulated,
             registration=known,
-            said=said,
+            said=f"registered: {known.report.expected}",
             session=None,
             markers=len(known.report.points),
         )

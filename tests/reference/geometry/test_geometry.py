@@ -289,6 +289,15 @@ def test_projection_and_its_inverse_are_opencv_s() -> None:
         np.testing.assert_allclose(camera.undistort(pixels), points[:, :2] / points[:, 2:], atol=1e-10)
 
 
+def test_a_covariance_is_projected_as_many_points_are() -> None:
+    rng = np.random.default_rng(1)
+    spread = rng.standard_normal((3, 3)) * 2e-4
+    point_m = np.array([0.02, -0.015, 0.09])
+    cloud = LENS.project(point_m + rng.standard_normal((200_000, 3)) @ spread.T)
+    found = LENS.project_covariance(point_m, spread @ spread.T)
+    np.testing.assert_allclose(found, np.cov(cloud.T), rtol=0.03, atol=0.02)
+
+
 @pytest.mark.parametrize("noise_px", [0.0, 0.3])
 def test_triangulation_is_opencv_s(noise_px: float) -> None:
     cv2 = pytest.importorskip("cv2")
