@@ -323,9 +323,7 @@ def _in_plane(waves: SourceWaves, best: int, height: Float64[np.ndarray, " frame
     """Wave in the image plane, finely sampled over the time from its middle, and the time of that middle; in µs."""
     time_us = waves.time_s * 1e6
     wave = waves.wave[best] / height[best]
-    power = np.abs(hilbert(wave)) ** 2
-    strong = np.where(power > _SIGNIFICANT * power.max(), power, 0.0)
-    middle = float(strong @ time_us / strong.sum())
+    middle = float(_middle(wave, time_us, share=_SIGNIFICANT))
     # Finely sampled once by a spline, so that the fit may interpolate linearly.
     fine_us = np.linspace(time_us[0], time_us[-1], 16 * len(time_us))
     return (fine_us - middle, np.asarray(CubicSpline(time_us, wave)(fine_us))), middle
@@ -416,7 +414,7 @@ def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
     still return numbers.
     """
     predicted_s = _path_delay_s(waves.angle_deg, geometry)
-    measured_s = waves.arrival_s + _middle_s(waves)
+    measured_s = waves.arrival_s + _middle(waves.wave, waves.time_s, share=_STRONG_SHARE)
     # Weighted least squares of the measured times on the predicted delay: the weaker waves scatter more.
     weight = np.abs(waves.wave).max(axis=1)
     slope = float(np.polyfit(predicted_s, measured_s, 1, w=weight)[0])
@@ -444,8 +442,10 @@ def _path_delay_s(angle_deg: Float64[np.ndarray, " frames"], geometry: Geometry)
     return np.asarray((path_m - (radius_m - face_m)) / geometry.sound_speed_m_s.value)
 
 
-def _middle_s(waves: SourceWaves) -> Float64[np.ndarray, " frames"]:
-    """Middle of the power of each wave within its window, in seconds."""
-    power = np.abs(hilbert(waves.wave, axis=1)) ** 2
-    power = np.where(power > _STRONG_SHARE * power.max(axis=1, keepdims=True), power, 0.0)
-    return np.asarray(power @ waves.time_s / power.sum(axis=1))
+def _middle(
+    wave: Float64[np.ndarray, "*frames window"], time: Float64[np.ndarray, " window"], *, share: float
+) -> Float64[np.ndarray, "*frames"]:
+    """Time of the middle of the power of each wave, without what is below a share of its largest power."""
+    power = np.abs(hilbert(wave, axis=-1)) ** 2
+    power = np.where(power > share * power.max(axis=-1, keepdims=True), power, 0.0)
+    return np.asarray(power @ time / power.sum(axis=-1))

@@ -183,7 +183,6 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
             row=rectangle.row + (rectangle.rows - 1) / 2,
             column=rectangle.column + (rectangle.columns - 1) / 2,
             area_px=0,
-            rivals=0,
             rectangle=rectangle,
         )
     best = int(np.argmax(sums)) + 1

@@ -57,8 +57,6 @@ class Tip:
 
     visible: bool
     """Whether the tip is seen."""
-    reason: str
-    """Why, or why not, in words."""
     intensity: float
     """Grey value of the tip."""
     level: float
@@ -68,10 +66,12 @@ class Tip:
     """``row`` and ``column``: its centroid in pixels; the middle of the rectangle where no region was found."""
     area_px: int
     """Pixels of its region."""
-    rivals: int
-    """Other bright regions in the rectangle."""
     rectangle: Rectangle
     """Where it was looked for."""
+    reason: str = ""
+    """Why it is seen or not, in words."""
+    rivals: int = 0
+    """Other bright regions in the rectangle."""
     cut_off: bool = False
     """Whether its region reaches the edge of the image, so that its centroid is that of a part."""
 
@@ -307,13 +307,11 @@ def _measured(
             angle_deg=float(angle_deg),
             tip=Tip(
                 visible=low <= k <= high,
-                reason="",
                 intensity=max(0.0, 255 + to_grey * float(level_db[k])),
                 level=max(0.0, 255 + to_grey * float(needed_db[k])),
                 row=float(place[0]),
                 column=float(place[1]),
                 area_px=face.rows * face.columns,
-                rivals=0,
                 rectangle=face,
             ),
         )
