@@ -124,12 +124,8 @@ class StereoCameras:
     cameras."""
 
     def __post_init__(self) -> None:
-        require_range("cameras: base", self.base_m, low=1e-4, high=1.0, unit="m", cure="give the transform in metres")
-
-    @property
-    def base_m(self) -> float:
-        """Distance between the two cameras in metres."""
-        return float(np.linalg.norm(self.left_to_right.translation_m))
+        base_m = float(np.linalg.norm(self.left_to_right.translation_m))
+        require_range("cameras: base", base_m, low=1e-4, high=1.0, unit="m", cure="give the transform in metres")
 
     def project(
         self, points_m: Float64[np.ndarray, "points 3"]

@@ -13,7 +13,7 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Float64, StereoImages
+from markerseek.core import Float64, StereoImages
 from markerseek.geometry import RigidTransform
 from markerseek.registration.poses import reach_of
 from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
@@ -91,6 +91,9 @@ class DeviceRoom:
 RELIEF_M = 5e-3
 """Range of the heights of the tissue."""
 
+CAMERA_M = 0.1
+"""Distance of the endoscope from the tissue."""
+
 # A camera that looks straight down is turned by 180 deg about an axis across its view, whatever its roll, so that its
 # transform is nearly its own inverse (1.5 to 2.2 mm apart at the markers): one that is applied in the wrong direction
 # would not show. With a tilt like that of a 30 deg endoscope, and less roll, the two are 15 mm or more apart.
@@ -109,32 +112,16 @@ BY_HAND_S = (120.0, 420.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedRoomSettings:
-    """Settings of a simulated operating room.
-
-    Raises
-    ------
-    ConfigError
-        If a setting cannot be used.
-    """
+    """Settings of a simulated operating room."""
 
     rig: SimulatedSettings = field(default_factory=SimulatedSettings)
     """The simulated rig; its marker is moved from place to place."""
-    camera: EndoscopeSettings = field(default_factory=EndoscopeSettings)
-    camera_m: float = 0.1
-    """Distance of the endoscope from the tissue."""
     pace: float = 0.0
     """Real seconds per second of the rig's clock; 0 does not wait."""
-    shared_errors: bool = True
-    """Whether sound speed, face radius, zero of the angle and focal length are wrong, each by a draw from what a
-    registration assumes of it."""
     beside: Beside | None = None
     """Draws what is beside each marker; None: nothing but the clutter of the material."""
     places_m: tuple[tuple[float, float], ...] | None = None
     """Places (x, y) in the TRUS frame that are lit in turn, whatever is asked for; None: the places asked for."""
-
-    def __post_init__(self) -> None:
-        if not 0.03 <= self.camera_m <= 0.5:
-            raise ConfigError(f"camera distance is {1e3 * self.camera_m:g} mm, it must lie between 30 and 500 mm")
 
 
 class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -170,20 +157,22 @@ class SimulatedRoom:
         self._tissue_m = tissue_m
         self.true = camera_above(
             np.array([0.0, 0.0, tissue_m]),
-            distance_m=settings.camera_m,
+            distance_m=CAMERA_M,
             roll_deg=rng.uniform(*CAMERA_ROLL_DEG),
             tilt_deg=rng.uniform(*CAMERA_TILT_DEG),
         )
         """The true transform from the left camera to the probe."""
-        drawn = rng.standard_normal(4) if settings.shared_errors else np.zeros(4)
+        # Sound speed, face radius, zero of the angle and focal length are wrong, as a registration assumes of each.
+        drawn = rng.standard_normal(4)
         self._shared = drawn[:3]
         cameras = endoscope()
-        self.stereo = StereoSettings.of(cameras, calibration_sigma_px=settings.camera.calibration_sigma_px)
+        look = EndoscopeSettings()
+        self.stereo = StereoSettings.of(cameras, calibration_sigma_px=look.calibration_sigma_px)
         """The calibration of the cameras."""
         self.images = SimulatedEndoscope(
             cameras=cameras,
             camera_to_trus=self.true,
-            settings=settings.camera,
+            settings=look,
             rng=rng,
             clock=self.rig.scanner.clock,
             flashes=lambda: len(self._movable.world.flashes),
