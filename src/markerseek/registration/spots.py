@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,33 +56,31 @@ class SpotFinder:
         self._room.arm()
         scanner, images = self._room.rig.scanner, self._room.images
         images.newest()
-        dark = self._collected(lambda pairs: len(pairs) >= DARK_PAIRS)
-        if len(dark) < DARK_PAIRS:
+        for dark in self._coming():
+            if len(dark) >= DARK_PAIRS:
+                break
+        else:
             raise SpotError(
                 f"{images.name}: {counted(len(dark), 'image pair')} came within {LOOK_S:g} s, {DARK_PAIRS} are "
                 "needed; check that both cameras send"
             )
-
-        lit: list[StereoPair] = []
-
-        def enough(pairs: list[StereoPair]) -> bool:
-            nonlocal lit
+        for pairs in self._coming():
             scanner.light()
             lit = lit_pairs(pairs, dark)
-            return len(lit) >= SPOT_PAIRS
-
-        self._collected(enough)
+            if len(lit) >= SPOT_PAIRS:
+                break
         self._show((lit or dark)[-1])
         return Looked(spot=self._measured(lit, dark), dark=dark)
 
-    def _collected(self, enough: Callable[[list[StereoPair]], bool]) -> list[StereoPair]:
-        """Pairs that come until there are enough, or the time is over."""
+    def _coming(self) -> Iterator[list[StereoPair]]:
+        """The newest pairs, again and again until the time is over."""
         clock, pairs = self._room.rig.scanner.clock, list[StereoPair]()
         ends_s = clock.now_s() + LOOK_S
-        while not enough(pairs) and clock.now_s() < ends_s:
+        yield pairs
+        while clock.now_s() < ends_s:
             clock.wait(_POLL_S)
             pairs = [*pairs, *self._room.images.newest()][-4 * SPOT_PAIRS :]
-        return pairs
+            yield pairs
 
     def _measured(self, lit: Sequence[StereoPair], dark: Sequence[StereoPair]) -> Spot:
         """The spot in pairs with light; `SpotError` if there is none."""
@@ -92,11 +90,8 @@ class SpotFinder:
                 "in view of both cameras, and check that they do not block its wavelength"
             )
         places, sigma_px = [], 0.0
-        answers = {
-            side: find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
-            for side in ("left", "right")
-        }
-        for side, answer in answers.items():
+        for side in ("left", "right"):
+            answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
             if not isinstance(answer, LaserSpot):
                 raise SpotError(f"{side} camera: {answer.reason}")
             if answer.sigma_px is None:

@@ -93,14 +93,14 @@ class SensitiveRange:
     """All images, in the order of their angles."""
     reference_deg: float | None
     """Angle of the brightest tip; None if no image shows one."""
-    below_deg: float | None
-    above_deg: float | None
+    below_deg: float | None = None
+    above_deg: float | None = None
     """``below_deg`` and ``above_deg``: half of the range on either side of it; None if no image lies there."""
-    open_below: bool
-    open_above: bool
+    open_below: bool = False
+    open_above: bool = False
     """``open_below`` and ``open_above``: whether the images of that side end before the tip has disappeared: its half
     is then at least this."""
-    remark: str
+    remark: str = ""
     """What a person should know of the images; empty if there is nothing."""
 
     @property
@@ -160,10 +160,6 @@ def no_tip(angles_deg: Sequence[float] | Float64[np.ndarray, " images"], remark:
     return SensitiveRange(
         frames=tuple(TipFrame(angle_deg=float(angle_deg), tip=None) for angle_deg in angles_deg),
         reference_deg=None,
-        below_deg=None,
-        above_deg=None,
-        open_below=False,
-        open_above=False,
         remark=remark,
     )
 
@@ -324,7 +320,6 @@ def _measured(
         above_deg=_side(centre, high_deg, float(angles[-1]), closed=low_deg is not None),
         open_below=low_deg is None and high_deg is None,
         open_above=low_deg is None and high_deg is None,
-        remark="",
     )
 
 
