@@ -222,25 +222,22 @@ class RegistrationState:
 
     def after(self, step: RecordedStep) -> RegistrationState:
         """State after a step of the session; `RecordError` if its transform is not rigid."""
+        running = replace(self, session="running")
         match step:
             case Registered():
+                known = None
                 # A marker that has moved is still among those of a session that was continued.
-                holds = step.decided and not self.moved and step.report is not None
-                known = self._known(step) if holds else None
-                said = self.said if self.moved else step.said
-                return replace(self, session="running", registration=known, said=said)
+                if step.decided and not self.moved and step.report is not None:
+                    known = KnownRegistration.of(step.report, source=self.source, simulated=self.simulated)
+                return replace(running, registration=known, said=self.said if self.moved else step.said)
             case MovedMarker(moved=True):
-                return replace(self, session="running", registration=None, said=step.said, moved=True)
+                return replace(running, registration=None, said=step.said, moved=True)
             case TakenMarker(again=None):
-                return replace(self, session="running", markers=self.markers + 1)
+                return replace(running, markers=self.markers + 1)
             case Ended():
                 return replace(self, session="ended", said=self.said if self.moved else step.said)
             case _:
-                return replace(self, session="running")
-
-    def _known(self, step: Registered) -> KnownRegistration:
-        assert step.report is not None  # noqa: S101  asked for a registration only
-        return KnownRegistration.of(step.report, source=self.source, simulated=self.simulated)
+                return running
 
     def unreadable(self, reason: str) -> RegistrationState:
         """State once the record cannot be read: what holds is not known any more."""

@@ -17,7 +17,6 @@ import pytest
 from markerseek.core import RecordError
 from markerseek.registration import (
     REGISTRATION,
-    Ended,
     Registered,
     SessionRecord,
     SpotRefused,
@@ -28,7 +27,7 @@ from markerseek.registration import (
     read_registration,
     read_session,
 )
-from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, matrix_m, registered, taken
+from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, kill, matrix_m, registered, taken
 
 STEPS = [WAITING, SpotRefused(name="2", reason="no light"), MOVED, ENDED]
 
@@ -177,15 +176,13 @@ def test_steps_come_as_they_are_written_and_those_of_a_continued_session_too(tmp
         record.add(no_light("1"))
         record.add(no_light("2"))
         yield
-        # Killed within a line: the half is cut off when the session is continued.
-        record.close()
-        with (folder / "session.jsonl").open("ab") as file:
-            file.write(b"0000")
+        # Within a line: the half is cut off when the session is continued.
+        kill(record)
         yield
         record = SessionRecord.reopen(folder)
         record.add(no_light("3"))
         yield
-        record.add(Ended(registered=False, said="over", rig_s=1.0))
+        record.add(ENDED)
         record.close()
         yield
 
