@@ -92,10 +92,10 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
     ``target_trus_m``: where the error is wanted, as of `register_pairs`.
     """
     useful = [marker for marker in markers if marker.candidates]
+    first = {marker.name: 0 for marker in useful}
     if len(useful) < MIN_POINTS:
-        first = {marker.name: 0 for marker in useful}
         return Choice(report=None, decided=False, chosen=first, reason=f"{len(useful)} of {MIN_POINTS} markers")
-    fits: list[tuple[float, tuple[int | None, ...]]] = []
+    fits: list[tuple[float, dict[str, int]]] = []
     """Sets that fit, and the logarithm of their probability but for a constant."""
     problem = ""
     apart = _distance_misfits(useful)
@@ -103,74 +103,71 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
     most_left_out = 0 if len(useful) == MIN_POINTS else max(1, (len(useful) - MIN_POINTS) // 2)
     # As few markers as possible are left out: one more only where no set without it fits.
     for left_out in range(most_left_out + 1):
-        for numbers in _sets(useful, apart, left_out=left_out):
+        for chosen in _sets(useful, apart, left_out=left_out):
             try:
-                found = registered_pairs(_pairs(useful, numbers))
+                found = registered_pairs(chosen_pairs(useful, chosen))
             except ConfigError as refusal:
                 problem = problem or str(refusal)
                 continue
             if found.probability >= MIN_PROBABILITY:
                 chi_squared = found.misfit * (3 * len(found.residuals_m) - 6)
-                fits.append((_log_prior(useful, numbers) - chi_squared / 2, numbers))
+                fits.append((_log_prior(useful, chosen) - chi_squared / 2, chosen))
         if fits:
             break
     if not fits:
-        return _unfit(useful, problem, target_trus_m)
+        return _unfit(useful, first, problem, target_trus_m)
     (best_log, best), *others = sorted(fits, key=lambda fit: -fit[0])
     share = 1 / (1 + sum(math.exp(log - best_log) for log, _ in others))
-    report = register_pairs(_pairs(useful, best), target_trus_m=target_trus_m)
-    chosen = _chosen(useful, best)
-    left = tuple(marker.name for marker in useful if marker.name not in chosen)
+    report = register_pairs(chosen_pairs(useful, best), target_trus_m=target_trus_m)
+    left = tuple(name for name in first if name not in best)
     if share >= MIN_SHARE:
-        return Choice(report=report, decided=report.registered, chosen=chosen, left_out=left)
+        return Choice(report=report, decided=report.registered, chosen=best, left_out=left)
     rivals = [other for log, other in others if log - best_log > math.log(1 - MIN_SHARE) - math.log(len(others))]
-    unsure = {
-        marker.name
-        for rival in rivals
-        for marker, mine, theirs in zip(useful, best, rival, strict=True)
-        if mine != theirs
-    }
-    named = f"marker {' or '.join(sorted(unsure))}"
-    reason = f"{named} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
-    return Choice(report=report, decided=False, chosen=chosen, left_out=left, open=tuple(sorted(unsure)), reason=reason)
+    unsure = tuple(sorted(name for name in first if any(best.get(name) != rival.get(name) for rival in rivals)))
+    reason = f"marker {' or '.join(unsure)} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
+    return Choice(report=report, decided=False, chosen=best, left_out=left, open=unsure, reason=reason)
 
 
-def _unfit(useful: Sequence[SeenMarker], problem: str, target_trus_m: tuple[float, float, float] | None) -> Choice:
+def _unfit(
+    useful: Sequence[SeenMarker],
+    first: dict[str, int],
+    problem: str,
+    target_trus_m: tuple[float, float, float] | None,
+) -> Choice:
     """Message if no set fits: why the most probable candidates do not."""
-    numbers = (0,) * len(useful)
-    chosen = _chosen(useful, numbers)
     try:
-        report = register_pairs(_pairs(useful, numbers), target_trus_m=target_trus_m)
+        report = register_pairs(chosen_pairs(useful, first), target_trus_m=target_trus_m)
     except ConfigError as refusal:
-        return Choice(report=None, decided=False, chosen=chosen, reason=problem or str(refusal))
-    return Choice(report=report, decided=report.registered, chosen=chosen, reason=report.reason)
+        return Choice(report=None, decided=False, chosen=first, reason=problem or str(refusal))
+    return Choice(report=report, decided=report.registered, chosen=first, reason=report.reason)
 
 
 def _sets(
     markers: Sequence[SeenMarker], apart: Float64[np.ndarray, "places places"], *, left_out: int
-) -> list[tuple[int | None, ...]]:
+) -> list[dict[str, int]]:
     """Sets of candidates that leave a number of markers out and whose distances fit, the likeliest of them.
 
     ``apart``: as of `_distance_misfits`.
     """
     used = len(markers) - left_out
     most = _MOST_APART * float(chdtri(3 * used - 6, MIN_PROBABILITY))
+    candidates: list[tuple[str, int]] = []
+    """Name and number of each that is tried, by its place in `apart`."""
     # Grown marker by marker: a set whose distances do not fit has no other that holds it.
-    grown: list[tuple[tuple[int | None, ...], tuple[int, ...]]] = [((), ())]
-    first = 0
+    grown: list[tuple[int, ...]] = [()]
     for number, marker in enumerate(markers):
-        places = range(first, first + min(len(marker.candidates), MOST_CANDIDATES))
+        first = len(candidates)
+        candidates += [(marker.name, each) for each in range(min(len(marker.candidates), MOST_CANDIDATES))]
         with_it = [
-            ((*numbers, place - first), (*taken, place))
-            for numbers, taken in grown
-            for place in places
-            if all(apart[before, place] <= most for before in taken)
+            (*places, place)
+            for places in grown
+            for place in range(first, len(candidates))
+            if all(apart[before, place] <= most for before in places)
         ]
-        without = [((*numbers, None), taken) for numbers, taken in grown if number - len(taken) < left_out]
+        without = [places for places in grown if number - len(places) < left_out]
         grown = [*with_it, *without]
-        first = places.stop
-    whole = [numbers for numbers, taken in grown if len(taken) == used]
-    return sorted(whole, key=lambda numbers: -_log_prior(markers, numbers))[:_MOST_SETS]
+    whole = [dict(candidates[place] for place in places) for places in grown if len(places) == used]
+    return sorted(whole, key=lambda chosen: -_log_prior(markers, chosen))[:_MOST_SETS]
 
 
 def _distance_misfits(markers: Sequence[SeenMarker]) -> Float64[np.ndarray, "places places"]:
@@ -209,23 +206,14 @@ _TINY_M2 = 1e-12
 """A micrometre squared: two candidates of one marker have no distance, and no variance."""
 
 
-def _pairs(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> list[PointPair]:
-    return [marker.pair(number) for marker, number in zip(markers, numbers, strict=True) if number is not None]
-
-
 def chosen_pairs(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> list[PointPair]:
     """The points of the markers whose candidate was chosen."""
-    return _pairs(markers, [chosen.get(marker.name) for marker in markers])
+    return [marker.pair(chosen[marker.name]) for marker in markers if marker.name in chosen]
 
 
-def _log_prior(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> float:
+def _log_prior(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> float:
     """Logarithm of the probability of a set before the camera is asked."""
     shares = [
-        LEFT_OUT if number is None else marker.candidates[number].probability
-        for marker, number in zip(markers, numbers, strict=True)
+        marker.candidates[chosen[marker.name]].probability if marker.name in chosen else LEFT_OUT for marker in markers
     ]
     return sum(math.log(max(share, 1e-12)) for share in shares)
-
-
-def _chosen(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> dict[str, int]:
-    return {marker.name: number for marker, number in zip(markers, numbers, strict=True) if number is not None}
