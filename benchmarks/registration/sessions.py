@@ -64,6 +64,9 @@ class _NoImages:
 
     name = "spots as images show them"
 
+    def __init__(self, endoscope: SimulatedEndoscope) -> None:
+        self.show = endoscope.show
+
     def newest(self) -> list[StereoPair]:
         return []
 
@@ -76,16 +79,14 @@ class _Room(SimulatedRoom):
 
     def __init__(self, settings: SimulatedRoomSettings, *, seed: int, images: bool) -> None:
         super().__init__(settings, seed=seed)
-        self._without_images = not images
+        self._endoscope = self.images
+        if not images:
+            self.images = cast("SimulatedEndoscope", _NoImages(self._endoscope))
         self._scatter = np.random.default_rng((seed, 1))
-
-    @property
-    def images(self) -> SimulatedEndoscope:
-        return cast("SimulatedEndoscope", _NoImages()) if self._without_images else self._images
 
     def spot(self) -> Spot:
         """The spot, as the mean of some images shows it."""
-        exact_px = self._images._spot_px  # noqa: SLF001  what no image source tells
+        exact_px = self._endoscope._spot_px  # noqa: SLF001  what no image source tells
         if exact_px is None or exact_px["left"] is None or exact_px["right"] is None:
             raise ConfigError("the spot is behind a camera")
         places = []
