@@ -157,7 +157,7 @@ def register_pairs(
     fit = _Fit.of(found, len(pairs), weighed=weighed)
     rests = _without_each(pairs)
     rest_fits = {name: _Fit.of(rest, len(pairs) - 1, weighed=weighed) for name, rest in rests.items()}
-    # Without it the others fit best; the largest residual where no point can be left out.
+    # The point without which the others fit best; that of the largest residual if none can be left out.
     farthest = pairs[int(np.argmax(found.distances_m))].name
     worst = min(rest_fits, key=lambda name: rest_fits[name].chi_squared, default=farthest)
     trus_m = np.array([pair.trus_m for pair in pairs])
