@@ -66,7 +66,7 @@ class FaultyLine:
 
 
 class DirectPort:
-    """A `markerseek.wire.port.Port` that ends at an emulator in the same process: waiting is waiting on the clock."""
+    """A `markerseek.wire.Port` that ends at an emulator in the same process: waiting is waiting on the clock."""
 
     def __init__(self, *, device: ByteDevice, clock: Clock, line: FaultyLine | None = None) -> None:
         self.line = line or FaultyLine()

@@ -29,9 +29,8 @@ from markerseek.drivers.picolas import PicolasLaser
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash, VirtualClock
-from markerseek.wire import igtl, laserbox
-from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
-from markerseek.wire.port import Port
+from markerseek.wire import Port, igtl, laserbox
+from markerseek.wire.apt import CONTROLLER, TO_CONTROLLER, AptFramer
 from tests.emulated_lines import DirectPort
 from tests.faults.decoders import read_or_refused
 

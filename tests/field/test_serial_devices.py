@@ -25,7 +25,8 @@ from markerseek.emulators.lines import ByteDevice
 from markerseek.rigs import read_rig_file
 from markerseek.rigs.bench_rig import bench
 from markerseek.sim import VirtualClock
-from markerseek.wire import AptFramer, apt
+from markerseek.wire import apt
+from markerseek.wire.apt import AptFramer
 from tests.emulated import emulation
 from tests.emulated_lines import DirectPort
 from tests.unit.drivers.kdc101_bench import bench as kdc101_bench

@@ -26,7 +26,7 @@ from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.standard_stage import StandardSweepingStage
 from markerseek.files import Line
 from markerseek.guard import Limits
-from markerseek.wire import AptFramer, Port, apt
+from markerseek.wire import Port, apt
 
 _TRIES = 3
 _WITH_PORTS = ("KDC101",)
@@ -64,7 +64,7 @@ class AptLine:
         self.since_s = clock.now_s()
         self._answer_s = answer_s
         self._age_s = age_s
-        self._framer = AptFramer()
+        self._framer = apt.AptFramer()
         self._open: defaultdict[int, deque[float]] = defaultdict(deque)
         self._garbled = False
         self._unread = Unread()
@@ -254,8 +254,8 @@ class Kdc101Logic:
 
     def _require_device(self) -> None:
         info, wanted = self.identity, self._settings.serial_number
-        if info.model not in apt.PRM1Z8.controllers:
-            known = ", ".join(apt.PRM1Z8.controllers)
+        if info.model not in apt.CONTROLLERS:
+            known = ", ".join(apt.CONTROLLERS)
             raise NotConnectedError(f"a {info.model} is at the stage's port, expected one of: {known}")
         if wanted is not None and info.serial_number != wanted:
             raise NotConnectedError(

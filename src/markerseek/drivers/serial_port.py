@@ -11,7 +11,7 @@ _WRITE_TIMEOUT_S = 0.5
 
 
 class SerialPort(Closing):
-    """A `markerseek.wire.port.Port` over pyserial, under an exclusive lock.
+    """A `markerseek.wire.Port` over pyserial, under an exclusive lock.
 
     ``baud``: bits per second. ``parity``: parity bit: none, even or odd. ``handshake``: whether RTS and CTS control the
     flow; ignored where the port has no such lines, as a pseudo-terminal. Raises `NotConnectedError` if the port cannot

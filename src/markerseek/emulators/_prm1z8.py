@@ -10,7 +10,7 @@ import numpy as np
 
 from markerseek.emulators.faults import Faults
 from markerseek.sim import phases
-from markerseek.wire import COUNTS_PER_DEG
+from markerseek.wire.apt import COUNTS_PER_DEG
 
 # Sums of phases miss a step's end by rounding; a remainder of this size is no time, and must not start a phase.
 _NO_TIME_S = 1e-12

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from markerseek.core import ConfigError, DeviceTimeoutError, Interval, LimitError, MoveError, NotConnectedError
-from markerseek.wire import AptFramer, apt
+from markerseek.wire import apt
 from tests.unit.drivers.kdc101_bench import bench
 
 
@@ -16,7 +16,7 @@ def test_it_identifies_itself_and_writes_the_settings_that_power_up_lost() -> No
     stage = rig.stage(speed_deg_s=12.0, acceleration_deg_s2=15.0)
     assert (stage.logic.identity.model, stage.logic.identity.serial_number) == ("KDC101", 27000001)
     rig.port.write(apt.ask(apt.VELOCITY) + apt.ask(apt.BACKLASH) + apt.ask(apt.LIMITS))
-    answers = [apt.decode(message) for message in AptFramer().feed(rig.port.read(4096, timeout_s=0.0))]
+    answers = [apt.decode(message) for message in apt.AptFramer().feed(rig.port.read(4096, timeout_s=0.0))]
     assert answers == [
         apt.Velocity(acceleration=220, speed=515300),  # 15 x 14.6574 = 219.9; 12 x 42941.66 = 515299.9
         apt.Counts(counts=0),

@@ -16,7 +16,7 @@ from markerseek.core import (
     SweepingStage,
 )
 from markerseek.drivers import Kdc101Stage
-from markerseek.wire import AptFramer, apt
+from markerseek.wire import apt
 from tests.emulated_lines import FaultyLine
 from tests.unit.drivers.kdc101_bench import Bench, Killed, bench
 
@@ -209,7 +209,7 @@ def test_a_port_that_another_program_left_as_output_or_input_is_off_after_the_st
         it.stage()
         it.port.read(4096, timeout_s=0.0)
         it.port.write(apt.ask(apt.TRIGGER_PORTS))
-        answers = [apt.decode(message) for message in AptFramer().feed(it.port.read(4096, timeout_s=0.0))]
+        answers = [apt.decode(message) for message in apt.AptFramer().feed(it.port.read(4096, timeout_s=0.0))]
         assert answers == [apt.TriggerPorts(first=apt.TRIGGER_OFF)]
 
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, DeviceError
-from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer, AptMessage, apt
-from markerseek.wire.apt_frames import TO_HOST
+from markerseek.wire import apt
+from markerseek.wire.apt import CONTROLLER, TO_CONTROLLER, TO_HOST, AptFramer, AptMessage
 
 # Captured from a TDC001 with a PRM1-Z8.
 VELOCITY = bytes.fromhex("13 04 0E 00 D0 01 01 00 00 00 00 00 93 00 00 00 5F 8D 06 00")
