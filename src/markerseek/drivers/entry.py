@@ -1,13 +1,16 @@
-"""Entry of a driver in the table of drivers: its settings, how to open the device, and what a rig must know of it.
+"""Entry of a driver: its settings, how to open the device, and what a rig must know of it; and the table of drivers.
 
-A driver's file ends with its ``ENTRY``. A rig looks it up by the key ``driver`` of its file
-(`markerseek.drivers.table`), and treats all drivers alike.
+A driver of this package is one line in `DRIVERS` and one file, which ends with its ``ENTRY``. A rig looks it up by the
+key ``driver`` of its file, and treats all drivers alike. A name ``module:Class``, or that of an entry point, is a
+foreign driver (`markerseek.drivers.foreign`).
 """
 
 from __future__ import annotations
 
+import importlib
+import importlib.metadata
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
@@ -216,3 +219,73 @@ AnyEntry: TypeAlias = Entry[Any, Any]
 def is_emulated(device: object) -> bool:
     """Whether a device says of itself that it is an emulator, or simulated."""
     return bool(getattr(device, "emulated", False))
+
+
+DRIVERS: dict[Part, dict[str, str]] = {
+    "stage": {
+        "kdc101": "kdc101:ENTRY",
+        "ros2": "ros2_nodes:STAGE_ENTRY",
+        "guided": "guided:ENTRY",
+        "ximc": "ximc:ENTRY",
+        "simulated": "simulated:STAGE_ENTRY",
+    },
+    "laser": {
+        "laserbox": "laserbox:ENTRY",
+        "picolas": "picolas:ENTRY",
+        "ros2": "ros2_nodes:LASER_ENTRY",
+        "simulated": "simulated:LASER_ENTRY",
+    },
+    "receiver": {
+        "sonixdaq": "sonixdaq:ENTRY",
+        "plus": "plus:ENTRY",
+        "vantage": "vantage:ENTRY",
+        "ros2": "ros2_nodes:RECEIVER_ENTRY",
+        "simulated": "simulated:RECEIVER_ENTRY",
+    },
+}
+"""File and name of each entry; the first of a part is the default."""
+
+_FOREIGN: dict[Part, str] = {
+    "stage": "foreign:STAGE_ENTRY",
+    "laser": "foreign:LASER_ENTRY",
+    "receiver": "foreign:RECEIVER_ENTRY",
+}
+
+
+GROUP = "markerseek.drivers"
+"""Entry points of installed drivers: a name, and ``module:Class``."""
+
+
+def installed_drivers() -> dict[str, str]:
+    """Names of the drivers that are installed by entry points, each with its ``module:Class``."""
+    return {each.name: each.value for each in importlib.metadata.entry_points(group=GROUP)}
+
+
+def entry_named(part: Part, driver: object) -> AnyEntry:
+    """Entry of a driver by its name; only its file is imported."""
+    known = DRIVERS[part]
+    if not isinstance(driver, str) or (driver not in known and ":" not in driver):
+        installed = installed_drivers()
+        if driver in installed:
+            return _entry(_FOREIGN[part])
+        raise ConfigError(
+            f"{part}.driver is {driver!r}, it must be one of: {', '.join((*known, *installed))}, or a class of "
+            'your own as "module:Class"'
+        )
+    return _entry(known.get(driver, _FOREIGN[part]))
+
+
+def entry_of(part: Part, settings: DeviceSettings) -> AnyEntry:
+    """Entry of the driver that has these settings."""
+    return entry_named(part, settings.driver)
+
+
+def default_driver(part: Part, table: Mapping[str, object]) -> object:
+    """Name of the driver in a table of a rig file; the default if the table names none."""
+    return table.get("driver", next(iter(DRIVERS[part])))
+
+
+def _entry(place: str) -> AnyEntry:
+    module, _, name = place.partition(":")
+    entry: AnyEntry = getattr(importlib.import_module(f"markerseek.drivers.{module}"), name)
+    return entry

@@ -19,11 +19,10 @@ from markerseek.core import (
     NotConnectedError,
     Within,
 )
-from markerseek.drivers._approach import require_room, require_wide
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers._unread import Unread
 from markerseek.drivers.entry import Entry, MotorSettings, Opening
-from markerseek.drivers.standard_stage import StandardSweepingStage
+from markerseek.drivers.serial_port import Unread
+from markerseek.drivers.standard_stage import StandardSweepingStage, require_room, require_wide
 from markerseek.files import Line
 from markerseek.guard import Limits
 from markerseek.wire import Port, apt

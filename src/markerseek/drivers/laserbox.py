@@ -24,8 +24,7 @@ from markerseek.core import (
     SweepPermit,
     Within,
 )
-from markerseek.drivers._laserbox_line import POLL_S, BoxLine, cure, require_known, stray_light
-from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.drivers._laserbox_line import POLL_S, BoxLine, BoxSweep, cure, require_known, stray_light
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.drivers.standard_laser import Permits

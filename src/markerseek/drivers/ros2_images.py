@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import AcquisitionError, ConfigError, UInt8
-from markerseek.drivers._pair_source import PairSource
-from markerseek.drivers._pairing import Pairing
-from markerseek.drivers._ros2_wait import require_found
+from markerseek.drivers._pair_source import Pairing, PairSource
 from markerseek.drivers.clock import SystemClock
+from markerseek.drivers.ros2_nodes import require_found
 from markerseek.geometry import Camera
 from markerseek.ros import RosNode, messages
 from markerseek.vision import brightness, decoded_image

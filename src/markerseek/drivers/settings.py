@@ -16,9 +16,17 @@ from typing import Annotated, Any
 import msgspec
 
 from markerseek.core import ConfigError, Within, require_fields
-from markerseek.drivers.entry import PARTS, LaserSettings, Part, ReceiverSettings, StageSettings
+from markerseek.drivers.entry import (
+    PARTS,
+    LaserSettings,
+    Part,
+    ReceiverSettings,
+    StageSettings,
+    default_driver,
+    entry_named,
+    entry_of,
+)
 from markerseek.drivers.foreign import AnyForeign, Foreign, foreign_line, require_class, split_keys
-from markerseek.drivers.table import default_driver, entry_named, entry_of
 from markerseek.files import Line, settings_from
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset

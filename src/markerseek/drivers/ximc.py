@@ -21,10 +21,9 @@ from markerseek.core import (
     Within,
     needs_package,
 )
-from markerseek.drivers._approach import require_room
 from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, MotorSettings, Opening
-from markerseek.drivers.standard_stage import StandardStage
+from markerseek.drivers.standard_stage import StandardStage, require_room
 
 _UNEXPECTED_DEG = 0.5
 """Farthest that it may be from where it should be, in degrees: nobody has measured what a sound one does."""

@@ -25,8 +25,9 @@ from markerseek.emulators._kdc101_motion import (
     TARGET,
     VELOCITY,
     MotionControl,
+    Prm1z8,
+    Turned,
 )
-from markerseek.emulators._prm1z8 import Prm1z8, Turned
 from markerseek.emulators.faults import Faults
 from markerseek.wire import apt
 from markerseek.wire.apt import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage

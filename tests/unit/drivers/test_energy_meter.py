@@ -31,8 +31,7 @@ from markerseek.drivers import EnergyMeter, LaserBoxSettings, metered
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import LIGHT_COUNTS
-from markerseek.emulators.bench import EmulatedBench
+from markerseek.emulators import LIGHT_COUNTS, EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.scene import image_reader
 from markerseek.scan import Scanner, run

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.drivers import StageRules
-from markerseek.drivers._approach import DOWN, UP, plan_approach
-from markerseek.emulators._prm1z8 import Motor
+from markerseek.drivers.standard_stage import DOWN, UP, plan_approach
+from markerseek.emulators._kdc101_motion import Motor
 from markerseek.sim import StageMotion
 from tests.unit.drivers.kdc101_bench import TRAVEL, bench
 

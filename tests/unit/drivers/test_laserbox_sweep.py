@@ -20,9 +20,9 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.drivers import LaserBox
-from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.drivers._laserbox_line import BoxSweep
+from markerseek.emulators import ByteDevice
 from markerseek.emulators.laserbox import EmulatedLaserBox
-from markerseek.emulators.lines import ByteDevice
 from markerseek.sim import LaserSettings
 from markerseek.wire import laserbox as wire
 from tests.emulated_lines import BenchClock, DirectPort

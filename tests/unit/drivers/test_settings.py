@@ -20,7 +20,7 @@ from markerseek.drivers import (
     PicolasSettings,
     SonixDaqSettings,
 )
-from markerseek.drivers.table import DRIVERS, entry_named
+from markerseek.drivers.entry import DRIVERS, entry_named
 from markerseek.emulators import EmulatedKdc101
 from markerseek.guard import Limits
 from markerseek.rigs import read_rig_file

@@ -22,7 +22,7 @@ from markerseek.core import (
 )
 from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings, SystemClock
 from markerseek.drivers.sonixdaq import _numbered, run_to_its_end
-from markerseek.emulators.sonixdaq import EmulatedSonixDaq
+from markerseek.emulators import EmulatedSonixDaq
 from markerseek.records.banks.frames import load_frame
 from markerseek.sim import World
 from markerseek.wire import sonixdaq as wire

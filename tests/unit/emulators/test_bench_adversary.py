@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import AcquisitionError, DeviceError, Found, ReadingFrame, SearchPlan, StageReading
-from markerseek.emulators.sonixdaq import EmulatedSonixDaq
+from markerseek.emulators import EmulatedSonixDaq
 from markerseek.guard import State
 from markerseek.scan import run
 from markerseek.search import build_sweeping
@@ -27,9 +27,9 @@ def ordered(bench: Bench, change: Callable[[Pulses], Pulses]) -> None:
     """Have the frames of each burst come in another order."""
     daq = bench.emulated.daq
     assert isinstance(daq, EmulatedSonixDaq)
-    pulses = daq._trains.pulses
+    pulses = daq._pulses
     # 16 of them are the dark frame of an acquisition at rest.
-    daq._trains.pulses = lambda part: change(made) if len(made := pulses(part)) > 60 else made  # type: ignore[method-assign]
+    daq._pulses = lambda part: change(made) if len(made := pulses(part)) > 60 else made  # type: ignore[method-assign]
 
 
 def again(frame: Pulses, times: int) -> Pulses:

@@ -98,9 +98,9 @@ def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_nex
     bench.stage, bench.laser = bench.connect(), LaserBox(port=bench.port, clock=bench.clock)
     bench.alive = True
     bench.begin()
-    daq, pulses = bench.emulated.daq, bench.emulated.daq._trains.pulses  # type: ignore[union-attr]
+    daq, pulses = bench.emulated.daq, bench.emulated.daq._pulses  # type: ignore[union-attr]
     made: list[np.ndarray] = []
-    monkeypatch.setattr(daq._trains, "pulses", lambda part: made.append(pulses(part)) or made[-1])
+    monkeypatch.setattr(daq, "_pulses", lambda part: made.append(pulses(part)) or made[-1])
     events = list(bench.search())
     # Refused, or written over by its own in time: each frame that is believed is of a pulse of the last sweep.
     swept = [event.sample.frame for event in events if isinstance(event, Measured) and event.sample.sweep]
@@ -115,9 +115,9 @@ def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_nex
 
 def test_light_in_the_dark_frame_of_a_burst_ends_in_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(tmp_path)
-    daq, pulses = bench.emulated.daq, bench.emulated.daq._trains.pulses  # type: ignore[union-attr]
+    daq, pulses = bench.emulated.daq, bench.emulated.daq._pulses  # type: ignore[union-attr]
     # As if the laser answered the dark triggers as well, with the probe at the marker.
-    monkeypatch.setattr(daq._trains, "pulses", lambda part: np.concatenate([(made := pulses(part))[:-16], made[10:26]]))
+    monkeypatch.setattr(daq, "_pulses", lambda part: np.concatenate([(made := pulses(part))[:-16], made[10:26]]))
     with pytest.raises(AcquisitionError, match="taken without light, yet it holds a source"):
         list(bench.search())
     assert bench.guard.state is State.FAULT
