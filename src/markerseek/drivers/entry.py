@@ -72,6 +72,11 @@ class MotorSettings(StageSettings, frozen=True, kw_only=True):
     """Time without motion after which the stage counts as stuck."""
 
     @property
+    def approach_from(self) -> Literal["below", "above"]:
+        """Side, by the probe's angle, from which every target is approached; a key where the driver has both."""
+        return "below"
+
+    @property
     def sense(self) -> int:
         """1 if the probe's angle grows with the stage's own reading, -1 if it falls."""
         return 1 if self.direction == "forward" else -1
@@ -201,8 +206,6 @@ class Entry(Generic[SettingsT, DeviceT]):
     same: tuple[str, ...] = ()
     """Keys that change the meaning of an angle or an intensity; a search is only resumed if their values are the same.
     ``("",)``: all keys except ``port``."""
-    require_room: Callable[[SettingsT, Limits], None] = lambda _settings, _limits: None
-    """Raises `ConfigError` if the travel range leaves no room to approach the ends of the search range."""
     by_hand: Callable[[SettingsT], ByHand | None] = lambda _settings: None
     """How a person turns the stage; None if a motor does."""
     paired: bool = False

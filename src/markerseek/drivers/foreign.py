@@ -71,13 +71,56 @@ OFFERED = {
 }
 """What a class may ask for by name, besides ``line`` and the keys of its table."""
 
+_NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
+"""Packages whose classes are no devices; by name, because drivers do not import them."""
 
-def class_of(part: Part, driver: str, *, beside: str) -> type:
+_QUIET_S, _ANSWERED_S = 0.2, 2.0
+"""Silence of a device that ends the answer to a safe command, and longest time until then, in seconds."""
+
+_UNEXPECTED_DEG, _BEGIN_S, _BRAKE_S = 0.5, 1.0, 2.0
+"""Farthest that a stage of one's own may be from where it should be, in degrees; time without motion after which it
+counts as stuck, and time that it may take to stop where its acceleration is not known, in seconds."""
+
+
+class ForeignStage(StageSettings, frozen=True, kw_only=True, tag=False):
+    """A stage with a foreign driver."""
+
+    driver: str
+    keys: dict[str, Any] = msgspec.field(default_factory=dict)
+    """Keys that only its class knows."""
+    beside: str = ""
+    """Folder of the rig file, in which its module may lie; empty for one of a journal, which is never imported."""
+
+
+class ForeignLaser(LaserSettings, frozen=True, kw_only=True, tag=False):
+    """A laser with a foreign driver."""
+
+    driver: str
+    keys: dict[str, Any] = msgspec.field(default_factory=dict)
+    beside: str = ""
+
+
+class ForeignReceiver(ReceiverSettings, frozen=True, kw_only=True, tag=False):
+    """A receiver with a foreign driver; it records as many pulses as it is triggered."""
+
+    driver: str
+    keys: dict[str, Any] = msgspec.field(default_factory=dict)
+    beside: str = ""
+
+
+Foreign: typing.TypeAlias = ForeignStage | ForeignLaser | ForeignReceiver
+
+
+def _driver_key(settings: Foreign) -> str:
+    return f'{settings.part}.driver = "{settings.driver}"'
+
+
+def class_of(settings: Foreign) -> type:
     """The class that a rig file names, with the methods of its part.
 
-    ``beside``: folder of the rig file. Raises `ConfigError` where it is not found, fails, or lacks a method.
+    Raises `ConfigError` where it is not found, fails, or lacks a method.
     """
-    name = f'{part}.driver = "{driver}"'
+    driver, beside, name = settings.driver, settings.beside, _driver_key(settings)
     module_name, _, class_name = installed_drivers().get(driver, driver).partition(":")
     named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
     if not named or module_name.endswith(".py"):
@@ -98,10 +141,11 @@ def class_of(part: Part, driver: str, *, beside: str) -> type:
         raise ConfigError(
             f"{name}: {module_name} has no class {class_name}; its classes are: {', '.join(there) or 'none'}"
         )
-    missing = [method for method in METHODS[part] if not callable(getattr(made, method, None))]
+    missing = [method for method in METHODS[settings.part] if not callable(getattr(made, method, None))]
     if missing:
         raise ConfigError(
-            f"{name}: {class_name} has no {' and no '.join(missing)}; a {part} has {', '.join(METHODS[part])} "
+            f"{name}: {class_name} has no {' and no '.join(missing)}; a {settings.part} has "
+            f"{', '.join(METHODS[settings.part])} "
             "(docs/how-to/bring-your-own-stage.md)"
         )
     return made
@@ -150,9 +194,7 @@ def _from_file(name: str, path: str) -> Any:
     return module
 
 
-def arguments_of(
-    made: type, keys: Mapping[str, object], *, offered: Mapping[str, object], part: Part, driver: str
-) -> dict[str, object]:
+def arguments_of(made: type, settings: Foreign, offered: Mapping[str, object]) -> dict[str, object]:
     """Keyword arguments of the class, from the keys of its table and what the rig has for it.
 
     Raises `ConfigError` if a key is unknown, missing, or of another type.
@@ -161,7 +203,7 @@ def arguments_of(
         parameters = inspect.signature(made).parameters
     except (ValueError, TypeError) as problem:
         raise ConfigError(
-            f'{part}.driver = "{driver}": its arguments are not known ({problem}); derive a class with an __init__'
+            f"{_driver_key(settings)}: its arguments are not known ({problem}); derive a class with an __init__"
         ) from problem
     takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
     named = {
@@ -173,24 +215,24 @@ def arguments_of(
     # Before the keys: without a safe command the class has no port, and its key would be called unknown.
     if "line" in named and "line" in offered and not supervised_port:
         raise ConfigError(
-            f'{part}.driver = "{driver}": it asks for a line, and has no safe_command; give the class the '
+            f"{_driver_key(settings)}: it asks for a line, and has no safe_command; give the class the "
             "bytes that make the device safe, as in safe_command = b'STOP\\r'"
         )
-    for key, value in keys.items():
+    for key, value in settings.keys.items():
         if key == "port" and supervised_port and "port" not in named:
             continue
         if key not in named and takes_any and key not in offered:
             given[key] = value
             continue
-        nearest_key(key, [name for name in named if name not in offered], prefix=f"{part}.")
-        given[key] = setting_from(value, hints[key], name=f"{part}.{key}") if key in hints else value
+        nearest_key(key, [name for name in named if name not in offered], prefix=f"{settings.part}.")
+        given[key] = setting_from(value, hints[key], name=f"{settings.part}.{key}") if key in hints else value
     for name, parameter in named.items():
         if name in given:
             continue
         if name in offered:
             given[name] = offered[name]
         elif parameter.default is parameter.empty:
-            raise ConfigError(f"the key {part}.{name} is missing; add it: {driver} needs it")
+            raise ConfigError(f"the key {settings.part}.{name} is missing; add it: {settings.driver} needs it")
     return given
 
 
@@ -202,47 +244,6 @@ def _hints(made: type) -> dict[str, Any]:
         return {}
 
 
-_NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
-"""Packages whose classes are no devices; by name, because drivers do not import them."""
-
-_QUIET_S, _ANSWERED_S = 0.2, 2.0
-"""Silence of a device that ends the answer to a safe command, and longest time until then, in seconds."""
-
-_UNEXPECTED_DEG, _BEGIN_S, _BRAKE_S = 0.5, 1.0, 2.0
-"""Farthest that a stage of one's own may be from where it should be, in degrees; time without motion after which it
-counts as stuck, and time that it may take to stop where its acceleration is not known, in seconds."""
-
-
-class ForeignStage(StageSettings, frozen=True, kw_only=True, tag=False):
-    """A stage with a foreign driver."""
-
-    driver: str
-    keys: dict[str, Any] = msgspec.field(default_factory=dict)
-    """Keys that only its class knows."""
-    beside: str = ""
-    """Folder of the rig file, in which its module may lie; empty for one of a journal, which is never imported."""
-
-
-class ForeignLaser(LaserSettings, frozen=True, kw_only=True, tag=False):
-    """A laser with a foreign driver."""
-
-    driver: str
-    keys: dict[str, Any] = msgspec.field(default_factory=dict)
-    beside: str = ""
-
-
-class ForeignReceiver(ReceiverSettings, frozen=True, kw_only=True, tag=False):
-    """A receiver with a foreign driver; it records as many pulses as it is triggered."""
-
-    driver: str
-    keys: dict[str, Any] = msgspec.field(default_factory=dict)
-    beside: str = ""
-
-
-Foreign = (ForeignStage, ForeignLaser, ForeignReceiver)
-AnyForeign: typing.TypeAlias = ForeignStage | ForeignLaser | ForeignReceiver
-
-
 def split_keys(table: Mapping[str, object], kind: type[DeviceSettings]) -> dict[str, object]:
     """A table of a rig file with the keys that only the class knows apart from the others."""
     common = {name for name in kind.__struct_fields__ if name not in ("keys", "beside")}
@@ -250,41 +251,40 @@ def split_keys(table: Mapping[str, object], kind: type[DeviceSettings]) -> dict[
     return {key: value for key, value in table.items() if key in common} | {"keys": own}
 
 
-def require_class(part: Part, settings: AnyForeign) -> None:
+def require_class(settings: Foreign) -> None:
     """Import the class, and compare the keys with its arguments; `ConfigError` says what is missing or does not fit."""
-    made = class_of(part, settings.driver, beside=settings.beside)
-    _line(part, settings)
-    arguments_of(made, settings.keys, offered=dict.fromkeys((*OFFERED, "line")), part=part, driver=settings.driver)
+    made = class_of(settings)
+    _line(settings)
+    arguments_of(made, settings, dict.fromkeys((*OFFERED, "line")))
 
 
-def foreign_line(part: Part, settings: AnyForeign, *, supervised: bool) -> str:
+def foreign_line(settings: Foreign, *, supervised: bool) -> str:
     """What a person must know of a foreign driver before arming it, in one line."""
-    made = class_of(part, settings.driver, beside=settings.beside)
-    line = _line(part, settings)
+    made, line = class_of(settings), _line(settings)
     where = getattr(sys.modules.get(made.__module__), "__file__", None) or made.__module__
     if line is None or not supervised:
         reason = "supervisor.enabled is false" if line else f"{made.__name__} names no safe_command"
         how = f"when the search dies, nothing stops it ({reason}): stand by its switch"
     else:
         how = f"when the search dies, the supervisor sends {line.safe_command!r} to {line.path}"
-    return f"FOREIGN DRIVER of the {part}: {settings.driver}, of {where}; {how}"
+    return f"FOREIGN DRIVER of the {settings.part}: {settings.driver}, of {where}; {how}"
 
 
-def _line(part: Part, settings: AnyForeign) -> Line | None:
+def _line(settings: Foreign) -> Line | None:
     """The serial line of a class with a safe command."""
     if not settings.beside:
         return None
-    made, name = class_of(part, settings.driver, beside=settings.beside), f'{part}.driver = "{settings.driver}"'
+    made = class_of(settings)
     safe = getattr(made, "safe_command", None)
     if safe is None:
         return None
     if not isinstance(safe, bytes):
-        raise ConfigError(f"{name}: safe_command is {safe!r}, it must be bytes, as in b'STOP\\r'")
+        raise ConfigError(f"{_driver_key(settings)}: safe_command is {safe!r}, it must be bytes, as in b'STOP\\r'")
     port = settings.keys.get("port")
     if not isinstance(port, str):
-        raise ConfigError(f"the key {part}.port is missing; add it: the serial port on which {safe!r} is sent")
+        raise ConfigError(f"the key {settings.part}.port is missing; add it: the serial port on which {safe!r} is sent")
     return Line(
-        name=part,
+        name=settings.part,
         path=port,
         safe_command=safe,
         baud=getattr(made, "baud", 115200),
@@ -303,12 +303,11 @@ def _read_away(line: Port, clock: Clock) -> None:
 class OwnDevice:
     """A device of a class of one's own, whose errors become errors of a device that name its driver."""
 
-    part: ClassVar[Part]
     error: ClassVar[type[DeviceError]]
 
-    def __init__(self, settings: AnyForeign, opening: Opening) -> None:
+    def __init__(self, settings: Foreign, opening: Opening) -> None:
         self.driver: str = settings.driver
-        made = class_of(self.part, settings.driver, beside=settings.beside)
+        made = class_of(settings)
         offered: dict[str, object] = {
             "clock": opening.clock,
             "travel": opening.limits.travel,
@@ -317,13 +316,11 @@ class OwnDevice:
             "sampling_hz": getattr(settings, "sampling_hz", None),
             "line": None,
         }
-        if _line(self.part, settings) is not None:
+        if _line(settings) is not None:
             offered["line"] = opening.line
             _read_away(opening.line, opening.clock)
         with self._errors(NotConnectedError):
-            self.device: Any = made(
-                **arguments_of(made, settings.keys, offered=offered, part=self.part, driver=settings.driver)
-            )
+            self.device: Any = made(**arguments_of(made, settings, offered))
         opening.stack.enter_context(closing(self))
 
     def close(self) -> None:
@@ -377,7 +374,7 @@ class OwnDevice:
 class OwnStage(OwnDevice):
     """The verbs of a stage of one's own."""
 
-    part, error = "stage", MoveError
+    error = MoveError
 
     def read(self) -> StageStatus:
         """As of the class."""
@@ -426,7 +423,7 @@ class OwnStage(OwnDevice):
 class OwnLaser(OwnDevice):
     """The verbs of a laser of one's own."""
 
-    part, error = "laser", LaserError
+    error = LaserError
 
     def fire(self, pulses: int) -> None:
         """As of the class."""
@@ -446,7 +443,7 @@ class OwnLaser(OwnDevice):
 class OwnMessages(OwnDevice):
     """The frames that a receiver of one's own reads, one for each trigger."""
 
-    part, error = "receiver", AcquisitionError
+    error = AcquisitionError
     used = called = "frames"
     cure = "the device must give one frame for each trigger"
     check = "the trigger and the device"
@@ -505,14 +502,14 @@ STAGE_ENTRY: Entry[ForeignStage, StandardStage[OwnStage]] = Entry(
     settings=ForeignStage,
     open=_open_stage,
     describe=lambda _settings, stage: f"stage {stage.logic.description}",
-    line=lambda settings: _line("stage", settings),
+    line=_line,
     same=("",),
 )
 LASER_ENTRY: Entry[ForeignLaser, StandardLaser[OwnLaser]] = Entry(
     settings=ForeignLaser,
     open=_open_laser,
     describe=lambda _settings, laser: f"laser {laser.logic.description}",
-    line=lambda settings: _line("laser", settings),
+    line=_line,
     same=("",),
     without_supervisor="a foreign driver's laser may have no lease of its own",
 )
@@ -520,6 +517,6 @@ RECEIVER_ENTRY: Entry[ForeignReceiver, StandardReceiver[OwnMessages]] = Entry(
     settings=ForeignReceiver,
     open=_open_receiver,
     describe=lambda _settings, receiver: f"receiver {receiver.messages.description}",
-    line=lambda settings: _line("receiver", settings),
+    line=_line,
     same=("",),
 )

@@ -22,7 +22,7 @@ from markerseek.core import (
 from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.serial_port import Unread
-from markerseek.drivers.standard_stage import StandardSweepingStage, require_room, require_wide
+from markerseek.drivers.standard_stage import StandardSweepingStage, require_wide
 from markerseek.files import Line
 from markerseek.guard import Limits
 from markerseek.wire import Port, apt
@@ -346,7 +346,4 @@ ENTRY: Entry[Kdc101Settings, Kdc101Stage] = Entry(
     describe=_describe,
     line=lambda settings: Line(name="stage", path=settings.port, safe_command=apt.stop(), rtscts=True),
     same=("zero_deg", "direction", "approach_from"),
-    require_room=lambda settings, limits: require_room(
-        limits, approach_from=settings.approach_from, approach_deg=settings.approach_deg
-    ),
 )

@@ -13,10 +13,12 @@ import numpy as np
 
 from markerseek.core import (
     AcquisitionError,
+    ChannelFrame,
     Clock,
     ConfigError,
     DeviceTimeoutError,
     Frame,
+    FrameHeader,
     Int16,
     Interval,
     LaserError,
@@ -28,7 +30,6 @@ from markerseek.core import (
 )
 from markerseek.drivers.entry import Entry, LaserSettings, Opening, ReceiverSettings, StageSettings
 from markerseek.drivers.standard_laser import Permits
-from markerseek.drivers.standard_receiver import acquired_frame
 from markerseek.drivers.standard_stage import require_inside
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, reach, topics
 
@@ -452,16 +453,17 @@ class Ros2Acquisition:
                 f"receiver: the node samples at {answer.sampling_hz} Hz, the rig file says "
                 f"{self._settings.sampling_hz:g} Hz; correct one of them"
             )
-        return acquired_frame(
-            self._frames.pop(answer.stamp_ns),
-            permit,
+        header = FrameHeader(
             sequence=answer.sequence,
+            token=permit.token,
             pulses=answer.pulses,
+            commanded_deg=permit.commanded_deg,
             started_s=began_s,
-            clock=self._clock,
-            sampling_hz=self._settings.sampling_hz,
+            ended_s=self._clock.now_s(),
             energy=answer.energy if permit.pulses else None,
         )
+        samples = self._frames.pop(answer.stamp_ns)
+        return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
 
 
 def _open_receiver(settings: RosReceiver, opening: Opening) -> Ros2Acquisition:

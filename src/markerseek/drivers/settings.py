@@ -19,6 +19,7 @@ from markerseek.core import ConfigError, Within, require_fields
 from markerseek.drivers.entry import (
     PARTS,
     LaserSettings,
+    MotorSettings,
     Part,
     ReceiverSettings,
     StageSettings,
@@ -26,7 +27,8 @@ from markerseek.drivers.entry import (
     entry_named,
     entry_of,
 )
-from markerseek.drivers.foreign import AnyForeign, Foreign, foreign_line, require_class, split_keys
+from markerseek.drivers.foreign import Foreign, foreign_line, require_class, split_keys
+from markerseek.drivers.standard_stage import require_room
 from markerseek.files import Line, settings_from
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
@@ -107,7 +109,8 @@ class BenchSettings:
                     + ("" if port == its else f" (which is {its!r})")
                     + "; each device has its own: see ls -l /dev/serial/by-id/"
                 )
-        entry_of("stage", self.stage).require_room(self.stage, self.limits)
+        if isinstance(self.stage, MotorSettings):
+            require_room(self.limits, approach_from=self.stage.approach_from, approach_deg=self.stage.approach_deg)
         if laser.without_supervisor and not self.supervisor.enabled:
             raise ConfigError(f"supervisor: enabled is false, and {laser.without_supervisor}; keep it enabled")
 
@@ -133,7 +136,7 @@ class BenchSettings:
         return [line for line in found if line is not None]
 
     @property
-    def foreign(self) -> dict[Part, AnyForeign]:
+    def foreign(self) -> dict[Part, Foreign]:
         """Settings of the foreign drivers."""
         return {part: getattr(self, part) for part in PARTS if isinstance(getattr(self, part), Foreign)}
 
@@ -141,7 +144,7 @@ class BenchSettings:
     def foreign_lines(self) -> list[str]:
         """What a person must know of each foreign driver before arming it."""
         supervised = self.supervisor.enabled
-        return [foreign_line(part, settings, supervised=supervised) for part, settings in self.foreign.items()]
+        return [foreign_line(settings, supervised=supervised) for settings in self.foreign.values()]
 
     @property
     def comparable(self) -> tuple[str, ...]:
@@ -194,7 +197,7 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
             continue
         entry = entry_named(part, default_driver(part, keys))
         kinds[part] = entry.settings
-        if entry.settings in Foreign:
+        if issubclass(entry.settings, Foreign):
             whole[part] = {**split_keys(keys, entry.settings), "beside": beside}
             continue
         # The name of a driver chooses its settings, and is no key of them.
@@ -203,6 +206,6 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
         paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := given.get(key), str)}
         whole[part] = given | {key: value for key, value in paths.items() if given[key] != "none"}
     settings = settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))
-    for part, each in settings.foreign.items() if beside else ():
-        require_class(part, each)
+    for each in settings.foreign.values() if beside else ():
+        require_class(each)
     return settings

@@ -23,7 +23,7 @@ from markerseek.core import (
 )
 from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, MotorSettings, Opening
-from markerseek.drivers.standard_stage import StandardStage, require_room
+from markerseek.drivers.standard_stage import StandardStage
 
 _UNEXPECTED_DEG = 0.5
 """Farthest that it may be from where it should be, in degrees: nobody has measured what a sound one does."""
@@ -235,7 +235,4 @@ ENTRY: Entry[XimcSettings, XimcStage] = Entry(
         "beyond the supervisor"
     ),
     same=("steps_per_deg", "zero_deg", "direction"),
-    require_room=lambda settings, limits: require_room(
-        limits, approach_from="below", approach_deg=settings.approach_deg
-    ),
 )
