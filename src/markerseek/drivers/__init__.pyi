@@ -5,13 +5,11 @@ from .energy_meter import EnergyMeter, metered
 from .entry import (
     DRIVERS,
     PARTS,
-    AnyEntry,
     DeviceSettings,
     LaserSettings,
     Opening,
     Part,
     ReceiverSettings,
-    StageSettings,
     entry_of,
     is_emulated,
 )
@@ -23,7 +21,7 @@ from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus
 from .ros2_images import RosImages
-from .ros2_nodes import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosLaser, RosReceiver
+from .ros2_nodes import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver
 from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
 from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
@@ -39,7 +37,6 @@ from .ximc import XimcSettings, XimcStage
 __all__ = [
     "DRIVERS",
     "PARTS",
-    "AnyEntry",
     "BenchProbe",
     "BenchSettings",
     "BenchSupervisor",
@@ -68,7 +65,6 @@ __all__ = [
     "Ros2Stage",
     "Ros2StageSettings",
     "RosImages",
-    "RosLaser",
     "RosReceiver",
     "SerialPort",
     "SimulatedLaserKeys",
@@ -78,7 +74,6 @@ __all__ = [
     "SonixDaqSettings",
     "StageLogic",
     "StageRules",
-    "StageSettings",
     "StageStatus",
     "StandardLaser",
     "StandardReceiver",

@@ -10,6 +10,7 @@ import os
 import select
 import sys
 import termios
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from typing import Annotated, Literal, Protocol
@@ -131,7 +132,29 @@ def ask_on_terminal(angle_deg: float) -> None:
     sys.stderr.flush()
 
 
-class GuidedStage:
+class TurnedByHand(ABC):
+    """A stage that a person turns."""
+
+    def __init__(self, *, clock: Clock, limits: Limits, asks: Callable[[float], None]) -> None:
+        self.limits: Interval = limits.travel
+        self._search, self._clock, self._asks = limits.search, clock, asks
+        self._angle_deg = 0.0
+
+    @abstractmethod
+    def guide(self, angle_deg: float) -> Iterator[Turning]:
+        """Ask the person, and report where the probe is until it has come to rest near the angle."""
+
+    def move_to(self, angle_deg: float) -> float:
+        """Let the person turn the probe there, and return the angle reached in degrees; raises as `guide`."""
+        for _ in self.guide(angle_deg):
+            pass
+        return self._angle_deg
+
+    def stop(self) -> None:  # noqa: B027  doing nothing is the whole of it
+        """Nothing to stop: what a person does ends when the person ends it."""
+
+
+class GuidedStage(TurnedByHand):
     """A probe that a person turns, and an encoder.
 
     ``limits``: angles that may be searched, at which the probe must come to rest, and those at which it may be.
@@ -147,11 +170,9 @@ class GuidedStage:
         limits: Limits,
         asks: Callable[[float], None] = ask_on_terminal,
     ) -> None:
-        self.limits: Interval = limits.travel
-        self._encoder, self._clock, self._settings, self._asks = encoder, clock, settings, asks
-        self._search = limits.search
-        self._angle_deg, self._read_s = 0.0, -1.0
-        self._was_read = False
+        super().__init__(clock=clock, limits=limits, asks=asks)
+        self._encoder, self._settings = encoder, settings
+        self._read_s: float | None = None
         self._reached: tuple[float, float] | None = None
         if not self._reads_within(settings.connect_s):
             raise NotConnectedError(
@@ -213,15 +234,6 @@ class GuidedStage:
                 shown_s = now_s
                 yield Turning(target_deg=angle_deg, angle_deg=here_deg)
 
-    def move_to(self, angle_deg: float) -> float:
-        """Let the person turn the probe there, and return the angle read back in degrees; raises as `guide`."""
-        for _ in self.guide(angle_deg):
-            pass
-        return self._angle_deg
-
-    def stop(self) -> None:
-        """Nothing to stop: what a person does ends when the person ends it."""
-
     def _is_at(self, angle_deg: float) -> bool:
         return abs(self._angle_deg - angle_deg) <= self._settings.reach_deg and self._angle_deg in self._search
 
@@ -252,14 +264,14 @@ class GuidedStage:
         # The encoder's zero may be anywhere on the circle.
         here_deg = (sign * (read_deg - settings.zero_deg) + 180.0) % 360.0 - 180.0
         now_s = self._clock.now_s()
-        if self._was_read:
+        if self._read_s is not None:
             way_deg, elapsed_s = abs(here_deg - self._angle_deg), now_s - self._read_s
             if not way_deg <= settings.fastest_deg_s * elapsed_s + settings.steady_deg:
                 raise MoveError(
                     f"stage: its angle jumped from {self._angle_deg:.2f} to {here_deg:.2f} deg in {elapsed_s:.3f} s, "
                     f"faster than a hand turns it ({settings.fastest_deg_s:g} deg/s); look at the encoder"
                 )
-        self._angle_deg, self._read_s, self._was_read = here_deg, now_s, True
+        self._angle_deg, self._read_s = here_deg, now_s
         return True
 
     @property
@@ -281,7 +293,7 @@ class GuidedStage:
         return DeviceTimeoutError(f"stage: {what}: {where}; {cure}")
 
 
-class TypedStage:
+class TypedStage(TurnedByHand):
     """A probe that a person turns, and whose angle the same person types in.
 
     What was typed is all that is known: that the probe stays there during an acquisition is the person's word.
@@ -296,9 +308,8 @@ class TypedStage:
     def __init__(
         self, *, clock: Clock, limits: Limits, reach_deg: float, timeout_s: float, asks: Callable[[float], None]
     ) -> None:
-        self.limits: Interval = limits.travel
-        self._search, self._reach_deg, self._timeout_s = limits.search, reach_deg, timeout_s
-        self._clock, self._asks = clock, asks
+        super().__init__(clock=clock, limits=limits, asks=asks)
+        self._reach_deg, self._timeout_s = reach_deg, timeout_s
         if sys.stdin is None or not sys.stdin.isatty():
             raise NotConnectedError(
                 "stage: encoder is 'typed', and there is no terminal to type the angle; start it in one"
@@ -332,15 +343,6 @@ class TypedStage:
             lambda reached_deg: abs(reached_deg - angle_deg) <= self._reach_deg and reached_deg in self._search,
         )
         self._target_deg = angle_deg
-
-    def move_to(self, angle_deg: float) -> float:
-        """Let the person turn the probe there, and return the angle typed in degrees; raises as `guide`."""
-        for _ in self.guide(angle_deg):
-            pass
-        return self._angle_deg
-
-    def stop(self) -> None:
-        """Nothing to stop: what a person does ends when the person ends it."""
 
     def _typed(self, prompt: str, fits: Callable[[float], bool]) -> float:
         """The first number typed from now on that fits; the others are asked for again."""
