@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Permit, Receiver
+from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Receiver
 from markerseek.drivers import LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.picolas import PicolasLaser
 from markerseek.emulators import EmulatedBench
 from markerseek.sim import ReceiverSettings, SimulatedSettings, VirtualClock
 from markerseek.testing import LaserContract, ReceiverContract
-from tests.emulated_lines import BenchClock, DirectPort
+from tests.emulated_lines import BenchClock, DirectPort, permit
 
 SETTINGS = SimulatedSettings(receiver=ReceiverSettings(readout_s=0.5))
 
@@ -68,10 +68,6 @@ class ScriptedPicolas:
 class TestPicolas(LaserContract):
     def make(self) -> Laser:
         return PicolasLaser(port=ScriptedPicolas(), clock=VirtualClock())
-
-
-def permit(pulses: int = 4) -> Permit:
-    return Permit(token="a", angle_deg=0.0, pulses=pulses, expires_s=100.0)
 
 
 def test_a_picolas_driver_is_switched_off_at_first_and_after_its_pulses() -> None:

@@ -202,17 +202,6 @@ def test_a_sweep_out_of_the_travel_range_does_not_begin() -> None:
     assert it.probe.angle_deg == 0.0
 
 
-def test_a_port_that_another_program_left_as_output_or_input_is_off_after_the_start() -> None:
-    for mode in (0x0D, 0x02):
-        it = bench()
-        it.port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
-        it.stage()
-        it.port.read(4096, timeout_s=0.0)
-        it.port.write(apt.ask(apt.TRIGGER_PORTS))
-        answers = [apt.decode(message) for message in apt.AptFramer().feed(it.port.read(4096, timeout_s=0.0))]
-        assert answers == [apt.TriggerPorts(first=apt.TRIGGER_OFF)]
-
-
 def test_what_a_sweep_may_be_follows_from_its_keys() -> None:
     stage = bench().stage(acceleration_deg_s2=25.0, speed_deg_s=20.0, play_deg=0.3)
     assert stage.fastest_sweep_deg_s == pytest.approx(20.0, rel=1e-6)
