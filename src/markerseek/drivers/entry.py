@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
@@ -264,9 +264,10 @@ def installed_drivers() -> dict[str, str]:
     return {each.name: each.value for each in importlib.metadata.entry_points(group=GROUP)}
 
 
-def entry_named(part: Part, driver: object) -> AnyEntry:
-    """Entry of a driver by its name; only its file is imported."""
+def entry_named(part: Part, driver: object = None) -> AnyEntry:
+    """Entry of a driver by its name, of the default one without a name; only its file is imported."""
     known = DRIVERS[part]
+    driver = next(iter(known)) if driver is None else driver
     if not isinstance(driver, str) or (driver not in known and ":" not in driver):
         installed = installed_drivers()
         if driver in installed:
@@ -278,14 +279,9 @@ def entry_named(part: Part, driver: object) -> AnyEntry:
     return _entry(known.get(driver, _FOREIGN[part]))
 
 
-def entry_of(part: Part, settings: DeviceSettings) -> AnyEntry:
+def entry_of(settings: DeviceSettings) -> AnyEntry:
     """Entry of the driver that has these settings."""
-    return entry_named(part, settings.driver)
-
-
-def default_driver(part: Part, table: Mapping[str, object]) -> object:
-    """Name of the driver in a table of a rig file; the default if the table names none."""
-    return table.get("driver", next(iter(DRIVERS[part])))
+    return entry_named(settings.part, settings.driver)
 
 
 def _entry(place: str) -> AnyEntry:

@@ -23,7 +23,6 @@ from markerseek.drivers.entry import (
     Part,
     ReceiverSettings,
     StageSettings,
-    default_driver,
     entry_named,
     entry_of,
 )
@@ -93,14 +92,15 @@ class BenchSettings:
                 f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}, "
                 f"and up to {max(self.pulses)} are fired at once, at most 1024; average fewer, or permit more"
             )
-        laser, receiver = entry_of("laser", self.laser), entry_of("receiver", self.receiver)
+        laser, receiver = entry_of(self.laser), entry_of(self.receiver)
         if (laser.paired or receiver.paired) and self.laser.driver != self.receiver.driver:
             name = self.laser.driver if laser.paired else self.receiver.driver
             raise ConfigError(
                 f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; {name} is "
                 f"laser and receiver: name {name} in both, or in neither"
             )
-        ports = {part: port for part in ("laser", "stage", "receiver") if (port := _serial_port(getattr(self, part)))}
+        devices = (self.laser, self.stage, self.receiver)
+        ports = {each.part: port for each in devices if (port := _serial_port(each))}
         for (other, its), (name, port) in combinations(ports.items(), 2):
             # Links are followed, because the names below /dev/serial/by-id are links.
             if os.path.realpath(port) == os.path.realpath(its):
@@ -130,15 +130,14 @@ class BenchSettings:
     def lines(self) -> list[Line]:
         """The serial lines, each with the command that makes its device safe."""
         # The laser first: the supervisor sends the safe commands in this order.
-        found = [
-            entry_of(part, getattr(self, part)).line(getattr(self, part)) for part in ("laser", "stage", "receiver")
-        ]
+        found = [entry_of(each).line(each) for each in (self.laser, self.stage, self.receiver)]
         return [line for line in found if line is not None]
 
     @property
     def foreign(self) -> dict[Part, Foreign]:
         """Settings of the foreign drivers."""
-        return {part: getattr(self, part) for part in PARTS if isinstance(getattr(self, part), Foreign)}
+        devices = (self.stage, self.laser, self.receiver)
+        return {each.part: each for each in devices if isinstance(each, Foreign)}
 
     @property
     def foreign_lines(self) -> list[str]:
@@ -152,7 +151,8 @@ class BenchSettings:
 
         A name that ends with a dot stands for all keys of that table.
         """
-        keys = [f"{part}.{key}" for part in PARTS for key in entry_of(part, getattr(self, part)).same]
+        devices = (self.stage, self.laser, self.receiver)
+        keys = [f"{each.part}.{key}" for each in devices for key in entry_of(each).same]
         return (
             *keys,
             "stage.driver",
@@ -195,7 +195,7 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
         keys = whole.get(part)
         if not isinstance(keys, Mapping):
             continue
-        entry = entry_named(part, default_driver(part, keys))
+        entry = entry_named(part, keys.get("driver"))
         kinds[part] = entry.settings
         if issubclass(entry.settings, Foreign):
             whole[part] = {**split_keys(keys, entry.settings), "beside": beside}

@@ -84,7 +84,7 @@ class OpenDevices:
 
     def _open(self, part: Part, clock: Clock, *, receiver: Receiver | None = None) -> tuple[Any, str]:
         settings = getattr(self._settings, part)
-        entry = entry_of(part, settings)
+        entry = entry_of(settings)
         opening = Opening(
             clock=clock,
             limits=self._settings.limits,
@@ -148,7 +148,7 @@ def guard_of(settings: BenchSettings) -> Guard:
     """Guard of a bench."""
     admission = Admission(noise_ratio=settings.receiver.noise_ratio, dark_alarm=DARK_ALARM)
     guard = partial(Guard, limits=settings.limits, firing=settings.firing)
-    hand = entry_of("stage", settings.stage).by_hand(settings.stage)
+    hand = entry_of(settings.stage).by_hand(settings.stage)
     if hand is None:
         return guard(admission=admission)
     # A hand drifts on from where it came to rest until the laser has fired.

@@ -72,7 +72,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         # If the receiver's frames come one acquisition late, a final dark frame contains light, and shows it.
         closing_dark=True,
         recipe=BenchRecipe.of(settings),
-        by_hand=entry_of("stage", settings.stage).by_hand(settings.stage),
+        by_hand=entry_of(settings.stage).by_hand(settings.stage),
         devices=devices,
         bench=settings,
         checks=devices.checks,
@@ -114,7 +114,7 @@ def bench_part(
     ``beat``: called while a device works, at least every 20 ms; it may raise an exception, which ends the step.
     """
     served: tuple[Part, ...] = ("stage",) if part == "stage" else ("laser", "receiver")
-    if any(entry_of(each, getattr(settings, each)).is_node for each in served):
+    if any(entry_of(getattr(settings, each)).is_node for each in served):
         raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
     devices = OpenDevices(settings, parts=served)
     try:
