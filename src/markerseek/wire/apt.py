@@ -95,10 +95,9 @@ class AptFramer:
         self._forms = forms
         self._to = to
         self._held = bytearray()
-        self.discarded = 0
 
     def feed(self, data: bytes) -> list[AptMessage]:
-        """Messages that are complete with these bytes; what cannot be one is counted in ``discarded``."""
+        """Messages that are complete with these bytes; what cannot be one is discarded."""
         held = self._held
         held += data
         messages = []
@@ -108,7 +107,6 @@ class AptFramer:
             # Resynchronise byte by byte: after a lost byte the next header can begin anywhere.
             if size is None:
                 at += 1
-                self.discarded += 1
                 continue
             if len(held) - at < size:
                 break
@@ -120,8 +118,6 @@ class AptFramer:
 
     def forget(self) -> None:
         """Drop the beginning of a message whose rest did not come."""
-        # Counted, since bytes that fit no message show a bad cable or another program.
-        self.discarded += len(self._held)
         self._held.clear()
 
     def _size(self, at: int) -> int | None:

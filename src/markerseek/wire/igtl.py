@@ -535,11 +535,6 @@ class Framer:
         self._received = bytearray()
         self._header: Header | None = None
 
-    @property
-    def incomplete(self) -> bool:
-        """Whether a message has begun whose rest has not come."""
-        return bool(self._received) or self._header is not None
-
     def feed(self, data: bytes) -> Iterator[tuple[Header, bytes]]:
         """Header and body of each message that is complete with these bytes; errors as of `decode_header`."""
         self._received += data
