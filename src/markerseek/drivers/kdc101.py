@@ -36,7 +36,8 @@ _MAX_COUNTS = 2**30
 
 DISABLED = "its channel is disabled, and its motor gets no current: arming the rig enables it"
 
-_POLL_S = 1e-3
+_ANSWER_S, _POLL_S = 0.1, 1e-3
+"""Time for an answer before the request is repeated, and between two looks for it, in seconds."""
 _READ_BYTES = 4096
 _LOST_AGES = 2
 """Multiple of the age allowed after which a question counts as lost."""
@@ -297,7 +298,6 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
     - ``clock``: all waiting is done on it, so that each wait renews a lease.
     - ``settings``: None: those of a controller whose zero is the probe's.
     - ``travel``: angles at which the probe may be; written to the controller as its soft limits.
-    - ``answer_s``: time for an answer before the request is repeated.
 
     Raises `NotConnectedError` if it is no stage of this kind. Raises `MoveError` if it moves, is not homed, or does not
     keep what is written to it. Raises `LimitError` if it is outside its travel range. Raises `DeviceTimeoutError` if it
@@ -311,11 +311,10 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
         clock: Clock,
         settings: Kdc101Settings | None = None,
         travel: Interval | None = None,
-        answer_s: float = 0.1,
     ) -> None:
         settings, travel = settings or Kdc101Settings(port="", zero_deg=0.0), travel or Limits().travel
         require_wide(travel, approach_deg=settings.approach_deg)
-        line = AptLine(port=port, clock=clock, answer_s=answer_s, age_s=settings.age_s)
+        line = AptLine(port=port, clock=clock, answer_s=_ANSWER_S, age_s=settings.age_s)
         logic = Kdc101Logic(line=line, settings=settings, travel=travel)
         rules = StageRules(
             # As rounded to the controller's words, not as set: small accelerations are off by up to a third.

@@ -46,9 +46,7 @@ class RosImages(PairSource):
     ``connect_s``: longest time until both topics have a publisher. Raises `NotConnectedError` if they have none.
     """
 
-    def __init__(
-        self, topics: tuple[str, str], cameras: tuple[Camera, Camera], *, connect_s: float = 10.0, name: str = "images"
-    ) -> None:
+    def __init__(self, topics: tuple[str, str], cameras: tuple[Camera, Camera], *, connect_s: float = 10.0) -> None:
         if topics[0] == topics[1]:
             raise ConfigError(f"{topics[0]}: it is given for both cameras; give each camera its own topic")
         super().__init__(
@@ -62,7 +60,7 @@ class RosImages(PairSource):
                 "both, or compare the clocks of their computers"
             ),
         )
-        self._node = RosNode(f"markerseek_{name}")
+        self._node = RosNode("markerseek_images")
         try:
             self._subscribe(connect_s)
         except BaseException:

@@ -8,7 +8,8 @@ from typing import Generic, Protocol, TypeVar
 from markerseek.core import Clock, DeviceError, DeviceTimeoutError, LaserError, Permit, SweepPermit
 from markerseek.drivers.clock import polls
 
-_POLL_S = 0.005
+_ANSWER_S, _POLL_S = 1.0, 0.005
+"""Longest time from the last pulse to the count of the pulses, and between two looks for it, in seconds."""
 
 
 class LaserLogic(Protocol):
@@ -64,12 +65,11 @@ class Permits:
 class StandardLaser(Generic[LogicT]):
     """A `markerseek.core.Laser` that fires by the verbs of its logic.
 
-    ``name``: begins each error. ``rate_hz``: pulses per second. ``answer_s``: longest time from the last pulse to the
-    count of the pulses.
+    ``name``: begins each error. ``rate_hz``: pulses per second.
     """
 
-    def __init__(self, logic: LogicT, *, clock: Clock, rate_hz: float, name: str, answer_s: float = 1.0) -> None:
-        self.logic, self._clock, self._rate_hz, self._name, self._answer_s = logic, clock, rate_hz, name, answer_s
+    def __init__(self, logic: LogicT, *, clock: Clock, rate_hz: float, name: str) -> None:
+        self.logic, self._clock, self._rate_hz, self._name = logic, clock, rate_hz, name
         self._permits = Permits(name, clock)
 
     @property
@@ -102,11 +102,11 @@ class StandardLaser(Generic[LogicT]):
         return fired
 
     def _await(self, needed_s: float) -> int:
-        for _ in polls(self._clock, within_s=needed_s + self._answer_s, every_s=_POLL_S):
+        for _ in polls(self._clock, within_s=needed_s + _ANSWER_S, every_s=_POLL_S):
             if (fired := self.logic.fired()) is not None:
                 return fired
         raise DeviceTimeoutError(
-            f"{self._name}: the end of the pulses was not confirmed within {self._answer_s:g} s; it is switched off; "
+            f"{self._name}: the end of the pulses was not confirmed within {_ANSWER_S:g} s; it is switched off; "
             "check its cable and its power"
         )
 

@@ -30,15 +30,10 @@ class Lit:
 class Bench:
     """A box, its world, and a driver on it."""
 
-    def __init__(self, *, lease_ms: int = 100, turn_us: int = 200) -> None:
+    def __init__(self) -> None:
         self.world = Lit()
         self.triggers: list[int] = []
-        self.box = EmulatedLaserBox(
-            world=self.world,
-            on_triggers=self.triggers.append,
-            lease_ms=lease_ms,
-            turn_us=turn_us,
-        )
+        self.box = EmulatedLaserBox(world=self.world, on_triggers=self.triggers.append)
         self.faults = self.box.faults
         self.clock = VirtualClock()
         self.port = DirectPort(device=self.box, clock=self.clock)
