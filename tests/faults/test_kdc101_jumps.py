@@ -39,7 +39,7 @@ class StruckClock(VirtualClock):
 class Tour:
     """One move from somewhere to somewhere, of a stage that approaches from below or above."""
 
-    def __init__(self, number: int, *, late_s: tuple[float, float] = (0.0, 0.0), speed: float = 10.0) -> None:
+    def __init__(self, number: int, *, late_s: tuple[float, float] = (0.0, 0.0)) -> None:
         rng = np.random.Generator(np.random.PCG64(number))
         start_deg, self.target_deg = rng.uniform(-34, 34, 2).tolist()
         self.moment = float(rng.uniform())
@@ -49,8 +49,8 @@ class Tour:
         self.settings = Kdc101Settings(
             port="",
             zero_deg=0.0,
-            speed_deg_s=speed,
-            acceleration_deg_s2=speed,
+            speed_deg_s=10.0,
+            acceleration_deg_s2=10.0,
             approach_from="above" if number % 2 else "below",
         )
         self.stage = Kdc101Stage(port=port, clock=self.clock, settings=self.settings)
@@ -80,15 +80,13 @@ class Tour:
         return None
 
 
-def detected(
-    jump_deg: float, *, runs: int, late_s: tuple[float, float] = (0.0, 0.0), speed: float = 10.0
-) -> list[bool]:
+def detected(jump_deg: float, *, runs: int, late_s: tuple[float, float] = (0.0, 0.0)) -> list[bool]:
     """Whether each of so many jumps of a turning stage was refused."""
     refused: list[bool] = []
     number = 0
     while len(refused) < runs:
-        within_s = Tour(number, late_s=late_s, speed=speed).duration_s()
-        tour = Tour(number, late_s=late_s, speed=speed)
+        within_s = Tour(number, late_s=late_s).duration_s()
+        tour = Tour(number, late_s=late_s)
         refusal = tour.refusal(jump_deg, within_s=within_s)
         if tour.heading is not None:
             refused.append(refusal is not None)

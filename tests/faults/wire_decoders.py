@@ -117,8 +117,8 @@ class AllIsWell:
         pass
 
 
-def _permit(clock: Clock, token: str = "a") -> Permit:
-    return Permit(token=token, angle_deg=0.0, pulses=PULSES, expires_s=clock.now_s() + 50.0)
+def _permit(clock: Clock) -> Permit:
+    return Permit(token="a", angle_deg=0.0, pulses=PULSES, expires_s=clock.now_s() + 50.0)
 
 
 def _use_stage(port: Port, clock: Clock) -> None:

@@ -54,5 +54,5 @@ def permit(token: str = "a", *, pulses: int = 16, expires_s: float = math.inf) -
     return Permit(token=token, angle_deg=3.0, pulses=pulses, expires_s=expires_s)
 
 
-def pulses_of(token: int, *, pulses: int = 50, rate_hz: int = 100, expiry_ms: int = 2000) -> wire.PermitPulses:
-    return wire.PermitPulses(token=token, pulses=pulses, rate_hz=rate_hz, expiry_ms=expiry_ms, triggers=max(pulses, 1))
+def pulses_of(token: int, *, pulses: int = 50, expiry_ms: int = 2000) -> wire.PermitPulses:
+    return wire.PermitPulses(token=token, pulses=pulses, rate_hz=100, expiry_ms=expiry_ms, triggers=max(pulses, 1))

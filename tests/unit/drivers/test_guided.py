@@ -59,8 +59,8 @@ def guided(
     return GuidedStage(encoder=encoder, clock=clock, settings=settings, limits=LIMITS, asks=asks)  # type: ignore[arg-type]
 
 
-def hand(clock: VirtualClock, *, motion: HandMotion | None = None, seed: int = 1) -> SimulatedHand:
-    rng = np.random.default_rng(seed)
+def hand(clock: VirtualClock, *, motion: HandMotion | None = None) -> SimulatedHand:
+    rng = np.random.default_rng(1)
     return SimulatedHand(world=Turned(), clock=clock, limits=LIMITS.search, rng=rng, motion=motion)  # type: ignore[arg-type]
 
 

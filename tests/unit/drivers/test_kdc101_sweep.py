@@ -40,8 +40,8 @@ def readings(it: Bench, stage: Kdc101Stage, duration_s: float) -> list[tuple[Sta
     return made
 
 
-def swept(it: Bench, stage: Kdc101Stage, to_deg: float, *, speed_deg_s: float = 12.0) -> list[StageReading]:
-    stage.prepare_sweep(speed_deg_s=speed_deg_s)
+def swept(it: Bench, stage: Kdc101Stage, to_deg: float) -> list[StageReading]:
+    stage.prepare_sweep(speed_deg_s=12.0)
     stage.begin_sweep(to_deg)
     return [reading for reading, _ in readings(it, stage, 0.5)]
 

@@ -52,7 +52,7 @@ class Bench:
         return pulses
 
 
-def permit(token: str = "s", *, pulses: int = 100, period_s: float = 0.05, expires_s: float = 1e4) -> SweepPermit:
+def permit(token: str = "s", *, pulses: int = 100, expires_s: float = 1e4) -> SweepPermit:
     return SweepPermit(
         token=token,
         angle_deg=-35.0,
@@ -61,7 +61,7 @@ def permit(token: str = "s", *, pulses: int = 100, period_s: float = 0.05, expir
         to_deg=35.0,
         slowest_deg_s=2.0,
         fastest_deg_s=12.0,
-        period_s=period_s,
+        period_s=0.05,
     )
 
 

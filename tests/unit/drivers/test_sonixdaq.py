@@ -41,7 +41,6 @@ class Bench:
         folder: Path,
         *,
         readout_s: float = 1.0,
-        timeout_s: float = 5.0,
         white_sigma: float = 300.0,
         start_deg: float = 0.0,
         averaged: int | None = None,
@@ -70,7 +69,7 @@ class Bench:
         self.clock = BenchClock()
         self.daq = EmulatedSonixDaq(world=self.world, folder=folder, readout_s=readout_s)
         self.clock.lead(self.daq.advance)
-        watched = SonixDaqSettings(folder=str(folder), timeout_s=timeout_s)
+        watched = SonixDaqSettings(folder=str(folder), timeout_s=5.0)
         self.receiver = SonixDaqReceiver(settings=watched, clock=self.clock, dark_triggers=4)
 
     def take(self, token: str = "a", *, triggers: int = 4, pulses: int = 4) -> ChannelFrame:
@@ -211,9 +210,9 @@ def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, change: dict[s
         SonixDaqSettings(folder=str(tmp_path), **change)  # type: ignore[arg-type]
 
 
-def settling(bench: Bench, *, readout_s: float = 2.0) -> SonixDaqReceiver:
+def settling(bench: Bench) -> SonixDaqReceiver:
     """Another process's driver on the same folder."""
-    watched = SonixDaqSettings(folder=str(bench.folder), timeout_s=5.0, readout_s=readout_s)
+    watched = SonixDaqSettings(folder=str(bench.folder), timeout_s=5.0, readout_s=2.0)
     return SonixDaqReceiver(settings=watched, clock=bench.clock, dark_triggers=4)
 
 
@@ -305,13 +304,13 @@ class SweepBench(Bench):
         settings = SonixDaqSettings(folder=str(folder), timeout_s=3.0, frames=frames)  # type: ignore[arg-type]
         self.receiver = SonixDaqReceiver(settings=settings, clock=self.clock, dark_triggers=2)
 
-    def sweep(self, *, lit: int = 7, triggers: int = 9) -> list[ChannelFrame]:
+    def sweep(self, *, lit: int = 7) -> list[ChannelFrame]:
         self.receiver.begin_sweep(SWEEP)
         for number in range(lit):
             self.world.flash(pulses=1, at_s=0.05 * number)
             self.world.flashes[-1] = replace(self.world.flashes[-1], angle_deg=-35.0 + number)
         assert self.receiver.frames() == ()
-        self.daq.trigger(triggers)
+        self.daq.trigger(9)
         frames = self.receiver.end_sweep(pulses=lit)
         return [frame for frame in frames if isinstance(frame, ChannelFrame)]
 
