@@ -1,6 +1,5 @@
 from ._stage_move import StageLogic, StageRules, StageStatus
 from .clock import SystemClock
-from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
 from .entry import (
     DRIVERS,
@@ -15,7 +14,7 @@ from .entry import (
 )
 from .exposure import exposure_line
 from .folder_images import FolderImages
-from .guided import GuidedStage, GuidedStageSettings, TypedStage
+from .guided import GuidedStage, GuidedStageSettings, IgtlEncoder, Ros2Encoder, TypedStage
 from .kdc101 import Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
