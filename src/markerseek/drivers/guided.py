@@ -330,11 +330,17 @@ def ask_on_terminal(angle_deg: float) -> None:
 
 
 class TurnedByHand(ABC):
-    """A stage that a person turns."""
+    """A stage that a person turns.
 
-    def __init__(self, *, clock: Clock, limits: Limits, asks: Callable[[float], None]) -> None:
+    ``limits``: angles that may be searched, at which the probe must come to rest, and those at which it may be.
+    ``asks``: asks the person for an angle in degrees.
+    """
+
+    def __init__(
+        self, *, clock: Clock, settings: GuidedStageSettings, limits: Limits, asks: Callable[[float], None]
+    ) -> None:
         self.limits: Interval = limits.travel
-        self._search, self._clock, self._asks = limits.search, clock, asks
+        self._search, self._clock, self._settings, self._asks = limits.search, clock, settings, asks
         self._angle_deg = 0.0
 
     @abstractmethod
@@ -354,8 +360,7 @@ class TurnedByHand(ABC):
 class GuidedStage(TurnedByHand):
     """A probe that a person turns, and an encoder.
 
-    ``limits``: angles that may be searched, at which the probe must come to rest, and those at which it may be.
-    ``asks``: asks the person for an angle in degrees. Raises `NotConnectedError` if the encoder reports no angle.
+    Raises `NotConnectedError` if the encoder reports no angle.
     """
 
     def __init__(
@@ -367,8 +372,8 @@ class GuidedStage(TurnedByHand):
         limits: Limits,
         asks: Callable[[float], None] = ask_on_terminal,
     ) -> None:
-        super().__init__(clock=clock, limits=limits, asks=asks)
-        self._encoder, self._settings = encoder, settings
+        super().__init__(clock=clock, settings=settings, limits=limits, asks=asks)
+        self._encoder = encoder
         self._read_s: float | None = None
         self._reached: tuple[float, float] | None = None
         if not self._reads_within(settings.connect_s):
@@ -495,18 +500,20 @@ class TypedStage(TurnedByHand):
 
     What was typed is all that is known: that the probe stays there during an acquisition is the person's word.
 
-    ``limits``: angles that may be searched, at which the probe must come to rest, and those at which it may be.
-    ``reach_deg``: most that the angle reached may differ from the one asked for. ``timeout_s``: longest time for a
-    turn. ``asks``: asks the person for an angle in degrees. Raises `NotConnectedError` if there is no terminal.
+    Raises `NotConnectedError` if there is no terminal.
     """
 
     emulated = False
 
     def __init__(
-        self, *, clock: Clock, limits: Limits, reach_deg: float, timeout_s: float, asks: Callable[[float], None]
+        self,
+        *,
+        clock: Clock,
+        settings: GuidedStageSettings,
+        limits: Limits,
+        asks: Callable[[float], None] = ask_on_terminal,
     ) -> None:
-        super().__init__(clock=clock, limits=limits, asks=asks)
-        self._reach_deg, self._timeout_s = reach_deg, timeout_s
+        super().__init__(clock=clock, settings=settings, limits=limits, asks=asks)
         if sys.stdin is None or not sys.stdin.isatty():
             raise NotConnectedError(
                 "stage: encoder is 'typed', and there is no terminal to type the angle; start it in one"
@@ -536,14 +543,16 @@ class TypedStage(TurnedByHand):
         self._asks(angle_deg)
         yield Turning(target_deg=angle_deg, angle_deg=None)
         self._angle_deg = self._typed(
-            f"angle reached, within {self._reach_deg:g} of {angle_deg:+.1f} and in {self._search}:\n",
-            lambda reached_deg: abs(reached_deg - angle_deg) <= self._reach_deg and reached_deg in self._search,
+            f"angle reached, within {self._settings.reach_deg:g} of {angle_deg:+.1f} and in {self._search}:\n",
+            lambda reached_deg: (
+                abs(reached_deg - angle_deg) <= self._settings.reach_deg and reached_deg in self._search
+            ),
         )
         self._target_deg = angle_deg
 
     def _typed(self, prompt: str, fits: Callable[[float], bool]) -> float:
         """The first number typed from now on that fits; the others are asked for again."""
-        ends_s = self._clock.now_s() + self._timeout_s
+        ends_s = self._clock.now_s() + self._settings.timeout_s
         while True:
             angle_deg = _number(self._line(prompt, ends_s=ends_s))
             # `fits` of NaN is False.
@@ -560,7 +569,9 @@ class TypedStage(TurnedByHand):
             sys.stderr.flush()
             while not line.endswith(b"\n"):
                 if not self._clock.now_s() <= ends_s:
-                    raise DeviceTimeoutError(f"stage: no angle was typed within {self._timeout_s:g} s; begin again")
+                    raise DeviceTimeoutError(
+                        f"stage: no angle was typed within {self._settings.timeout_s:g} s; begin again"
+                    )
                 self._clock.wait(_SLICE_S)
                 if not select.select([self._terminal], [], [], 0)[0]:
                     continue
@@ -585,13 +596,7 @@ def _number(text: str) -> float | None:
 def _open(settings: GuidedStageSettings, opening: Opening) -> Stage:
     clock, limits = opening.clock, opening.limits
     if settings.encoder == "typed":
-        return TypedStage(
-            clock=clock,
-            limits=limits,
-            reach_deg=settings.reach_deg,
-            timeout_s=settings.timeout_s,
-            asks=ask_on_terminal,
-        )
+        return TypedStage(clock=clock, settings=settings, limits=limits)
     if settings.encoder == "simulated":
         hand = opening.simulated(settings)
 

@@ -385,7 +385,8 @@ class TypingClock(VirtualClock):
 
 
 def typed_stage(clock: VirtualClock) -> TypedStage:
-    return TypedStage(clock=clock, limits=LIMITS, reach_deg=1.0, timeout_s=5.0, asks=lambda _angle_deg: None)
+    settings = GuidedStageSettings(encoder="typed", timeout_s=5.0)
+    return TypedStage(clock=clock, settings=settings, limits=LIMITS, asks=lambda _angle_deg: None)
 
 
 def test_what_is_typed_counts_only_near_the_angle_asked_for(
