@@ -27,11 +27,10 @@ def turned_by_hand(
     *,
     reader: Reader,
     seed: int,
-    settings: GuidedStageSettings | None = None,
     motion: HandMotion | None = None,
 ) -> Rig:
     """A simulated rig with a hand in the place of its motor."""
-    settings = settings or GuidedStageSettings()
+    settings = GuidedStageSettings()
     clock, hand = rig.scanner.clock, settings.by_hand
     turner = SimulatedHand(
         world=rig.laser._world,  # type: ignore[attr-defined]

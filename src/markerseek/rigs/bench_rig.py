@@ -101,7 +101,7 @@ class OpenDevices:
 
     def _open(self, part: Part, clock: Clock, *, receiver: Receiver | None = None) -> tuple[Any, str]:
         settings = getattr(self._settings, part)
-        entry = entry_of(part, settings)
+        entry = entry_of(settings)
         opening = Opening(
             clock=clock,
             limits=self._settings.limits,
@@ -165,7 +165,7 @@ def guard_of(settings: BenchSettings) -> Guard:
     """Guard of a bench."""
     admission = Admission(noise_ratio=settings.receiver.noise_ratio, dark_alarm=DARK_ALARM)
     guard = partial(Guard, limits=settings.limits, firing=settings.firing)
-    hand = entry_of("stage", settings.stage).by_hand(settings.stage)
+    hand = entry_of(settings.stage).by_hand(settings.stage)
     if hand is None:
         return guard(admission=admission)
     # A hand drifts on from where it came to rest until the laser has fired.
@@ -280,7 +280,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         # If the receiver's frames come one acquisition late, a final dark frame contains light, and shows it.
         closing_dark=True,
         recipe=BenchRecipe.of(settings),
-        by_hand=entry_of("stage", settings.stage).by_hand(settings.stage),
+        by_hand=entry_of(settings.stage).by_hand(settings.stage),
         devices=devices,
         bench=settings,
         checks=devices.checks,
@@ -322,7 +322,7 @@ def bench_part(
     ``beat``: called while a device works, at least every 20 ms; it may raise an exception, which ends the step.
     """
     served: tuple[Part, ...] = ("stage",) if part == "stage" else ("laser", "receiver")
-    if any(entry_of(each, getattr(settings, each)).is_node for each in served):
+    if any(entry_of(getattr(settings, each)).is_node for each in served):
         raise ConfigError(f"the {part} of this rig file is itself a ROS 2 node; name the rig file of its devices")
     devices = OpenDevices(settings, parts=served)
     try:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 
 class SupervisedPort:
-    """A line that the supervisor holds, as a `markerseek.wire.port.Port`; `Supervisor.port` hands it out."""
+    """A line that the supervisor holds, as a `markerseek.wire.Port`; `Supervisor.port` hands it out."""
 
     def __init__(self, *, write: Callable[[bytes], None], read: Callable[[int, float], bytes]) -> None:
         self._write = write
