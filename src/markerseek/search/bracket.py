@@ -23,8 +23,7 @@ import math
 import sys
 
 from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, Sample
-from markerseek.search.curve import Curve, curve_of
-from markerseek.search.peak import noise_limit_deg
+from markerseek.search.curve import Curve, curve_of, noise_limit_deg
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 
 GOLDEN = (math.sqrt(5) - 1) / 2

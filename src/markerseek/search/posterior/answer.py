@@ -24,6 +24,7 @@ from markerseek.core import (
     Sample,
     Tolerance,
 )
+from markerseek.search.evidence import KNOWN_SIGMA_DEG, beyond_tolerance, marker_radius_m, with_half_width
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.candidates import BESIDE_DEG, LOUDER_SIGMAS, MEASURED_SHARE, RIVAL_DB, Candidate
 from markerseek.search.posterior.inference import AnglePosterior, modes_deg
@@ -37,7 +38,6 @@ from markerseek.search.posterior.survey import (
     hidden_probability,
     missed_marker,
 )
-from markerseek.search.tolerance import KNOWN_SIGMA_DEG, beyond_tolerance, marker_radius_m, with_half_width
 
 UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end of the range from which an uncertain angle is answered as `AtBound`."""

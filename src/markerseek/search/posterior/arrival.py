@@ -27,8 +27,8 @@ from functools import lru_cache, partial
 import numpy as np
 
 from markerseek.core import Float64, Sample
+from markerseek.search.evidence import FACE_RADIUS_M
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
-from markerseek.search.tolerance import FACE_RADIUS_M
 
 SOUND_SPEED_M_S = 1525.0
 """Middle of its speeds of sound."""

@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from markerseek.core import Float64, Sample
-from markerseek.search.tolerance import FACE_RADIUS_M
+from markerseek.search.evidence import FACE_RADIUS_M
 
 PRIOR = 0.3
 """Prior probability of an asymmetric marker."""

@@ -10,12 +10,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_ARRIVALS, Float64, Interval, MarkerCurve, OtherSource, Sample
-from markerseek.search.evidence import FLAT_SHARE, why_not_detected
+from markerseek.search.evidence import FLAT_SHARE, KNOWN_SIGMA_DEG, why_not_detected
 from markerseek.search.floor import SearchNoise, noise_factor
 from markerseek.search.posterior.inference import AnglePosterior, Inference
 from markerseek.search.posterior.shapes import Shapes
 from markerseek.search.posterior.sources import SPOT_DEG, Source, as_upper_limit, samples_at, sources_of
-from markerseek.search.tolerance import KNOWN_SIGMA_DEG
 
 MAX_OTHERS = MAX_ARRIVALS - 1
 """Most sources beside the loudest that get a posterior of their own, the strongest first: as many as a frame lists."""

@@ -22,6 +22,7 @@ from markerseek.core import (
     Tolerance,
     Unsure,
 )
+from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.analysis import Analysis, Progress, weaker_than_predicted
 from markerseek.search.posterior.answer import SearchState, answer_of, rivals_of
@@ -48,7 +49,6 @@ from markerseek.search.posterior.survey import (
     Survey,
     hidden_probability,
 )
-from markerseek.search.tolerance import KNOWN_SIGMA_DEG, marker_radius_m
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
 """Parts of a reading that can be used."""
