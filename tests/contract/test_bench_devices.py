@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Permit, Receiver
-from markerseek.drivers import LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Permit, Receiver, Stage
+from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.picolas import PicolasLaser
-from markerseek.emulators import EmulatedBench
+from markerseek.emulators import EmulatedBench, EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import ReceiverSettings, SimulatedSettings, VirtualClock
-from markerseek.testing import LaserContract, ReceiverContract
+from markerseek.testing import LaserContract, ReceiverContract, StageContract
 from tests.emulated_lines import BenchClock, DirectPort
 
 SETTINGS = SimulatedSettings(receiver=ReceiverSettings(readout_s=0.5))
@@ -63,6 +65,22 @@ class ScriptedPicolas:
 
     def close(self) -> None:
         """Nothing to release."""
+
+
+@pytest.mark.parametrize("approach_from", ["below", "above"])
+@pytest.mark.parametrize(
+    "stands", [EmulatedKdc101(), EmulatedKdc101(zero_deg=123.4), EmulatedKdc101(zero_deg=-10.0, turns=1)], ids=str
+)
+class TestKdc101Stage(StageContract):
+    @pytest.fixture(autouse=True)
+    def _choose(self, stands: EmulatedKdc101, approach_from: str) -> None:
+        self.stands = stands
+        self.settings = Kdc101Settings(port="", zero_deg=stands.zero_deg, approach_from=approach_from)  # type: ignore[arg-type]
+
+    def make(self) -> Stage:
+        clock = VirtualClock()
+        emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=3.0), settings=self.stands)
+        return Kdc101Stage(port=DirectPort(device=emulator, clock=clock), clock=clock, settings=self.settings)
 
 
 class TestPicolas(LaserContract):
