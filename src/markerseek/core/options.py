@@ -11,6 +11,7 @@ import sys
 import types
 import typing
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -66,18 +67,10 @@ def option(default: Any, *, shown: str | None = None, least: int | None = None) 
 _OPTION = "option"
 
 
+# The source of a class is read once, although a command line asks for its options often.
+@cache
 def options_of(kind: type[Any]) -> tuple[Option, ...]:
     """The options among the fields of a dataclass, in their order; those of a parent class come last."""
-    if kind not in _known:
-        _known[kind] = _options_of(kind)
-    return _known[kind]
-
-
-_known: dict[type[Any], tuple[Option, ...]] = {}
-"""Cache of `options_of`: the source of a class is read once, although a command line asks for its options often."""
-
-
-def _options_of(kind: type[Any]) -> tuple[Option, ...]:
     chosen = [each for each in fields(kind) if _OPTION in each.metadata]
     if not chosen:
         return ()
@@ -121,7 +114,7 @@ def _required(kind: Any) -> Any:
 
 def arguments_of(settings: Any) -> list[str]:
     """The options of these settings that differ from their defaults, as they are typed: ``--seed=3``."""
-    given = [(each, getattr(settings, each.name)) for each in options_of(type(settings))]
+    given = [(each, getattr(settings, each.name)) for each in options_of(settings.__class__)]
     return [
         each.flag if value is True else f"{each.flag}={as_text(value)}"
         for each, value in given
