@@ -18,14 +18,12 @@ from scipy.special import ndtr
 from markerseek._compiled import compiled
 from markerseek.core import PAPER_RANGE, ByHand, Float64, Int64, Interval, Reading, Sample
 from markerseek.search.floor import noise_of
-from markerseek.search.posterior.groups import (
-    MAX_GROUPS,
-)
 from markerseek.search.posterior.inference import AnglePosterior, Inference
 from markerseek.search.posterior.likelihood import DEEP_ERROR
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
+    MAX_GROUPS,
     TEMPLATE_LOG_LEVELS,
     TEMPLATE_SIGMAS,
     log_level,

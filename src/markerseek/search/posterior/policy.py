@@ -24,10 +24,15 @@ from markerseek.core import (
 )
 from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.analysis import Analysis, Progress, weaker_than_predicted
-from markerseek.search.posterior.answer import SearchState, answer_of, rivals_of
-from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates, top_deg
-from markerseek.search.posterior.expected import ExpectedAngle
+from markerseek.search.posterior.answer import (
+    Analysis,
+    Progress,
+    SearchState,
+    answer_of,
+    rivals_of,
+    weaker_than_predicted,
+)
+from markerseek.search.posterior.likelihood import later, with_light
 from markerseek.search.posterior.next_angle import (
     PLAN,
     PLAN_BY_HAND,
@@ -39,13 +44,14 @@ from markerseek.search.posterior.next_angle import (
     planned_deg,
     step_near_deg,
 )
-from markerseek.search.posterior.pulses import later, with_light
+from markerseek.search.posterior.sources import BESIDE_DEG, Candidate, Candidates, top_deg
 from markerseek.search.posterior.survey import (
     LATE_WORTH,
     STATED,
     SURVEY_UNTIL,
     USUAL_OTHERS,
     WORTH,
+    ExpectedAngle,
     Survey,
     hidden_probability,
 )

@@ -15,17 +15,17 @@ from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Prob
 from markerseek.core import Reading, Sample
 from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
-from markerseek.search.posterior.asymmetry import (
+from markerseek.search.posterior.grid import Grid
+from markerseek.search.posterior.inference import (
     NOISE_SIGMA,
     POINT_SIGMA,
-    PRIOR,
     SHIFT_M,
+    SPOT_PRIOR,
     asymmetry_probability,
     mean_coherence,
     shift_scale_m,
     shifted_density,
 )
-from markerseek.search.posterior.grid import Grid
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,
@@ -276,10 +276,10 @@ def test_a_spot_is_distinguished_from_a_point(width_m):
     unresolved = 1 / (1 + (9e-3 / width_m) ** 6)
     of_spot = (1 - unresolved) * uniform.pdf(0.02) + unresolved * expon.pdf(0.02, scale=0.05)
     of_spot = 0.03 + 0.97 * of_spot
-    expected = PRIOR * of_spot / (PRIOR * of_spot + (1 - PRIOR) * of_point)
+    expected = SPOT_PRIOR * of_spot / (SPOT_PRIOR * of_spot + (1 - SPOT_PRIOR) * of_point)
     assert probability(0.97, 0.99) == pytest.approx(expected)
     assert probability(1.0, 0.99, 0.995) < 0.25 < 0.5 < probability(0.8, 0.6)
-    assert probability(None, None) == PRIOR
+    assert probability(None, None) == SPOT_PRIOR
 
 
 def test_a_spot_of_which_hardly_any_sound_is_in_phase_is_no_point():

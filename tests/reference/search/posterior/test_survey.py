@@ -9,9 +9,9 @@ import pytest
 
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, family, log_curve
+from markerseek.search.posterior.sources import BESIDE_DEG, Candidate
 from markerseek.search.posterior.survey import HIDDEN_DB, HIDDEN_STEPS, TAIL_ERROR, noise_shares, survey_of, undetected
 
 SHAPES = family()

@@ -15,13 +15,6 @@ from scipy.stats import multivariate_normal
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.grid import ERRORS, LEVELS
-from markerseek.search.posterior.groups import (
-    GROUP_WIDTHS,
-    MAX_GROUPS,
-    Grouped,
-    grouped,
-    median_of,
-)
 from markerseek.search.posterior.inference import Inference, refine
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
@@ -37,12 +30,17 @@ from markerseek.search.posterior.next_angle import expected_variance
 from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
+    GROUP_WIDTHS,
     LOG_WIDTH_STEP,
+    MAX_GROUPS,
     PULSE_ERRORS,
     SAMPLE_ERRORS,
     TEMPLATE_LOG_LEVELS,
     TEMPLATE_SIGMAS,
+    Grouped,
+    grouped,
     hypotheses_of,
+    median_of,
     shift_sigmas_deg,
     symmetric_log_likelihood,
 )

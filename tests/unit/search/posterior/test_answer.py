@@ -20,8 +20,8 @@ from markerseek.search.posterior.answer import (
     top_beside_deg,
     unresolved_rival,
 )
-from markerseek.search.posterior.candidates import Candidate
 from markerseek.search.posterior.inference import AnglePosterior
+from markerseek.search.posterior.sources import Candidate
 from markerseek.search.posterior.survey import Survey
 
 

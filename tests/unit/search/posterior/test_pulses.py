@@ -10,7 +10,8 @@ import pytest
 from scipy.optimize import curve_fit
 
 from markerseek.core import Reading, Sample, SweepTiming
-from markerseek.search.posterior.pulses import Delay, delay_of, later, with_light
+from markerseek.search.posterior.likelihood import later, with_light
+from markerseek.search.posterior.sweeping import Delay, delay_of
 
 FWHM_DEG, SNR, CELLS = 6.0, 50.0, 100_000
 

@@ -9,9 +9,8 @@ import pytest
 
 from markerseek.core import Arrival, Floor, LocalMaxima, Reading, Sample
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.candidates import _is_burst
 from markerseek.search.posterior.likelihood import TABLE_LOW, TABLE_STEP, log_tables
-from markerseek.search.posterior.sources import Source, samples_at, sources_of
+from markerseek.search.posterior.sources import Source, _is_burst, samples_at, sources_of
 
 COLUMNS, ROWS = 28, 40
 
