@@ -39,10 +39,10 @@ FUNCTIONS: dict[str, tuple[str, object]] = {
     "a source not resolved yet comes first (`unresolved_rival`)": ("answer.unresolved_rival", None),
     "a top hidden in a gap (`missed_peak_deg`)": ("answer.missed_peak_deg", None),
     "a sample stronger than one nearer to the answer (`asymmetric_sample`)": ("answer.asymmetric_sample", None),
-    "the dip between two humps (`dip_deg`)": ("sources.dip_deg", None),
+    "the dip between two humps (`dip_deg`)": ("answer.dip_deg", None),
     "the predictive check (`predictive_check`)": ("answer.predictive_check", None),
-    "bursts (`_is_burst`)": ("sources._is_burst", False),
-    "flat background (`_is_background`)": ("sources._is_background", False),
+    "bursts (`is_burst`)": ("answer.is_burst", False),
+    "flat background (`is_background`)": ("answer.is_background", False),
     "the confirmation (`weaker_than_predicted`)": ("policy.weaker_than_predicted", None),
 }
 

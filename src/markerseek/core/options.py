@@ -67,8 +67,6 @@ def option(default: Any, *, shown: str | None = None, least: int | None = None) 
 _OPTION = "option"
 
 
-# The source of a class is read once, although a command line asks for its options often.
-@cache
 def options_of(kind: type[Any]) -> tuple[Option, ...]:
     """The options among the fields of a dataclass, in their order; those of a parent class come last."""
     chosen = [each for each in fields(kind) if _OPTION in each.metadata]
@@ -99,6 +97,8 @@ def documentation(kind: type[Any]) -> dict[str, str]:
     return found
 
 
+# Read once, although a command line asks for its options often.
+@cache
 def _body(module: str, name: str) -> list[ast.stmt]:
     """Statements of a class in a module. `inspect.getsource` of the class would read the file twice."""
     body = ast.parse(inspect.getsource(sys.modules[module])).body
@@ -114,7 +114,7 @@ def _required(kind: Any) -> Any:
 
 def arguments_of(settings: Any) -> list[str]:
     """The options of these settings that differ from their defaults, as they are typed: ``--seed=3``."""
-    given = [(each, getattr(settings, each.name)) for each in options_of(settings.__class__)]
+    given = [(each, getattr(settings, each.name)) for each in options_of(type(settings))]
     return [
         each.flag if value is True else f"{each.flag}={as_text(value)}"
         for each, value in given

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Literal
@@ -38,23 +38,31 @@ from markerseek.search.evidence import (
     UNKNOWN_RATIO,
     beyond_tolerance,
     marker_radius_m,
+    why_not_detected,
     with_half_width,
 )
 from markerseek.search.floor import MAX_CELLS, SearchNoise, noise_of
-from markerseek.search.posterior.inference import AnglePosterior, modes_deg
+from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
 from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
-from markerseek.search.posterior.shapes import Shapes, log_curve
+from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.sources import (
     BESIDE_DEG,
     LOUDER_SIGMAS,
+    MAX_OTHERS,
     MEASURED_SHARE,
     RIVAL_DB,
     Candidate,
-    Candidates,
     SourceSamples,
+    as_upper_limit,
     asymmetric_sample,
+    dip_deg,
     gap_angle_deg,
+    is_background,
+    is_burst,
     samples_at,
+    sources_of,
+    suspect_level,
+    times_seen,
 )
 from markerseek.search.posterior.survey import (
     NARROW_DEG,
@@ -100,21 +108,25 @@ class Progress:
 
 
 class Analysis:
-    """Samples with the laser on and off, and what follows from them, each part computed when it is first asked for."""
+    """Samples with the laser on and off, and what follows from them, each part computed when it is first asked for.
+
+    ``lit``: samples with the laser on, at least one. ``inference``: that of the strongest source, which grows with the
+    samples. ``single``: whether there is one source at most: then a dip does not divide its samples. ``expected``:
+    prior over the angle; None: no prior.
+    """
 
     def __init__(
         self,
         lit: Sequence[Sample],
         dark: Sequence[Sample],
         *,
-        candidates: Candidates,
-        shapes: Shapes,
+        inference: Inference,
         limits: Interval,
         single: bool,
         expected: ExpectedAngle | None = None,
     ) -> None:
-        self.lit, self._dark, self._expected = lit, dark, expected
-        self._candidates, self._shapes, self._limits, self._single = candidates, shapes, limits, single
+        self.lit, self.limits, self._dark = lit, limits, dark
+        self._inference, self._single, self._expected = inference, single, expected
 
     @property
     def measured_deg(self) -> list[float]:
@@ -137,42 +149,113 @@ class Analysis:
 
     @cached_property
     def _groups(self) -> list[SourceSamples]:
-        return self._candidates.groups(self.lit, self.noise)
+        """The samples of each source, that of the strongest sample first."""
+        groups: list[SourceSamples] = []
+        # Without "lateral" all samples are of one source.
+        if "lateral" in self._inference.cues and self.noise.floor.level is not None:
+            places = sources_of(self.lit, level=suspect_level(self.lit, self.noise))
+            for place in places:
+                own, bounds = samples_at(self.lit, places, place)
+                if not is_burst(own, bounds, place, self.noise):
+                    groups += self._divided(SourceSamples(source=place, samples=own, bounds=bounds))
+        if not groups:
+            groups = self._divided(SourceSamples(source=None, samples=self.lit))
+        return sorted(groups, key=lambda group: -max(sample.reading.intensity for sample in group.samples))
+
+    def _divided(self, group: SourceSamples) -> list[SourceSamples]:
+        """The group, or its peaks if dips lie between them."""
+        sigma = self.noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
+        dip = dip_deg(group.samples, sigma=sigma, level=self.noise.level_or_zero, single=self._single)
+        if dip is None:
+            return [group]
+        low = [sample for sample in group.samples if sample.angle_deg < dip]
+        high = [sample for sample in group.samples if sample.angle_deg > dip]
+        middle = [as_upper_limit(sample) for sample in group.samples if sample.angle_deg == dip]
+        parts: list[SourceSamples] = []
+        for side, own, other in (("low", low, high), ("high", high, low)):
+            # Beyond the dip a curve is no higher than what was measured of both.
+            bounds = [*middle, *group.bounds, *map(as_upper_limit, other)]
+            parts += self._divided(replace(group, side=(*group.side, side), samples=own, bounds=bounds))
+        return parts
 
     @cached_property
     def first(self) -> Candidate:
-        """The source of the strongest arrival."""
-        return self._candidates.first(
-            self._groups,
-            self.lit,
-            self._dark,
-            self.noise,
-            particles=PARTICLES if self.detected else UNDETECTED_PARTICLES,
+        """The source of the strongest arrival that is evidence of one."""
+        particles = PARTICLES if self.detected else UNDETECTED_PARTICLES
+        for group in self._groups:
+            # A background that is the same at all angles may be louder than the marker.
+            if self._why_missing(group) is None:
+                return self._candidate(group, None, self._inference, particles)
+        # Before a source exceeds the noise, and where there are no positions, all samples count together.
+        everything = SourceSamples(source=None, samples=self.lit)
+        return self._candidate(everything, self._why_missing(everything), self._inference, particles)
+
+    @cached_property
+    def sources(self) -> list[Candidate]:
+        """All sources, the strongest first, `MAX_OTHERS` beside the first at most.
+
+        Candidates that may be no source, such as a burst in one frame, say what is missing.
+        """
+        first = self.first
+        if not self.detected:
+            return [first]
+        others: list[Candidate] = []
+        for group in self._groups:
+            # Where no place is evidence, all samples count together already.
+            counted = (group.source, group.side) == (first.source, first.side) or (
+                first.source is None and group.source is not None
+            )
+            if counted or is_background(group.samples):
+                continue
+            missing = self._why_missing(group)
+            if missing is None and times_seen(group.samples, self.noise) < 2:
+                missing = "it was seen in one acquisition only"
+            # Of a new inference each: what an answer computes of the others must not change what comes later.
+            others.append(self._candidate(group, missing, self._inference.anew(), PARTICLES))
+            if len(others) == MAX_OTHERS:
+                break
+        return ranked([first, *others])
+
+    def _why_missing(self, group: SourceSamples) -> str | None:
+        return why_not_detected([*group.samples, *group.bounds], dark=self._dark, noise=self.noise)
+
+    def _candidate(self, group: SourceSamples, missing: str | None, inference: Inference, particles: int) -> Candidate:
+        posterior = inference.posterior(group.samples, self.noise, particles=particles, bounds=group.bounds)
+        here_deg = self.limits.nearest(posterior.mean_deg)
+        near_deg, at = MEASURED_SHARE * posterior.fwhm_deg, (*group.samples, *group.bounds)
+        there = [each.reading.intensity for each in at if abs(each.angle_deg - here_deg) <= near_deg]
+        beyond, height = here_deg != posterior.mean_deg, max(there, default=0.0) / posterior.sigma
+        return Candidate(
+            source=group.source,
+            side=group.side,
+            samples=group.samples,
+            bounds=group.bounds,
+            missing=missing,
+            posterior=posterior,
+            seen=times_seen(group.samples, self.noise),
+            beyond=beyond,
+            measured=bool(there),
+            # There the curve has half of its height at least.
+            log_most=math.log(2 * height) if height > 0 and not beyond else math.inf,
         )
 
     @cached_property
-    def state(self) -> SearchState:
-        """All sources in their order, and what is known of others."""
-        sources = [self.first]
-        if self.detected:
-            others = self._candidates.others(self.first, self._groups, self._dark, self.noise, particles=PARTICLES)
-            sources = ranked([self.first, *others])
-        # Of a single source the loudest is the marker.
-        by_db = 0.0 if self._single else -RIVAL_DB
-        rival = unresolved_rival(sources, self.measured_deg, limits=self._limits, by_db=by_db)
-        return SearchState(
-            noise=self.noise,
-            sources=sources,
-            survey=self._survey(sources[0]),
-            misfit=predictive_check(sources[0], self._shapes, self.measured_deg, limits=self._limits),
-            unresolved_rival=rival,
-        )
-
-    def _survey(self, source: Candidate) -> Survey | None:
-        """What may still hide beside a source."""
-        if source.missing is not None or self._single:
+    def survey(self) -> Survey | None:
+        """What may still hide beside the strongest source; None if not known."""
+        if self.sources[0].missing is not None or self._single:
             return None
-        return survey_of(source, self._shapes, self.lit, self.noise, limits=self._limits, expected=self._expected)
+        return survey_of(self.sources[0], self.lit, self.noise, limits=self.limits, expected=self._expected)
+
+    @cached_property
+    def misfit(self) -> str | None:
+        """Result of `predictive_check` for the strongest source."""
+        return predictive_check(self.sources[0], self.measured_deg, limits=self.limits)
+
+    @cached_property
+    def unresolved_rival(self) -> tuple[Candidate, float | None] | None:
+        """As of the function; of a single source the loudest is the marker."""
+        by_db = 0.0 if self._single else -RIVAL_DB
+        return unresolved_rival(self.sources, self.measured_deg, limits=self.limits, by_db=by_db)
 
     def asymmetric_deg(self, source: Candidate) -> float | None:
         """Next angle to test the curve of a source that has no places, in degrees; None if none is left."""
@@ -195,7 +278,7 @@ def height_of(sample: Sample, posterior: AnglePosterior) -> float:
     return posterior.energy_gain * spot.amplitude
 
 
-def weaker_than_predicted(source: Candidate, confirmation: Sample, shapes: Shapes) -> str | None:
+def weaker_than_predicted(source: Candidate, confirmation: Sample) -> str | None:
     """Return why an acquisition at the angle of a source does not confirm it, with both numbers; None if it does.
 
     ``source``: the source, with its posterior before that acquisition.
@@ -204,7 +287,7 @@ def weaker_than_predicted(source: Candidate, confirmation: Sample, shapes: Shape
     if source.source is not None:
         own, bounds = samples_at([confirmation], [source.source], source.source)
         (here,) = own or bounds
-    height, spread = _prediction(source.posterior, shapes, [here])
+    height, spread = _prediction(source.posterior, [here])
     measured = height_of(here, source.posterior)
     if measured >= height[0] - PREDICTION_SIGMAS * spread[0]:
         return None
@@ -214,14 +297,12 @@ def weaker_than_predicted(source: Candidate, confirmation: Sample, shapes: Shape
     )
 
 
-def predictive_check(
-    source: Candidate, shapes: Shapes, measured_deg: Sequence[float], *, limits: Interval
-) -> str | None:
+def predictive_check(source: Candidate, measured_deg: Sequence[float], *, limits: Interval) -> str | None:
     """Return why the curve of a source does not explain its samples, in words; None if the curve does.
 
     ``measured_deg``: angles measured so far, in degrees.
     """
-    height, spread = _prediction(source.posterior, shapes, source.samples)
+    height, spread = _prediction(source.posterior, source.samples)
     measured = np.array([height_of(sample, source.posterior) for sample in source.samples])
     away = np.abs(measured - height) / spread
     # The family has no nulls, but the tails of a real curve do: a dip there is no second peak.
@@ -247,10 +328,10 @@ def predictive_check(
 
 
 def _prediction(
-    posterior: AnglePosterior, shapes: Shapes, samples: Sequence[Sample]
+    posterior: AnglePosterior, samples: Sequence[Sample]
 ) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
     """Intensity that a posterior predicts of samples, and its standard deviation."""
-    log_height = posterior.log_heights(shapes, np.array([sample.angle_deg for sample in samples]))
+    log_height = posterior.log_heights(np.array([sample.angle_deg for sample in samples]))
     mean = log_height.mean(axis=0)
     fallen = float(np.mean(posterior.log_snr)) - mean
     error = np.interp(fallen, -TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS)
@@ -277,21 +358,6 @@ GAP_ANGLES = 41
 
 SHOULDER_SHARE = 0.5
 """Share of its strongest sample from which others may lie on a shoulder beside the top of a source."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SearchState:
-    """All that follows from the samples so far."""
-
-    noise: SearchNoise
-    sources: Sequence[Candidate]
-    """The sources, the strongest first, at least one."""
-    survey: Survey | None
-    """Survey of the range; None if not known."""
-    misfit: str | None
-    """Result of `predictive_check` for the strongest source."""
-    unresolved_rival: tuple[Candidate, float | None] | None
-    """None if there is one source only."""
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
@@ -402,10 +468,8 @@ def _narrow(away_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " a
 
 
 def answer_of(
-    lit: Sequence[Sample],
-    state: SearchState,
+    known: Analysis,
     *,
-    limits: Interval,
     others: float,
     spent: bool,
     tolerance: Tolerance,
@@ -414,25 +478,24 @@ def answer_of(
 ) -> Estimate:
     """Return the answer.
 
-    ``lit``: samples with the laser on, at least one. ``others``: prior probability that there is another source as
-    loud; 0: nothing else can be the marker. ``spent``: whether so many acquisitions are made that what may still hide
-    is stated, and no veto. ``tolerance``: how well the angle must be known. ``weaker_than_predicted``: why the
-    acquisition at the angle found does not confirm it; None if it does, or was not made. ``more``: how to have more
-    samples than these, for a person.
+    ``others``: prior probability that there is another source as loud; 0: nothing else can be the marker. ``spent``:
+    whether so many acquisitions are made that what may still hide is stated, and no veto. ``tolerance``: how well the
+    angle must be known. ``weaker_than_predicted``: why the acquisition at the angle found does not confirm it; None if
+    it does, or was not made. ``more``: how to have more samples than these, for a person.
     """
-    first = state.sources[0]
-    posterior, floor = first.posterior, state.noise.floor
+    first, *seen = known.sources
+    posterior, floor, limits = first.posterior, known.noise.floor, known.limits
     mean_deg = limits.nearest(posterior.mean_deg)
     if first.missing is not None:
-        reason = first.missing + missed_marker(lit, state.noise, limits)
+        reason = first.missing + missed_marker(known.lit, known.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
-    beside = [each.as_other_source(first) for each in state.sources[1:] if each.missing is None and each.loudness_known]
+    beside = [each.as_other_source(first) for each in seen if each.missing is None and each.loudness_known]
     further = tuple(sorted(beside, key=lambda each: -each.relative_db))
-    surveyed = None if state.survey is None else state.survey.surveyed
-    probability = other_probability(state, others=others)
+    surveyed = None if known.survey is None else known.survey.surveyed
+    probability = other_probability(known, others=others)
     # With a prior of a single source, the strongest is the marker. A source that is not known enough may be stronger.
-    settled = first.loudness_known and (spent or state.unresolved_rival is None)
-    rivals = rivals_of(state.sources) if others and settled else []
+    settled = first.loudness_known and (spent or known.unresolved_rival is None)
+    rivals = rivals_of(known.sources) if others and settled else []
     side = _side(posterior, limits)
     # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
     if side is not None and not rivals:
@@ -450,7 +513,7 @@ def answer_of(
     modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
     # A rival has been measured.
     places = (mean_deg,) if rivals or len(modes) < 2 else modes
-    unmeasured = _unmeasured(first, places, [sample.angle_deg for sample in lit], more=more)
+    unmeasured = _unmeasured(first, places, known.measured_deg, more=more)
     if unmeasured is None and (rivals or (len(modes) > 1 and others)):
         return Ambiguous(
             mean_deg=modes[0],
@@ -476,10 +539,10 @@ def answer_of(
     )
     found = with_half_width(found, radius_m=radius_m)
     # An answer that is unsure for its width alone is of the marker: registration takes it.
-    other = weaker_than_predicted or unmeasured or state.misfit
+    other = weaker_than_predicted or unmeasured or known.misfit
     if other is None and probability > STATED:
         other = _other(
-            state, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"
+            known, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"
         )
     if other is not None:
         return found.as_unsure("source", other)
@@ -505,18 +568,18 @@ def _cure(posterior: AnglePosterior, *, more: str) -> str:
     )
 
 
-def other_probability(state: SearchState, *, others: float) -> float:
+def other_probability(known: Analysis, *, others: float) -> float:
     """Probability that another source is the marker: one that still hides, or one that was seen and may be louder.
 
     ``others``: prior probability of a second source as strong.
     """
-    first, *seen = state.sources
-    none = 1.0 - (others if state.survey is None else hidden_probability(state.survey, others=others))
+    first, *seen = known.sources
+    none = 1.0 - (others if known.survey is None else hidden_probability(known.survey, others=others))
     for each in seen:
         none *= 1.0 - _louder_probability(each, first)
-    if state.unresolved_rival is not None:
+    if known.unresolved_rival is not None:
         # A source that is not known enough may be as strong as one that was not seen.
-        none *= 1.0 - max(others, state.unresolved_rival[0].louder_probability(first))
+        none *= 1.0 - max(others, known.unresolved_rival[0].louder_probability(first))
     return 1.0 - none
 
 
@@ -536,21 +599,20 @@ def _louder_probability(source: Candidate, first: Candidate) -> float:
     return source.louder_probability(first) if _may_be_as_loud(source, first, by_db=-RIVAL_DB) else 0.0
 
 
-def _other(state: SearchState, probability: float, *, more: str) -> str:
+def _other(known: Analysis, probability: float, *, more: str) -> str:
     """Why another source may be the marker, and what to do about it."""
     said = f"the probability that another source is the marker is {100 * probability:.2g} %"
-    cure = more
-    if state.unresolved_rival is not None:
-        return f"{said}: a source near {state.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as strong; {cure}"
-    first, *seen = state.sources
+    if known.unresolved_rival is not None:
+        return f"{said}: a source near {known.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as strong; {more}"
+    first, *seen = known.sources
     louder = max(seen, key=lambda each: _louder_probability(each, first), default=first)
     if _louder_probability(louder, first) > probability / 2:
-        return f"{said}: the source at {louder.posterior.mean_deg:.1f} deg may be stronger; {cure}"
-    if state.survey is None:
-        return f"{said}: the range has not been surveyed; {cure}"
+        return f"{said}: the source at {louder.posterior.mean_deg:.1f} deg may be stronger; {more}"
+    if known.survey is None:
+        return f"{said}: the range has not been surveyed; {more}"
     return (
-        f"{said}: only {100 * state.survey.surveyed:.0f} % of the range is checked for a second source as strong, "
-        f"which may be missed near {state.survey.hidden_deg:.0f} deg; {cure}"
+        f"{said}: only {100 * known.survey.surveyed:.0f} % of the range is checked for a second source as strong, "
+        f"which may be missed near {known.survey.hidden_deg:.0f} deg; {more}"
     )
 
 

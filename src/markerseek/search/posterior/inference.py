@@ -159,13 +159,12 @@ class AnglePosterior:
         """Standard deviation of the angle in degrees, the width of the grid's step included."""
         return mean_and_sigma(self.angle_deg, self.probability)[1]
 
-    def log_heights(
-        self, shapes: Shapes, angles_deg: Float64[np.ndarray, " angles"]
-    ) -> Float64[np.ndarray, "particles angles"]:
+    def log_heights(self, angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, "particles angles"]:
         """Ln of the intensity over σ that each marker drawn has at angles of the probe, in degrees."""
+        log_curve = family().log_curve
         steps = np.rint(np.abs(angles_deg - self.theta_deg[:, None]) / STEP_DEG).astype(np.int64)
-        away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
-        return np.asarray(self.log_snr[:, None] + shapes.log_curve[self.member[:, None], away])
+        away = np.minimum(steps, log_curve.shape[1] - 1)
+        return np.asarray(self.log_snr[:, None] + log_curve[self.member[:, None], away])
 
     def quantile_deg(self, probability: float) -> float:
         """Angle below which the marker lies with that probability, in degrees."""
@@ -224,12 +223,10 @@ class Inference:
     first sample; None: what the physics table says.
     """
 
-    def __init__(
-        self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], prior: MarkerCurve | None = None
-    ) -> None:
-        self._shapes = shapes if prior is None else shapes_with(shapes, prior)
-        self._prior = prior
-        self._cues = cues
+    def __init__(self, *, limits: Interval, cues: frozenset[str], prior: MarkerCurve | None = None) -> None:
+        self.cues = cues
+        self._limits, self._prior = limits, prior
+        self._shapes = family() if prior is None else shapes_with(family(), prior)
         step_deg = limits.width_deg / COARSE_STEPS
         self._coarse_deg = limits.low_deg + step_deg * np.arange(-BEYOND_STEPS, COARSE_STEPS + BEYOND_STEPS + 1)
         inside = (self._coarse_deg >= limits.low_deg - step_deg / 2) & (
@@ -243,6 +240,10 @@ class Inference:
         self._added: list[tuple[float, float, int | None]] = []
         self._swept = False
 
+    def anew(self) -> Inference:
+        """An inference as this one was before its first sample."""
+        return Inference(limits=self._limits, cues=self.cues, prior=self._prior)
+
     def posterior(
         self, lit: Sequence[Sample], noise: SearchNoise, *, particles: int, bounds: Sequence[Sample] = ()
     ) -> AnglePosterior:
@@ -255,7 +256,7 @@ class Inference:
         only how loud the source is at most (`as_upper_limit`).
         """
         coarse = self._coarse(lit, bounds, noise)
-        moments = moments_of(lit, self._scale) if "arrival" in self._cues else None
+        moments = moments_of(lit, self._scale) if "arrival" in self.cues else None
         log_moments = None if moments is None else moments.over(self._coarse_deg[0], self._coarse_deg[-1])
 
         def log_arrival(angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
@@ -266,7 +267,7 @@ class Inference:
             return np.asarray(np.interp(angles_deg, self._coarse_deg, self._log_prior) + log_arrival(angles_deg))
 
         known = coarse.marginals(log_prior(self._coarse_deg), particles=particles)
-        observations = self._observations if "intensity" in self._cues else []
+        observations = self._observations if "intensity" in self.cues else []
         centre = refine(self._shapes, coarse, known, observations, log_prior, particles=particles)
         angle_deg, probability = self._with_asymmetry(lit, centre, log_arrival)
         scale = self._scale
@@ -319,48 +320,26 @@ class Inference:
                 energy_error=USUAL_PULSE_ERROR if swept else 0.0,
             )
         for sample in lit[len(self._observations) :]:
-            observation = self._scale.observation(sample, use_lateral="lateral" in self._cues, swept=swept)
+            observation = self._scale.observation(sample, use_lateral="lateral" in self.cues, swept=swept)
             self._observations.append(observation)
-            if "intensity" in self._cues:
+            if "intensity" in self.cues:
                 self._grid.add(observation)
         return self._grid
-
-    def _irregular(
-        self, lit: Sequence[Sample], centre: Centre
-    ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
-        """Angles of the centre and their probabilities, as wide as one way over a spot leaves them.
-
-        Its absorbers interfere at each angle in another way. That looks like an error of each pulse by itself, but
-        every further way over the spot repeats it.
-        """
-        ways = {
-            (each.sweep.number, each.sweep.speed_deg_s > 0)
-            for group in centre.strong
-            for each in group
-            if each.sweep is not None
-        }
-        if len(ways) < 2:
-            return centre.angles_deg, centre.probability
-        sigma_deg = mean_and_sigma(centre.angles_deg, centre.probability)[1]
-        strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
-        width_m = radius_m(strongest.depth_m) * math.radians(centre.fwhm_deg)
-        spot = asymmetry_probability(mean_coherence(lit, sigma=self._scale.sigma), width_m=width_m)
-        further_deg = sigma_deg * math.sqrt(spot * (len(ways) - 1))
-        return blurred(centre.angles_deg, centre.probability, sigma_deg=further_deg)
 
     def _with_asymmetry(
         self, lit: Sequence[Sample], centre: Centre, log_arrival: LogDensity
     ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
         """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
-        angle_deg, probability = self._irregular(lit, centre)
         strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
         coherence = mean_coherence(lit, sigma=self._scale.sigma)
         from_axis_m = radius_m(strongest.depth_m)
         width_m = from_axis_m * math.radians(centre.fwhm_deg)
+        spot = asymmetry_probability(coherence, width_m=width_m)
+        angle_deg, probability = _as_of_one_way(centre, spot=spot)
         scale_deg = math.degrees(shift_scale_m(coherence, width_m=width_m) / from_axis_m)
         step_deg = float(angle_deg[1] - angle_deg[0])
         # A grid that does not resolve the shift is wide enough already.
-        if "intensity" not in self._cues or step_deg > scale_deg:
+        if "intensity" not in self.cues or step_deg > scale_deg:
             return angle_deg, probability
         mean_deg = float(probability @ angle_deg)
         half_deg = max(SHIFT_SCALES * scale_deg, (angle_deg[-1] - angle_deg[0]) / 2)
@@ -374,11 +353,27 @@ class Inference:
             angle_deg,
             probability / probability.sum(),
             angles_deg,
-            probability=asymmetry_probability(coherence, width_m=width_m),
+            probability=spot,
             scale_deg=scale_deg,
         )
         density *= np.exp(log_moments)
         return angles_deg, density / density.sum()
+
+
+def _as_of_one_way(
+    centre: Centre, *, spot: float
+) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
+    """Angles of the centre and their probabilities, as wide as one way over a spot leaves them.
+
+    Its absorbers interfere at each angle in another way. That looks like an error of each pulse by itself, but every
+    further way over the spot repeats it. ``spot``: probability that the marker is one.
+    """
+    swept = [each.sweep for group in centre.strong for each in group if each.sweep is not None]
+    further = len({(sweep.number, sweep.speed_deg_s > 0) for sweep in swept}) - 1
+    if further < 1:
+        return centre.angles_deg, centre.probability
+    sigma_deg = mean_and_sigma(centre.angles_deg, centre.probability)[1]
+    return blurred(centre.angles_deg, centre.probability, sigma_deg=sigma_deg * math.sqrt(spot * further))
 
 
 def refine(
@@ -505,7 +500,7 @@ def energy_spread(lit: Sequence[Sample], dark: Sequence[Sample] = (), *, limits:
     level = math.inf if noise.floor.level is None else noise.floor.level
     if sum(sample.reading.intensity > level for sample in lit) < MIN_ENERGIES:
         return None
-    inference = Inference(limits=limits, shapes=family(), cues=frozenset({"intensity"}))
+    inference = Inference(limits=limits, cues=frozenset({"intensity"}))
     return inference.posterior(lit, noise, particles=8).sample_error
 
 

@@ -11,15 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
-from markerseek.core import MAX_ARRIVALS, Arrival, Float64, Interval, MarkerCurve, OtherSource, Reading, Sample
-from markerseek.search.evidence import FLAT_SHARE, KNOWN_SIGMA_DEG, why_not_detected
+from markerseek.core import MAX_ARRIVALS, Arrival, Float64, Interval, OtherSource, Reading, Sample
+from markerseek.search.evidence import FLAT_SHARE, KNOWN_SIGMA_DEG
 from markerseek.search.floor import FEWEST_CELLS, SearchNoise, noise_factor
-from markerseek.search.posterior.inference import AnglePosterior, Inference
-from markerseek.search.posterior.shapes import Shapes
+from markerseek.search.posterior.inference import AnglePosterior
 
 POINT_M = 1.5e-3
 """Largest distance between arrivals of one point along the array, in metres."""
@@ -304,30 +303,28 @@ TOP_SHARES = (-0.35, 0.0, 0.35)
 TOP_REACH = 0.25
 """Distance from such an angle, over the same width, at which a sample serves as well."""
 
-Side: TypeAlias = tuple[Literal["low", "high"], ...]
-"""Samples of one source: all at a place, or those on one side of each dip."""
+Side: TypeAlias = tuple[str, ...]
+"""Samples of one source: all at a place, or those on the side of each dip that is named, "low" or "high"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SourceSamples:
-    """Samples of one source, as they are at its place; see `Candidate`."""
-
-    source: Source | None
-    side: Side
-    samples: Sequence[Sample]
-    bounds: Sequence[Sample] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Candidate:
-    """A source with its posterior."""
+    """Samples of one source."""
 
     source: Source | None
     """None if the samples have no positions: then all of them are of one source."""
-    side: Side
+    side: Side = ()
     """Which of several peaks at that place it is; empty if there is one."""
     samples: Sequence[Sample]
     """The samples with the laser on, as they are at its place."""
+    bounds: Sequence[Sample] = ()
+    """Samples that say only how loud it is at most (`as_upper_limit`)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate(SourceSamples):
+    """A source with its posterior."""
+
     missing: str | None
     """Why they are no evidence of a source; None if they are."""
     posterior: AnglePosterior
@@ -412,7 +409,7 @@ def suspect_level(lit: Sequence[Sample], noise: SearchNoise) -> float:
     return min(level, noise.sigma * noise_factor(cells=most, frames=len(lit), false_found=SUSPECT_SHARE))
 
 
-def _seen(at: Sequence[Sample], noise: SearchNoise) -> int:
+def times_seen(at: Sequence[Sample], noise: SearchNoise) -> int:
     """Number of samples in which a source exceeds the noise; a place has fewer cells than an image, and less noise."""
     level, sigma = noise.level_or_zero, noise.sigma or math.inf
     levels = [
@@ -424,160 +421,20 @@ def _seen(at: Sequence[Sample], noise: SearchNoise) -> int:
     return sum(sample.reading.intensity > each for sample, each in zip(at, levels, strict=True))
 
 
-def _is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: SearchNoise) -> bool:
+def is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: SearchNoise) -> bool:
     """Whether a source was strong at one angle and not beside it, where even the narrowest curve would be."""
     # An upper bound says the same as a sample where it is below the detection threshold.
     measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= noise.level_or_zero)]
     beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in measured)
     # Far away noise passes for it in one frame of a hundred, and a sweep has hundreds.
     near = [sample for sample in own if abs(sample.angle_deg - place.angle_deg) <= SPOT_DEG]
-    return beside > 1 and _seen(near, noise) <= 1
+    return beside > 1 and times_seen(near, noise) <= 1
 
 
-def _is_background(at: Sequence[Sample]) -> bool:
+def is_background(at: Sequence[Sample]) -> bool:
     """Whether a place is equally strong at all angles, as an artefact of the rig is."""
     intensities = [sample.reading.intensity for sample in at]
     return len(at) > 1 and max(intensities) - min(intensities) <= FLAT_SHARE * max(intensities)
-
-
-class Candidates:
-    """The sources of one search; the inference of the strongest grows with the samples.
-
-    ``cues``: parts of a reading that count; without "lateral" all samples are of one source. ``single``: whether there
-    is one source only, so that a dip does not divide the samples. ``prior``: curve of a former marker; None: unknown.
-    """
-
-    def __init__(
-        self, *, limits: Interval, shapes: Shapes, cues: frozenset[str], single: bool, prior: MarkerCurve | None
-    ) -> None:
-        self._limits = limits
-        self._shapes = shapes
-        self._cues = cues
-        self._single = single
-        self._prior = prior
-        # Only that of the first is kept: what an answer computes of the others must not change what comes later.
-        self._first = self._new()
-
-    def groups(self, lit: Sequence[Sample], noise: SearchNoise) -> list[SourceSamples]:
-        """Return the samples of each source, that of the strongest sample first.
-
-        ``lit``: samples with the laser on, at least one.
-        """
-        groups: list[SourceSamples] = []
-        if "lateral" in self._cues and noise.floor.level is not None:
-            sources = sources_of(lit, level=suspect_level(lit, noise))
-            for source in sources:
-                own, bounds = samples_at(lit, sources, source)
-                if not _is_burst(own, bounds, source, noise):
-                    groups += self._divided(SourceSamples(source=source, side=(), samples=own, bounds=bounds), noise)
-        if not groups:
-            groups = self._divided(SourceSamples(source=None, side=(), samples=lit), noise)
-        return sorted(groups, key=lambda group: -_strongest(group.samples))
-
-    def first(
-        self,
-        groups: Sequence[SourceSamples],
-        lit: Sequence[Sample],
-        dark: Sequence[Sample],
-        noise: SearchNoise,
-        *,
-        particles: int,
-    ) -> Candidate:
-        """Return the source of the strongest arrival that is evidence of one.
-
-        ``lit``, ``dark``: samples with the laser on, at least one, and off. ``particles``: markers to draw from its
-        posterior.
-        """
-        for group in groups:
-            # A background that is the same at all angles may be louder than the marker.
-            if why_not_detected([*group.samples, *group.bounds], dark=dark, noise=noise) is None:
-                return self._candidate(group, None, self._first, noise, particles)
-        # Before a source exceeds the noise, and where there are no positions, all samples count together.
-        everything = SourceSamples(source=None, side=(), samples=lit)
-        missing = why_not_detected(lit, dark=dark, noise=noise)
-        return self._candidate(everything, missing, self._first, noise, particles)
-
-    def others(
-        self,
-        first: Candidate,
-        groups: Sequence[SourceSamples],
-        dark: Sequence[Sample],
-        noise: SearchNoise,
-        *,
-        particles: int,
-    ) -> list[Candidate]:
-        """Return the sources beside the first, `MAX_OTHERS` at most, that of the strongest arrival first.
-
-        Candidates that may be no source, such as a burst in one frame, say what is missing.
-        """
-        found = []
-        for group in groups:
-            # Where no place is evidence, all samples count together already.
-            counted = (group.source, group.side) == (first.source, first.side) or (
-                first.source is None and group.source is not None
-            )
-            if counted or _is_background(group.samples):
-                continue
-            missing = why_not_detected([*group.samples, *group.bounds], dark=dark, noise=noise)
-            if missing is None and _seen(group.samples, noise) < 2:
-                missing = "it was seen in one acquisition only"
-            # Of a new inference each: what an answer computes of the others must not change what comes later.
-            found.append(self._candidate(group, missing, self._new(), noise, particles))
-            if len(found) == MAX_OTHERS:
-                break
-        return found
-
-    def _divided(self, group: SourceSamples, noise: SearchNoise) -> list[SourceSamples]:
-        """The group, or its peaks if dips lie between them."""
-        sigma = noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
-        dip = dip_deg(group.samples, sigma=sigma, level=noise.level_or_zero, single=self._single)
-        if dip is None:
-            return [group]
-        low = [sample for sample in group.samples if sample.angle_deg < dip]
-        high = [sample for sample in group.samples if sample.angle_deg > dip]
-        middle = [as_upper_limit(sample) for sample in group.samples if sample.angle_deg == dip]
-        # Beyond the dip a curve is no higher than what was measured of both.
-        middle += group.bounds
-        halves: list[tuple[Literal["low", "high"], list[Sample], list[Sample]]] = [
-            ("low", low, high),
-            ("high", high, low),
-        ]
-        return [
-            part
-            for side, own, other in halves
-            for part in self._divided(
-                replace(group, side=(*group.side, side), samples=own, bounds=[*middle, *map(as_upper_limit, other)]),
-                noise,
-            )
-        ]
-
-    def _new(self) -> Inference:
-        return Inference(limits=self._limits, shapes=self._shapes, cues=self._cues, prior=self._prior)
-
-    def _candidate(
-        self, group: SourceSamples, missing: str | None, inference: Inference, noise: SearchNoise, particles: int
-    ) -> Candidate:
-        posterior = inference.posterior(group.samples, noise, particles=particles, bounds=group.bounds)
-        here_deg = self._limits.nearest(posterior.mean_deg)
-        near_deg, at = MEASURED_SHARE * posterior.fwhm_deg, (*group.samples, *group.bounds)
-        there = [each.reading.intensity for each in at if abs(each.angle_deg - here_deg) <= near_deg]
-        beyond, height = here_deg != posterior.mean_deg, max(there, default=0.0) / posterior.sigma
-        return Candidate(
-            source=group.source,
-            side=group.side,
-            samples=group.samples,
-            missing=missing,
-            posterior=posterior,
-            seen=_seen(group.samples, noise),
-            beyond=beyond,
-            measured=bool(there),
-            # There the curve has half of its height at least.
-            log_most=math.log(2 * height) if height > 0 and not beyond else math.inf,
-        )
-
-
-def _strongest(at: Sequence[Sample]) -> float:
-    return max(sample.reading.intensity for sample in at)
 
 
 def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = False) -> float | None:

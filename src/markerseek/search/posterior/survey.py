@@ -35,7 +35,7 @@ from scipy.special import ndtr
 from markerseek.core import AnglePrior, Float64, Interval, MarkerCurve, Sample
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.inference import AnglePosterior
-from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
+from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, family
 from markerseek.search.posterior.sources import BESIDE_DEG, RIVAL_DB, Candidate, suspect_level
 
 WRONG = 0.05
@@ -163,7 +163,6 @@ def hidden_probability(survey: Survey, *, others: float) -> float:
 
 def survey_of(
     source: Candidate,
-    shapes: Shapes,
     lit: Sequence[Sample],
     noise: SearchNoise,
     *,
@@ -185,7 +184,7 @@ def survey_of(
     share = noise_shares(lit, noise)
     suspect = np.where(np.array(largest) < level * share, suspect_level(lit, noise), level) * share
     needed = np.where(listed, suspect, np.maximum(level * share, largest)) / posterior.sigma
-    hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg, noise=share).prod(axis=1)
+    hidden = undetected(posterior, measured_deg, needed, angles_deg, noise=share).prod(axis=1)
     if not has_positions:
         # Near the source found, a second one shows only in the form of the curve, which is tested for two peaks.
         hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg / 2] = 0.0
@@ -204,8 +203,8 @@ def survey_of(
     next_share = np.full(candidates_deg.size, share.min())
     needed = next_share * (suspect_level(lit, noise) if has_positions else level) / posterior.sigma
     if not has_positions:
-        needed = np.maximum(needed, np.exp(posterior.log_heights(shapes, candidates_deg).mean(axis=0)))
-    there = undetected(posterior, shapes, candidates_deg, needed, angles_deg, noise=next_share)
+        needed = np.maximum(needed, np.exp(posterior.log_heights(candidates_deg).mean(axis=0)))
+    there = undetected(posterior, candidates_deg, needed, angles_deg, noise=next_share)
     next_deg, gain = _next(hidden, there, candidates_deg, last_deg=float(measured_deg[-1]))
     return Survey(surveyed=surveyed, hidden=float(left.mean()), hidden_deg=hidden_deg, next_deg=next_deg, gain=gain)
 
@@ -246,7 +245,6 @@ def _next(
 
 def undetected(
     posterior: AnglePosterior,
-    shapes: Shapes,
     measured_deg: Float64[np.ndarray, " samples"],
     needed: Float64[np.ndarray, " samples"],
     angles_deg: Float64[np.ndarray, " angles"],
@@ -262,11 +260,12 @@ def undetected(
     # Spread over all particles, which are sorted by angle.
     drawn = np.linspace(0, posterior.theta_deg.size - 1, len(HIDDEN_STEPS)).astype(np.int64)
     steps = np.rint(np.abs(measured_deg[:, None] - angles_deg) / STEP_DEG).astype(np.int64)
-    away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
+    curves = family().log_curve
+    away = np.minimum(steps, curves.shape[1] - 1)
     kind, width = np.divmod(posterior.member[drawn], WIDTHS_DEG.size)
     width = np.clip(width + HIDDEN_STEPS, 0, WIDTHS_DEG.size - 1)
     member = kind * WIDTHS_DEG.size + width
-    log_curve = shapes.log_curve[member[:, None, None], away]
+    log_curve = curves[member[:, None, None], away]
     log_peak = posterior.log_snr[drawn] + math.log(10) / 20 * np.array(HIDDEN_DB)
     log_height = log_peak[:, None, None] + log_curve
     height = np.exp(np.minimum(log_height, 50.0))

@@ -56,7 +56,7 @@ def test_the_angle_has_the_largest_probability_of_detection():
     rng = np.random.default_rng(8)
     theta_deg, log_snr, member = rng.uniform(-38, 38, 90), rng.normal(2.5, 1.0, 90), rng.choice([5, 20, 40], 90)
     measured_deg = [-23.3, 0.0, 23.3]
-    found = most_detectable_deg(posterior(theta_deg, log_snr, member), SHAPES, measured_deg, limits=LIMITS, level=LEVEL)
+    found = most_detectable_deg(posterior(theta_deg, log_snr, member), measured_deg, limits=LIMITS, level=LEVEL)
     steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
     best, largest = 0.0, 0.0
     for angle_deg in np.arange(-35.0, 35.1, 1.0):
@@ -80,7 +80,7 @@ def test_the_angle_has_the_largest_probability_of_detection():
 )
 def test_it_lies_in_the_range_and_apart_from_the_measured_angles(measured_deg, middle_deg, snr):
     drawn = posterior(np.full(7, middle_deg), np.full(7, snr), np.full(7, 20))
-    angle_deg = most_detectable_deg(drawn, SHAPES, measured_deg, limits=LIMITS, level=LEVEL)
+    angle_deg = most_detectable_deg(drawn, measured_deg, limits=LIMITS, level=LEVEL)
     assert LIMITS.low_deg <= angle_deg <= LIMITS.high_deg
     assert min(abs(angle_deg - other) for other in measured_deg) >= MIN_APART_DEG
 
@@ -89,7 +89,7 @@ def test_in_a_range_measured_everywhere_it_is_in_the_largest_gap():
     measured_deg = [*np.arange(-1.0, 0.8, 0.1).tolist(), 1.0]
     drawn = posterior(np.zeros(3), np.zeros(3), np.full(3, 20))
     narrow = Interval(low_deg=-1.0, high_deg=1.0)
-    angle_deg = most_detectable_deg(drawn, SHAPES, measured_deg, limits=narrow, level=LEVEL)
+    angle_deg = most_detectable_deg(drawn, measured_deg, limits=narrow, level=LEVEL)
     assert 0.8 < angle_deg < 1.0
 
 

@@ -368,7 +368,7 @@ def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
         Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity, noise_sigma=1.0, cells=1400))
         for angle_deg, intensity in measured
     ]
-    inference = Inference(limits=PAPER_RANGE, shapes=SHAPES, cues=frozenset({"intensity"}))
+    inference = Inference(limits=PAPER_RANGE, cues=frozenset({"intensity"}))
     coarse = inference._coarse(lit, [], SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
     angles_deg = np.arange(30.0, 46.0, 0.02)
     hypotheses = hypotheses_of(SHAPES, np.arange(SHAPES.fwhm_deg.size))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.stats import norm
 from markerseek.core import PAPER_RANGE, Floor, Found, Reading, Sample, Tolerance
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.answer import (
-    SearchState,
+    Analysis,
     answer_of,
     missed_peak_deg,
     other_probability,
@@ -125,14 +126,9 @@ SPREAD = 0.2 * float(np.std(norm.ppf((np.arange(9) + 0.5) / 9)))
 def test_the_probability_that_another_source_is_the_marker(others, share, beside, probability):
     first = source(-20.0, 100.0, log_sigma=0.2)
     seen = [] if beside is None else [source(beside[1], beside[0], log_sigma=0.2)]
-    state = SearchState(
-        noise=SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0),
-        sources=[first, *seen],
-        survey=Survey(surveyed=share, hidden=1 - share, hidden_deg=0.0, next_deg=0.0, gain=0.0),
-        misfit=None,
-        unresolved_rival=None,
-    )
-    assert other_probability(state, others=others) == pytest.approx(probability, rel=0.01, abs=1e-9)
+    survey = Survey(surveyed=share, hidden=1 - share, hidden_deg=0.0, next_deg=0.0, gain=0.0)
+    known = Mock(spec=Analysis, sources=[first, *seen], survey=survey, unresolved_rival=None)
+    assert other_probability(known, others=others) == pytest.approx(probability, rel=0.01, abs=1e-9)
 
 
 def test_further_sources_are_named_the_loudest_first():
@@ -145,21 +141,9 @@ def test_further_sources_are_named_the_loudest_first():
     vague = replace(vague, posterior=replace(vague.posterior, centre_sigma_deg=0.4))
     sources = ranked([vague, weak, first])
     assert sources == [first, weak, vague]
-    state = SearchState(
-        noise=SearchNoise(floor=Floor(level=1.0, source="dark frames"), sigma=1.0),
-        sources=sources,
-        survey=None,
-        misfit=None,
-        unresolved_rival=None,
-    )
-    answer = answer_of(
-        first.samples,
-        state,
-        limits=PAPER_RANGE,
-        others=0.0,
-        spent=False,
-        tolerance=Tolerance(),
-        weaker_than_predicted=None,
-    )
+    noise = SearchNoise(floor=Floor(level=1.0, source="dark frames"), sigma=1.0)
+    known = Mock(spec=Analysis, noise=noise, sources=sources, survey=None, misfit=None, unresolved_rival=None)
+    known.measured_deg, known.limits = [-20.0], PAPER_RANGE
+    answer = answer_of(known, others=0.0, spent=False, tolerance=Tolerance(), weaker_than_predicted=None)
     assert [round(each.angle_deg) for each in answer.others] == [20, 0]
     assert isinstance(answer, Found)

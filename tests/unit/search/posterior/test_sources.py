@@ -10,7 +10,7 @@ import pytest
 from markerseek.core import Arrival, Floor, LocalMaxima, Reading, Sample
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.likelihood import TABLE_LOW, TABLE_STEP, log_tables
-from markerseek.search.posterior.sources import Source, _is_burst, samples_at, sources_of
+from markerseek.search.posterior.sources import Source, is_burst, samples_at, sources_of
 
 COLUMNS, ROWS = 28, 40
 
@@ -148,4 +148,4 @@ def test_a_limit_below_the_floor_beside_it_shows_that_a_place_was_loud_once_only
     place = Source(lateral_m=-15e-3, depth_m=30e-3, angle_deg=10.0, intensity=9.0)
     noise = SearchNoise(floor=Floor(level=6.0, source="dark frames"), sigma=1.0)
     own, bound = [sample(10.0, arrival(9.0, -15.0, 30.0))], [sample(10.9, noise=limit)]
-    assert _is_burst(own, bound, place, noise) is burst
+    assert is_burst(own, bound, place, noise) is burst
