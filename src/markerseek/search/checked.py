@@ -63,15 +63,10 @@ class CheckedPolicy(SearchPolicy):
         tolerance: Tolerance = _USUAL,
     ) -> None:
         super().__init__()
-        self._inner = inner
+        self.inner = inner
         self._limits = limits
         self._early_end = early_end
         self._tolerance = tolerance
-
-    @property
-    def inner(self) -> PaperPolicy:
-        """The method as published."""
-        return self._inner
 
     def _next_deg(self) -> float | None:
         """Next angle of the method in degrees; None at its end."""
@@ -80,15 +75,15 @@ class CheckedPolicy(SearchPolicy):
             noise = noise_of(self._lit, dark=self._dark)
             if why_not_detected(self._lit, dark=self._dark, noise=noise) is None:
                 return None
-        return self._inner.ask()
+        return self.inner.ask()
 
     def _update(self, sample: Sample) -> None:
-        self._inner.tell(sample)
+        self.inner.tell(sample)
 
     def estimate(self) -> Estimate:
         """Answer as far as the samples prove it; `NotFound` before the first."""
         noise = noise_of(self._lit, dark=self._dark)
-        answer = self._inner.answer(noise_sigma=noise.sigma)
+        answer = self.inner.answer(noise_sigma=noise.sigma)
         reason = why_not_detected(self._lit, dark=self._dark, noise=noise)
         if reason is not None:
             return NotFound(mean_deg=answer.mean_deg, reason=reason, floor=noise.floor)
@@ -111,7 +106,7 @@ class CheckedPolicy(SearchPolicy):
     def _rising_side(self) -> Literal["low", "high"] | None:
         """The end at which the curve rises; a bracket begins at both ends, and counts only once it is narrow."""
         # The answer without noise: with noise the interval is wider, and the bracket the same.
-        bare = self._inner.estimate()
+        bare = self.inner.estimate()
         if bare.interval_kind == "bracket" and bare.sigma_deg > KNOWN_SIGMA_DEG:
             return None
         return rising_side(self._lit, answer=bare, limits=self._limits)

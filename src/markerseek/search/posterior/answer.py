@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -384,7 +384,8 @@ def _may_be_as_loud(source: Candidate, first: Candidate, *, by_db: float, sigmas
     if source.beyond:
         seen = max(sample.reading.intensity for sample in source.samples) / source.posterior.sigma
         return seen > math.exp(first.log_snr) * 10 ** (by_db / 20)
-    return source.may_be_stronger_than(first, by_db=by_db, sigmas=sigmas)
+    spread_db = math.hypot(source.log_snr_sigma, first.log_snr_sigma) * 20 / math.log(10)
+    return source.relative_db(first) + sigmas * spread_db > by_db
 
 
 def unresolved_rival(
@@ -490,8 +491,14 @@ def answer_of(
         reason = first.missing + missed_marker(known.lit, known.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
     beside = [each.as_other_source(first) for each in seen if each.missing is None and each.loudness_known]
-    further = tuple(sorted(beside, key=lambda each: -each.relative_db))
-    surveyed = None if known.survey is None else known.survey.surveyed
+    seen_so_far: dict[str, Any] = {
+        "sigma_deg": posterior.sigma_deg,
+        "interval95_deg": first.interval95_deg,
+        "interval_kind": "posterior",
+        "floor": floor,
+        "others": tuple(sorted(beside, key=lambda each: -each.relative_db)),
+        "surveyed": None if known.survey is None else known.survey.surveyed,
+    }
     probability = other_probability(known, others=others)
     # With a prior of a single source, the strongest is the marker. A source that is not known enough may be stronger.
     settled = first.loudness_known and (spent or known.unresolved_rival is None)
@@ -499,44 +506,16 @@ def answer_of(
     side = _side(posterior, limits)
     # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
     if side is not None and not rivals:
-        return AtBound(
-            mean_deg=mean_deg,
-            side=side,
-            floor=floor,
-            others=further,
-            surveyed=surveyed,
-            sigma_deg=posterior.sigma_deg,
-            interval95_deg=first.interval95_deg,
-            interval_kind="posterior",
-        )
+        return AtBound(mean_deg=mean_deg, side=side, **seen_so_far)
     at_rivals = (mean_deg, *(limits.nearest(each.posterior.mean_deg) for each in rivals))
     modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
     # A rival has been measured.
     places = (mean_deg,) if rivals or len(modes) < 2 else modes
     unmeasured = _unmeasured(first, places, known.measured_deg, more=more)
     if unmeasured is None and (rivals or (len(modes) > 1 and others)):
-        return Ambiguous(
-            mean_deg=modes[0],
-            modes_deg=modes,
-            floor=floor,
-            others=further,
-            surveyed=surveyed,
-            sigma_deg=posterior.sigma_deg,
-            interval95_deg=first.interval95_deg,
-            interval_kind="posterior",
-        )
+        return Ambiguous(mean_deg=modes[0], modes_deg=modes, **seen_so_far)
     radius_m = marker_radius_m(first.samples)
-    found = Found(
-        mean_deg=mean_deg,
-        sigma_deg=posterior.sigma_deg,
-        interval95_deg=first.interval95_deg,
-        interval_kind="posterior",
-        floor=floor,
-        others=further,
-        surveyed=surveyed,
-        other_probability=probability,
-        curve=_curve(first),
-    )
+    found = Found(mean_deg=mean_deg, other_probability=probability, curve=_curve(first), **seen_so_far)
     found = with_half_width(found, radius_m=radius_m)
     # An answer that is unsure for its width alone is of the marker: registration takes it.
     other = weaker_than_predicted or unmeasured or known.misfit

@@ -42,7 +42,7 @@ import numpy as np
 from markerseek.core import Float64, Int64, Interval, MarkerCurve, Sample
 from markerseek.search.evidence import FACE_RADIUS_M
 from markerseek.search.floor import SearchNoise, noise_of
-from markerseek.search.posterior.arrival import moments_of
+from markerseek.search.posterior.arrival import arrival_likelihood
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer, mean_and_sigma
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family, log_amplitude_prior, shapes_with
@@ -144,8 +144,6 @@ class AnglePosterior:
     """Relative error of one sample by itself, the laser's energy."""
     fwhm_deg: float
     """Mean of the curve's full width at half maximum."""
-    marker_m: float | None
-    """Lateral position of the marker; None while no sample is clear of the noise."""
     centre_sigma_deg: float
     """Standard deviation of the centre of the curve: what more samples can still reduce."""
 
@@ -256,11 +254,11 @@ class Inference:
         only how loud the source is at most (`as_upper_limit`).
         """
         coarse = self._coarse(lit, bounds, noise)
-        moments = moments_of(lit, self._scale) if "arrival" in self.cues else None
-        log_moments = None if moments is None else moments.over(self._coarse_deg[0], self._coarse_deg[-1])
+        first_deg, last_deg = self._coarse_deg[0], self._coarse_deg[-1]
+        log_moments = arrival_likelihood(lit, self._scale, first_deg, last_deg) if "arrival" in self.cues else None
 
         def log_arrival(angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
-            inside_deg = np.clip(angles_deg, self._coarse_deg[0], self._coarse_deg[-1])
+            inside_deg = np.clip(angles_deg, first_deg, last_deg)
             return np.zeros(angles_deg.size) if log_moments is None else np.asarray(log_moments(inside_deg))
 
         def log_prior(angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
@@ -288,7 +286,6 @@ class Inference:
             energy_gain=None if centre.log_gain is None else math.exp(centre.log_gain),
             sample_error=centre.sample_error,
             fwhm_deg=centre.fwhm_deg,
-            marker_m=scale.marker_m,
             centre_sigma_deg=mean_and_sigma(centre.angles_deg, centre.probability)[1],
         )
 

@@ -54,7 +54,6 @@ class Source:
     """``lateral_m`` and ``depth_m``: place of its strongest arrival."""
     angle_deg: float
     """Angle of the probe at which that arrived."""
-    intensity: float
     reach_m: float = POINT_M
     """Largest distance of its other arrivals along the array."""
 
@@ -111,7 +110,6 @@ def sources_of(lit: Sequence[Sample], *, level: float) -> tuple[Source, ...]:
             lateral_m=arrival.lateral_m,
             depth_m=arrival.depth_m,
             angle_deg=angle_deg,
-            intensity=arrival.intensity,
         )
         for index, each in enumerate(found):
             spot = each.with_part(source)
@@ -338,9 +336,14 @@ class Candidate(SourceSamples):
     """Ln of the most that its intensity over σ can be by what was measured at its angle; infinite where nothing was."""
 
     @property
+    def log_snr_sigma(self) -> float:
+        """Standard deviation of ln of the intensity over σ."""
+        return float(np.std(self.posterior.log_snr))
+
+    @property
     def loudness_known(self) -> bool:
         """Whether it was measured at its angle, and so often that its loudness is known, as far as it can be."""
-        vague = float(np.std(self.posterior.log_snr)) > KNOWN_LOG_SIGMA
+        vague = self.log_snr_sigma > KNOWN_LOG_SIGMA
         vague = vague or float(np.mean(self.posterior.log_snr)) > self.log_most
         return self.measured and (self.beyond or not vague)
 
@@ -373,14 +376,9 @@ class Candidate(SourceSamples):
         """Loudness over that of another source, in dB."""
         return 20 / math.log(10) * (self.log_snr - other.log_snr)
 
-    def may_be_stronger_than(self, other: Candidate, *, by_db: float, sigmas: float = LOUDER_SIGMAS) -> bool:
-        """Whether it may exceed another source by this ratio in dB, within so many standard deviations of the ratio."""
-        spread = math.hypot(float(np.std(self.posterior.log_snr)), float(np.std(other.posterior.log_snr)))
-        return self.relative_db(other) + sigmas * spread * 20 / math.log(10) > by_db
-
     def louder_probability(self, other: Candidate) -> float:
         """Probability that it is louder than another, from the standard deviations of both."""
-        spread = math.hypot(float(np.std(self.posterior.log_snr)), float(np.std(other.posterior.log_snr)))
+        spread = math.hypot(self.log_snr_sigma, other.log_snr_sigma)
         return 0.5 * math.erfc((other.log_snr - self.log_snr) / (math.sqrt(2) * max(spread, 1e-9)))
 
     def as_other_source(self, other: Candidate) -> OtherSource:

@@ -46,7 +46,6 @@ def posterior(theta_deg, log_snr, member):
         energy_gain=None,
         sample_error=0.02,
         fwhm_deg=5.0,
-        marker_m=None,
         centre_sigma_deg=1.0,
     )
 

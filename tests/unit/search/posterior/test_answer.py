@@ -45,7 +45,6 @@ def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
         energy_gain=None,
         sample_error=0.02,
         fwhm_deg=3.0,
-        marker_m=None,
         centre_sigma_deg=0.1,
     )
     at = [Sample(angle_deg=place, reading=Reading(intensity=height, noise_sigma=1.0)) for place, height in samples]
