@@ -135,7 +135,6 @@ def test_the_order_of_samples_does_not_matter(values, order):
     [
         (lambda: WeightedAverage(acquisitions=1), "acquisitions is 1, at least 2"),
         (lambda: Exhaustive(acquisitions=2), "acquisitions is 2, at least 3"),
-        (lambda: WeightedAverage(acquisitions=8, start_deg=math.inf), "start_deg is inf"),
     ],
 )
 def test_refuses(make, message):

@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad, quad_vec
+from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.stats import expon, halfnorm, norm, rice, uniform
 from scipy.stats import t as student
 
 from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Probe
 from markerseek.core import Reading, Sample
-from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood
+from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, _bending, _spline, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.grid import Grid
 from markerseek.search.posterior.inference import (
@@ -230,6 +231,14 @@ def test_two_moments_determine_the_side():
     log = log_moments(angles_deg, measured_deg, moments_of(5.0, measured_deg), np.array([15.0, 60.0]))
     share = np.exp(log - log.max())
     assert share[angles_deg > 0].sum() > 0.9 * share.sum()
+
+
+@pytest.mark.parametrize("knots", [2, 3, 4, 5, 71])
+def test_the_spline_is_scipys_beyond_its_ends_too(knots: int) -> None:
+    values = np.random.default_rng(knots).normal(size=knots)
+    at = np.linspace(-4.0, 12.0, 1001)
+    spline = _spline(-3.0, 14.0 / (knots - 1), values, _bending(knots) @ values, at)
+    assert spline == pytest.approx(CubicSpline(np.linspace(-3.0, 11.0, knots), values)(at), rel=1e-9, abs=1e-9)
 
 
 def test_moments_against_brute_force():

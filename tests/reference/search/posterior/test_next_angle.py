@@ -28,26 +28,24 @@ LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
 LEVEL = 6.3
 
 
-def posterior(theta_deg, log_snr, member):
-    """A posterior of which only the drawn markers count."""
-    nothing = np.zeros(0)
-    return AnglePosterior(
-        angle_deg=np.array([0.0, 1.0]),
-        probability=np.array([0.5, 0.5]),
-        coarse_deg=np.array([0.0, 1.0]),
-        coarse_probability=np.array([0.5, 0.5]),
-        sigma=1.0,
-        theta_deg=theta_deg,
-        member=member,
-        log_snr=log_snr,
-        strong_deg=nothing,
-        strong_log_snr=nothing,
-        strong_samples=np.zeros(0, np.int64),
-        energy_gain=None,
-        sample_error=0.02,
-        fwhm_deg=5.0,
-        centre_sigma_deg=1.0,
-    )
+def posterior(theta_deg, log_snr, member, **known):
+    """A posterior of which only the drawn markers count, and what else is known."""
+    nothing, ends_deg, halves = np.zeros(0), np.array([0.0, 1.0]), np.array([0.5, 0.5])
+    usual = {
+        "angle_deg": ends_deg,
+        "probability": halves,
+        "coarse_deg": ends_deg,
+        "coarse_probability": halves,
+        "sigma": 1.0,
+        "strong_deg": nothing,
+        "strong_log_snr": nothing,
+        "strong_samples": np.zeros(0, np.int64),
+        "energy_gain": None,
+        "sample_error": 0.02,
+        "fwhm_deg": 5.0,
+        "centre_sigma_deg": 1.0,
+    }
+    return AnglePosterior(theta_deg=theta_deg, log_snr=log_snr, member=member, **(usual | known))
 
 
 def test_the_angle_has_the_largest_probability_of_detection():

@@ -14,21 +14,16 @@ from markerseek.core import Ambiguous, AtBound, Found, Interval, NotFound, Readi
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.survey import acquisitions_needed
+from tests.reference.search.test_checked import CELLS, noise_maximum, shape
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")
-
-CELLS = 12_800
-
-
-def shape(distance_deg, fwhm_deg, tail):
-    return (1 + (2 ** (2 / tail) - 1) * (2 * distance_deg / fwhm_deg) ** 2) ** (-tail / 2)
 
 
 def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, outlier=None):
     """Answer of a search, and the number of acquisitions; frame number ``outlier`` holds a burst."""
 
     def reading(signal, lateral_m):
-        largest = sigma * math.sqrt(-2 * math.log(-math.expm1(math.log(rng.random()) / CELLS)))
+        largest = float(noise_maximum(rng, sigma))
         envelope = abs(signal + sigma * complex(*rng.standard_normal(2)))
         if envelope < largest:
             envelope, lateral_m = largest, float(rng.uniform(-27e-3, 27e-3))

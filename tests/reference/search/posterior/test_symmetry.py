@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp, softmax
 from scipy.stats import multivariate_normal
 
-from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
+from markerseek.core import PAPER_RANGE, Floor, Interval, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
+from markerseek.search.posterior import energy_spread
 from markerseek.search.posterior.grid import ERRORS, LEVELS
 from markerseek.search.posterior.inference import Inference, refine
 from markerseek.search.posterior.likelihood import (
@@ -272,6 +273,18 @@ def test_the_laser_error_is_inferred_from_repeated_samples():
     assert likeliest(0.15) == max(errors)
     # The samples' own noise is 0.4 %.
     assert likeliest(0.001) < 0.01 < likeliest(0.03) < max(errors)
+
+
+def test_dark_frames_without_any_noise_do_not_hide_the_marker():
+    """A noise floor of 0 is a floor, and every sample is above it."""
+    lit = [
+        Sample(angle_deg=each, reading=Reading(intensity=100 / (1 + (each / 3) ** 2)))
+        for each in (-4, -2, -1, 0, 1, 2, 4)
+    ]
+    dark = Sample(angle_deg=0.0, reading=Reading(intensity=0.0), dark=True)
+    spread = energy_spread(lit, [dark], limits=Interval(low_deg=-10.0, high_deg=10.0))
+    assert spread is not None
+    assert 0.0 < spread < 0.1
 
 
 def test_a_group_of_one_angle_counts_as_its_samples():

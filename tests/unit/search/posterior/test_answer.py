@@ -21,34 +21,26 @@ from markerseek.search.posterior.answer import (
     top_beside_deg,
     unresolved_rival,
 )
-from markerseek.search.posterior.inference import AnglePosterior
 from markerseek.search.posterior.sources import Candidate
 from markerseek.search.posterior.survey import Survey
+from tests.reference.search.posterior.test_next_angle import posterior
 
 
 def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
     """A source of which angle and loudness are known, with its samples as (angle, intensity over σ)."""
     near_deg = angle_deg + np.linspace(-0.5, 0.5, 21)
     share = norm.pdf(near_deg, loc=angle_deg, scale=0.1)
-    posterior = AnglePosterior(
+    known = posterior(
+        np.full(9, angle_deg),
+        np.log(snr) + log_sigma * norm.ppf((np.arange(9) + 0.5) / 9),
+        np.zeros(9, np.int64),
         angle_deg=near_deg,
         probability=share / share.sum(),
-        coarse_deg=near_deg,
-        coarse_probability=share / share.sum(),
-        sigma=1.0,
-        theta_deg=np.full(9, angle_deg),
-        member=np.zeros(9, np.int64),
-        log_snr=np.log(snr) + log_sigma * norm.ppf((np.arange(9) + 0.5) / 9),
-        strong_deg=np.zeros(0),
-        strong_log_snr=np.zeros(0),
-        strong_samples=np.zeros(0, np.int64),
-        energy_gain=None,
-        sample_error=0.02,
         fwhm_deg=3.0,
         centre_sigma_deg=0.1,
     )
     at = [Sample(angle_deg=place, reading=Reading(intensity=height, noise_sigma=1.0)) for place, height in samples]
-    return Candidate(source=None, side=(), samples=at, missing=None, posterior=posterior, seen=len(at), measured=True)
+    return Candidate(source=None, side=(), samples=at, missing=None, posterior=known, seen=len(at), measured=True)
 
 
 @pytest.mark.parametrize(("snr", "log_sigma", "rival"), [(60, 0.02, True), (47, 0.02, False), (47, 0.1, True)])
