@@ -20,6 +20,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from markerseek.core import (
+    MAX_ARRIVALS,
     MAX_INTENSITY,
     MIN_INTENSITY,
     Ambiguous,
@@ -47,9 +48,6 @@ from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
 from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.sources import (
     BESIDE_DEG,
-    LOUDER_SIGMAS,
-    MAX_OTHERS,
-    MEASURED_SHARE,
     RIVAL_DB,
     Candidate,
     SourceSamples,
@@ -76,6 +74,16 @@ from markerseek.search.posterior.survey import (
     survey_of,
 )
 from markerseek.search.posterior.symmetry import TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS
+
+MAX_OTHERS = MAX_ARRIVALS - 1
+"""Most sources beside the loudest that get a posterior of their own, the strongest first: as many as a frame lists."""
+
+MEASURED_SHARE = 0.5
+"""Distance of a sample from a source, over the full width of its curve, up to which the source has been measured: there
+the curve has half of its height."""
+
+LOUDER_SIGMAS = 2.0
+"""Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
 
 PARTICLES, UNDETECTED_PARTICLES = 48, 4000
 """Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
@@ -253,7 +261,8 @@ class Analysis:
 
     @cached_property
     def unresolved_rival(self) -> tuple[Candidate, float | None] | None:
-        """As of the function; of a single source the loudest is the marker."""
+        """A source that may still be the marker, as of the function of this name; None without one."""
+        # Of a single source the loudest is the marker.
         by_db = 0.0 if self._single else -RIVAL_DB
         return unresolved_rival(self.sources, self.measured_deg, limits=self.limits, by_db=by_db)
 

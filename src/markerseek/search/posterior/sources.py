@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from markerseek.core import MAX_ARRIVALS, Arrival, Float64, Interval, OtherSource, Reading, Sample
+from markerseek.core import Arrival, Float64, Interval, OtherSource, Reading, Sample
 from markerseek.search.evidence import FLAT_SHARE, KNOWN_SIGMA_DEG
 from markerseek.search.floor import FEWEST_CELLS, SearchNoise, noise_factor
 from markerseek.search.posterior.inference import AnglePosterior
@@ -251,24 +251,15 @@ def _of_arrival(reading: Reading, arrival: Arrival, source: Source, *, angle_deg
     )
 
 
-MAX_OTHERS = MAX_ARRIVALS - 1
-"""Most sources beside the loudest that get a posterior of their own, the strongest first: as many as a frame lists."""
-
 RIVAL_DB = 6.0
 """A source that is weaker by no more than this may be the marker as well, in dB."""
 
-MEASURED_SHARE = 0.5
-"""Distance of a sample from a source, over the full width of its curve, up to which the source has been measured: there
-the curve has half of its height."""
 
 BESIDE_DEG = 1.0
 """Distance at which the narrowest curve still has half of its height, in degrees."""
 
 KNOWN_LOG_SIGMA = 0.25
 """Standard deviation of ln A from which the loudness of a source is known, 2 dB: a third of `RIVAL_DB`."""
-
-LOUDER_SIGMAS = 2.0
-"""Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
 
 
 SUSPECT_SHARE = 0.05
@@ -277,29 +268,6 @@ SUSPECT_SHARE = 0.05
 PLACE_SHARE = 0.01
 """Probability with which noise at the place of a source passes for it in one frame, when it is looked at again."""
 
-DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0
-"""Standard deviations of noise and laser by which a dip must lie below both peaks, and for doubt."""
-
-SAMPLE_ERROR, PULSE_ERROR = 0.03, 0.12
-"""Relative error of one sample by itself, the laser's energy: at rest, and of a single pulse of a sweep."""
-
-MIN_DIP, NEAR_FIELD_DIP = 0.1, 0.35
-"""Least depth of a dip over the lower peak, for intensities alone, and for frames, where the near field is excluded."""
-
-ALIKE_DEG = 1.0
-"""Samples nearer than this are alike on any curve: a burst or a misfire among them is neither peak nor dip."""
-
-HUMPS_APART_DEG = 5.0
-"""Least distance of two peaks, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
-
-ASYMMETRY_SHARE = 0.2
-"""Least share of a sample's intensity by which one nearer to the centre must be weaker, on either side, for doubt."""
-
-TOP_SHARES = (-0.35, 0.0, 0.35)
-"""Angles about the answer, over the full width at half maximum, at which a dip would show."""
-
-TOP_REACH = 0.25
-"""Distance from such an angle, over the same width, at which a sample serves as well."""
 
 Side: TypeAlias = tuple[str, ...]
 """Samples of one source: all at a place, or those on the side of each dip that is named, "low" or "high"."""
@@ -433,6 +401,31 @@ def is_background(at: Sequence[Sample]) -> bool:
     """Whether a place is equally strong at all angles, as an artefact of the rig is."""
     intensities = [sample.reading.intensity for sample in at]
     return len(at) > 1 and max(intensities) - min(intensities) <= FLAT_SHARE * max(intensities)
+
+
+DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0
+"""Standard deviations of noise and laser by which a dip must lie below both peaks, and for doubt."""
+
+SAMPLE_ERROR, PULSE_ERROR = 0.03, 0.12
+"""Relative error of one sample by itself, the laser's energy: at rest, and of a single pulse of a sweep."""
+
+MIN_DIP, NEAR_FIELD_DIP = 0.1, 0.35
+"""Least depth of a dip over the lower peak, for intensities alone, and for frames, where the near field is excluded."""
+
+ALIKE_DEG = 1.0
+"""Samples nearer than this are alike on any curve: a burst or a misfire among them is neither peak nor dip."""
+
+HUMPS_APART_DEG = 5.0
+"""Least distance of two peaks, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
+
+ASYMMETRY_SHARE = 0.2
+"""Least share of a sample's intensity by which one nearer to the centre must be weaker, on either side, for doubt."""
+
+TOP_SHARES = (-0.35, 0.0, 0.35)
+"""Angles about the answer, over the full width at half maximum, at which a dip would show."""
+
+TOP_REACH = 0.25
+"""Distance from such an angle, over the same width, at which a sample serves as well."""
 
 
 def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = False) -> float | None:
