@@ -59,56 +59,8 @@ from markerseek.search.posterior.symmetry import (
     with_energies,
 )
 
-BEYOND_STEPS = 12
-"""Coarse steps by which the grid extends beyond each end of the range."""
-
-BEYOND_SHARE = 0.05
-"""Prior density there over that inside."""
-
-COARSE_STEPS = 140
-"""Coarse steps over the range: half a degree for ±35°."""
-
-FINE_ANGLES = 33
-"""Angles of a finer grid."""
-
-SYMMETRY_ANGLES = (13, 25)
-"""Angles at which the symmetric likelihood is computed: while they become narrower, and at last."""
-
-SYMMETRY_STEP, MAX_SYMMETRY_ANGLES = 0.02, 151
-"""Their step over the full width at half maximum where they are spread wider than that, and their largest number."""
-
-SYMMETRY_SHAPES = 6
-"""Shapes with which it is computed, the most probable."""
-
-MAX_TURNS = 6
-"""How often they are computed at most."""
-
-NARROWER = 2.5
-"""Ratio of two of their spreads from which they are computed again before the last time; a posterior within one step
-makes the next spread, of two steps to either side, three times as narrow."""
-
-EDGE_SHARE = 0.01
-"""Probability at an end of these angles, over that of the most probable, from which they are spread twice as wide."""
-
-MIN_SHARE = 0.01
-"""Probability of a hypothesis, over that of the most probable, below which it is dropped in between."""
-
-SHIFT_SCALES = 6.0
-"""Reach of the marker's angles to either side, in scales of the shift: 99.6 % of its distribution."""
-
-HALF_WIDTH_SIGMAS = 5.0
-"""Half the width of the next finer grid, in standard deviations."""
-
 LogDensity: TypeAlias = Callable[[Float64[np.ndarray, " angles"]], Float64[np.ndarray, " angles"]]
 """ln of a density, without a constant factor, as a function of angles in degrees."""
-
-
-MIN_ENERGIES = 6
-"""Samples of the marker from which its curve, which is not known either, shows how the laser's energy differs."""
-
-
-MODE_PROBABILITY = 0.05
-"""Probability from which a second peak of the posterior is a mode."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -180,6 +132,10 @@ class AnglePosterior:
         return np.concatenate([[0.0], np.cumsum(self.probability)]), ends_deg
 
 
+MODE_PROBABILITY = 0.05
+"""Probability from which a second peak of the posterior is a mode."""
+
+
 def modes_deg(posterior: AnglePosterior, *, limits: Interval) -> tuple[float, ...]:
     """Return the peaks of the posterior with gaps between them, the most probable first, in degrees."""
     probability = posterior.coarse_probability
@@ -212,6 +168,19 @@ class Centre:
     """ln of the factor of the spot's energies, `with_energies`; None if the curve is that of the peak."""
     sample_error: float
     """Mean of the relative error of one sample by itself, the laser's energy."""
+
+
+BEYOND_STEPS = 12
+"""Coarse steps by which the grid extends beyond each end of the range."""
+
+BEYOND_SHARE = 0.05
+"""Prior density there over that inside."""
+
+COARSE_STEPS = 140
+"""Coarse steps over the range: half a degree for ±35°."""
+
+SHIFT_SCALES = 6.0
+"""Reach of the marker's angles to either side, in scales of the shift: 99.6 % of its distribution."""
 
 
 class Inference:
@@ -373,6 +342,35 @@ def _as_of_one_way(
     return blurred(centre.angles_deg, centre.probability, sigma_deg=sigma_deg * math.sqrt(spot * further))
 
 
+FINE_ANGLES = 33
+"""Angles of a finer grid."""
+
+SYMMETRY_ANGLES = (13, 25)
+"""Angles at which the symmetric likelihood is computed: while they become narrower, and at last."""
+
+SYMMETRY_STEP, MAX_SYMMETRY_ANGLES = 0.02, 151
+"""Their step over the full width at half maximum where they are spread wider than that, and their largest number."""
+
+SYMMETRY_SHAPES = 6
+"""Shapes with which it is computed, the most probable."""
+
+MAX_TURNS = 6
+"""How often they are computed at most."""
+
+NARROWER = 2.5
+"""Ratio of two of their spreads from which they are computed again before the last time; a posterior within one step
+makes the next spread, of two steps to either side, three times as narrow."""
+
+EDGE_SHARE = 0.01
+"""Probability at an end of these angles, over that of the most probable, from which they are spread twice as wide."""
+
+MIN_SHARE = 0.01
+"""Probability of a hypothesis, over that of the most probable, below which it is dropped in between."""
+
+HALF_WIDTH_SIGMAS = 5.0
+"""Half the width of the next finer grid, in standard deviations."""
+
+
 def refine(
     shapes: Shapes,
     coarse: Grid,
@@ -482,23 +480,6 @@ def _half_width_deg(angles_deg: Float64[np.ndarray, " angles"], probability: Flo
     """Half the width of the next finer grid, in degrees."""
     step_deg = float(angles_deg[1] - angles_deg[0])
     return max(HALF_WIDTH_SIGMAS * mean_and_sigma(angles_deg, probability)[1], 2 * step_deg)
-
-
-def energy_spread(lit: Sequence[Sample], dark: Sequence[Sample] = (), *, limits: Interval) -> float | None:
-    """Return the relative standard deviation of an acquisition's energy; None where too few samples show it.
-
-    ``lit``, ``dark``: samples of one marker, with the laser on and off.
-    """
-    energies = [sample.frame.header.energy for sample in lit if sample.frame is not None]
-    measured = [math.log(energy) for energy in energies if energy is not None]
-    if len(measured) >= MIN_ENERGIES:
-        return statistics.stdev(measured)
-    noise = noise_of(lit, dark=dark)
-    level = math.inf if noise.floor.level is None else noise.floor.level
-    if sum(sample.reading.intensity > level for sample in lit) < MIN_ENERGIES:
-        return None
-    inference = Inference(limits=limits, cues=frozenset({"intensity"}))
-    return inference.posterior(lit, noise, particles=8).sample_error
 
 
 def delay_sigma_deg(observations: Sequence[Observation]) -> float:
@@ -647,3 +628,24 @@ def shifted_density(
     # Student's density with four degrees of freedom is 3/8·square^(−5/2).
     shifted = 0.375 * square**-2.5 @ share / scale_deg
     return np.asarray((1 - probability) * same + probability * shifted)
+
+
+MIN_ENERGIES = 6
+"""Samples of the marker from which its curve, which is not known either, shows how the laser's energy differs."""
+
+
+def energy_spread(lit: Sequence[Sample], dark: Sequence[Sample] = (), *, limits: Interval) -> float | None:
+    """Return the relative standard deviation of an acquisition's energy; None where too few samples show it.
+
+    ``lit``, ``dark``: samples of one marker, with the laser on and off.
+    """
+    energies = [sample.frame.header.energy for sample in lit if sample.frame is not None]
+    measured = [math.log(energy) for energy in energies if energy is not None]
+    if len(measured) >= MIN_ENERGIES:
+        return statistics.stdev(measured)
+    noise = noise_of(lit, dark=dark)
+    level = math.inf if noise.floor.level is None else noise.floor.level
+    if sum(sample.reading.intensity > level for sample in lit) < MIN_ENERGIES:
+        return None
+    inference = Inference(limits=limits, cues=frozenset({"intensity"}))
+    return inference.posterior(lit, noise, particles=8).sample_error

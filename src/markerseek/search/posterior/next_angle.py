@@ -30,40 +30,12 @@ from markerseek.search.posterior.symmetry import (
     template_sigma,
 )
 
-MIN_GAIN = 0.02
-"""Share by which a sample must be expected to reduce the standard deviation; else samples are spread evenly."""
-
-FLANKS = 0.8
-"""How far to either side of the marker that is, over the full width at half maximum."""
-
-MIRRORED = 0.03
-"""Distance from its mirror image within which a place has one, over that width."""
-
-ONE_SIDED, MIN_GAP = 1.6, 0.12
-"""Part of both flanks, of 2, below which the range holds too little of one; the least gap that is filled then, over
-that width."""
-
 PLAN = (1, 4, 6, 0, 3, 7, 2, 5)
 """Planned angles, each in the middle of an equal part of the range: evenly spread after eight, as eight acquisitions
 miss the fewest markers, and nearly so after three."""
 
 PLAN_BY_HAND = (1, 4, 6, 7, 5, 3, 2, 0)
 """The same for a hand, which turns back once: alike until three are measured."""
-
-DETECTION_ANGLES = 71
-"""Candidate angles, evenly spread over the range, while no marker is detected."""
-
-MIN_APART_DEG = 0.4
-"""Least distance of such an angle from those measured, in degrees."""
-
-DETECTION_TRAVEL_DEG = 300.0
-"""Travel that must double the probability of detection to be worth it, in degrees."""
-
-TRAVEL_DEG = 75.0
-"""Travel that costs as much as an acquisition, in degrees."""
-
-BINS = 700
-"""Equal parts of the range over which the probabilities are stated: a tenth of a degree of 70."""
 
 
 def planned_deg(
@@ -112,6 +84,16 @@ def effort_deg(
     return effort
 
 
+DETECTION_ANGLES = 71
+"""Candidate angles, evenly spread over the range, while no marker is detected."""
+
+MIN_APART_DEG = 0.4
+"""Least distance of such an angle from those measured, in degrees."""
+
+DETECTION_TRAVEL_DEG = 300.0
+"""Travel that must double the probability of detection to be worth it, in degrees."""
+
+
 def most_detectable_deg(
     posterior: AnglePosterior,
     measured_deg: Sequence[float],
@@ -141,6 +123,13 @@ def most_detectable_deg(
     return float(candidates[np.argmax(detected / (1 + travel / DETECTION_TRAVEL_DEG))])
 
 
+MIN_GAIN = 0.02
+"""Share by which a sample must be expected to reduce the standard deviation; else samples are spread evenly."""
+
+TRAVEL_DEG = 75.0
+"""Travel that costs as much as an acquisition, in degrees."""
+
+
 def most_informative_deg(
     posterior: AnglePosterior,
     measured_deg: Sequence[float],
@@ -164,6 +153,17 @@ def most_informative_deg(
         return _evenly_deg(posterior, limits=limits)
     travel = effort_deg(candidates, measured_deg, by_hand)
     return float(candidates[np.argmax(gain / (1 + travel / TRAVEL_DEG))])
+
+
+FLANKS = 0.8
+"""How far to either side of the marker that is, over the full width at half maximum."""
+
+MIRRORED = 0.03
+"""Distance from its mirror image within which a place has one, over that width."""
+
+ONE_SIDED, MIN_GAP = 1.6, 0.12
+"""Part of both flanks, of 2, below which the range holds too little of one; the least gap that is filled then, over
+that width."""
 
 
 def _evenly_deg(posterior: AnglePosterior, *, limits: Interval) -> float:
@@ -333,6 +333,10 @@ def expected_variance(
                 + 1 / (mu * mu + floor * floor)
             )
         out[c] = _variance_left(theta_deg, height, variance, sums)
+
+
+BINS = 700
+"""Equal parts of the range over which the probabilities are stated: a tenth of a degree of 70."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
