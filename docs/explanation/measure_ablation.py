@@ -36,13 +36,13 @@ HERE, READER, AS_IT_IS = "markerseek.search.posterior.", "markerseek.signals.rea
 
 # By the name under which the search looks it up, with what it says where there is nothing to say.
 FUNCTIONS: dict[str, tuple[str, object]] = {
-    "a source not resolved yet comes first (`unresolved_rival`)": ("analysis.unresolved_rival", None),
+    "a source not resolved yet comes first (`unresolved_rival`)": ("answer.unresolved_rival", None),
     "a top hidden in a gap (`missed_peak_deg`)": ("answer.missed_peak_deg", None),
-    "a sample stronger than one nearer to the answer (`asymmetric_sample`)": ("analysis.asymmetric_sample", None),
-    "the dip between two humps (`dip_deg`)": ("candidates.dip_deg", None),
-    "the predictive check (`predictive_check`)": ("analysis.predictive_check", None),
-    "bursts (`_is_burst`)": ("candidates._is_burst", False),
-    "flat background (`_is_background`)": ("candidates._is_background", False),
+    "a sample stronger than one nearer to the answer (`asymmetric_sample`)": ("answer.asymmetric_sample", None),
+    "the dip between two humps (`dip_deg`)": ("answer.dip_deg", None),
+    "the predictive check (`predictive_check`)": ("answer.predictive_check", None),
+    "bursts (`is_burst`)": ("answer.is_burst", False),
+    "flat background (`is_background`)": ("answer.is_background", False),
     "the confirmation (`weaker_than_predicted`)": ("policy.weaker_than_predicted", None),
 }
 

@@ -5,30 +5,23 @@ from __future__ import annotations
 import pytest
 
 from markerseek.core import Interval, Policy, SearchPlan
-from markerseek.search import GOLDEN, METHODS, TERNARY, BracketSearch, build
+from markerseek.search import GOLDEN, METHODS, BracketSearch, build
+from markerseek.search.posterior import Posterior
 from markerseek.testing import PolicyContract
 
-
-class TestBracketByWidth(PolicyContract):
-    def make(self, limits: Interval) -> Policy:
-        return BracketSearch(ratio=GOLDEN, limits=limits, width_deg=0.5)
-
-
-class TestTernaryByWidth(PolicyContract):
-    def make(self, limits: Interval) -> Policy:
-        return BracketSearch(ratio=TERNARY, limits=limits, width_deg=1e-9)
+SMALL = Interval(low_deg=3.0, high_deg=4.5)
 
 
 class TestSmallRange(PolicyContract):
-    limits = Interval(low_deg=3.0, high_deg=4.5)
+    limits = SMALL
 
     def make(self, limits: Interval) -> Policy:
         return build(SearchPlan(method="golden-section-reuse", acquisitions=200), limits=limits)
 
 
-FORMS = [(method.name, as_published) for method in METHODS for as_published in (True, False)]
-# Not published, and tested in a file of its own.
-FORMS = [form for form in FORMS if form[0] != "posterior"]
+FORMS = [
+    (method.name, as_published) for method in METHODS if method.name != "posterior" for as_published in (True, False)
+]
 
 
 @pytest.mark.parametrize(("name", "as_published"), FORMS)
@@ -43,6 +36,33 @@ class TestMethods(PolicyContract):
         return build(SearchPlan(method=name, acquisitions=acquisitions, as_published=as_published), limits=limits)
 
 
+class TestPosterior(PolicyContract):
+    def make(self, limits: Interval) -> Policy:
+        return Posterior(limits=limits)
+
+
+class TestPosteriorWithEveryAcquisition(PolicyContract):
+    def make(self, limits: Interval) -> Policy:
+        return Posterior(limits=limits, acquisitions=6, target_sigma_deg=0.0, start_deg=limits.high_deg)
+
+
+class TestPosteriorInASmallRange(PolicyContract):
+    limits = SMALL
+
+    def make(self, limits: Interval) -> Policy:
+        return Posterior(limits=limits, acquisitions=6)
+
+
+@pytest.mark.parametrize("cue", ["intensity", "arrival"])
+class TestPosteriorByOneCue(PolicyContract):
+    @pytest.fixture(autouse=True)
+    def _cue(self, cue: str) -> None:
+        self.cue = cue
+
+    def make(self, limits: Interval) -> Policy:
+        return Posterior(limits=limits, acquisitions=3, cues=[self.cue])
+
+
 class _Endless(BracketSearch):
     """A policy that never ends."""
 
@@ -54,7 +74,7 @@ class _EndlessContract(PolicyContract):
     most = 50
 
     def make(self, limits: Interval) -> Policy:
-        return _Endless(ratio=GOLDEN, limits=limits, width_deg=0.5)
+        return _Endless(ratio=GOLDEN, limits=limits, acquisitions=20)
 
 
 @pytest.mark.parametrize("name", ["test_asks_inside_the_range", "test_refuses_samples_after_the_end"])

@@ -1,7 +1,6 @@
 """Values, protocols, events and errors that all other packages share. Pure; it imports none of them."""
 
 from markerseek.core.angle_prior import AnglePrior, PriorEvidence
-from markerseek.core.arrival import Arrival, LocalMaxima, SpotEnergy
 from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
 from markerseek.core.errors import (
     AcquisitionError,
@@ -50,21 +49,24 @@ from markerseek.core.events import (
     Swept,
     Turning,
 )
-from markerseek.core.frame import NO_HEADER, ChannelFrame, Frame, FrameHeader, ReadingFrame
-from markerseek.core.image import LinearArray, PaImage, ScanGeometry
+from markerseek.core.image import MAX_PAIRS, LinearArray, PaImage, ScanGeometry, StereoImages, StereoPair
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerCandidate, MarkerPosition, marker_candidates, marker_position
 from markerseek.core.options import Option, arguments_of, as_text, option, options_of
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
 from markerseek.core.plan import (
+    MAX_PACE,
+    USUAL_SEED,
     ByHand,
     RigFacts,
     RigKind,
     RunPlan,
     SearchPlan,
+    SimulationOptions,
     Tolerance,
     counted,
     listed,
+    require_pace,
     rig_in_words,
 )
 from markerseek.core.protocols import (
@@ -88,12 +90,18 @@ from markerseek.core.reading import (
     MAX_ARRIVALS,
     MAX_INTENSITY,
     MIN_INTENSITY,
+    NO_HEADER,
+    Arrival,
+    ChannelFrame,
+    Frame,
+    FrameHeader,
+    LocalMaxima,
     Reading,
+    ReadingFrame,
     Sample,
+    SpotEnergy,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
-from markerseek.core.simulation import MAX_PACE, USUAL_SEED, SimulationOptions, require_pace
-from markerseek.core.stereo_images import MAX_PAIRS, StereoImages, StereoPair
 from markerseek.core.sweep import (
     MAX_AHEAD_DEG,
     MAX_RESOLUTION_DEG,

@@ -10,8 +10,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
-from markerseek.core.checks import is_finite, require_range
+from markerseek.core.checks import Within, is_finite, require_fields, require_range
 from markerseek.core.errors import ConfigError
 from markerseek.core.interval import Interval
 
@@ -58,13 +59,12 @@ class AnglePrior:
     Interval(low_deg=1.5, high_deg=23.5)
     """
 
-    mean_deg: float
-    sigma_deg: float
+    mean_deg: Annotated[float, Within(-180.0, 180.0, "deg")]
+    sigma_deg: Annotated[float, Within(LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")]
     table: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        require_range("near: mean_deg", self.mean_deg, low=-180.0, high=180.0, unit="deg")
-        require_range("near: sigma_deg", self.sigma_deg, low=LEAST_SIGMA_DEG, high=MOST_SIGMA_DEG, unit="deg")
+        require_fields(self, "near")
 
     @classmethod
     def of_table(cls, angles_deg: Sequence[float], weights: Sequence[float]) -> AnglePrior:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import typing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from numbers import Integral, Real
 from typing import Any, TypeGuard
@@ -84,25 +84,17 @@ def require_fields(settings: Any, owner: str) -> None:
     for name, limits, words in _checked(settings.__class__):
         value = getattr(settings, name)
         if limits is not None and value is not None:
-            require_range(
-                f"{owner}: {name}",
-                value,
-                low=limits.low,
-                high=limits.high,
-                unit=limits.unit,
-                open_low=limits.open_low,
-                cure=limits.cure,
-            )
+            require_range(f"{owner}: {name}", value, **limits)
         if words and value not in words:
             raise ConfigError(f"{owner}: {name} is {value!r}, it must be {' or '.join(map(repr, words))}")
 
 
 @cache
-def _checked(kind: type) -> tuple[tuple[str, Within | None, tuple[Any, ...]], ...]:
-    """Fields of settings that have limits or words, with their limits and words."""
+def _checked(kind: type) -> tuple[tuple[str, dict[str, Any] | None, tuple[Any, ...]], ...]:
+    """Fields of settings that have limits or words, with the limits as arguments of `require_range`, and the words."""
     found = []
     for name, hint in typing.get_type_hints(kind, include_extras=True).items():
-        limits = next((each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Within)), None)
+        limits = next((asdict(each) for each in getattr(hint, "__metadata__", ()) if isinstance(each, Within)), None)
         words = typing.get_args(hint) if typing.get_origin(hint) is typing.Literal else ()
         if limits is not None or words:
             found.append((name, limits, words))

@@ -6,10 +6,10 @@ in which a second source as strong as the marker would have been detected (None 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, fields
+from typing import Annotated, Literal, TypeAlias
 
-from markerseek.core.checks import require_range
+from markerseek.core.checks import Within, require_fields
 from markerseek.core.interval import Interval
 from markerseek.core.reading import MAX_INTENSITY, MIN_INTENSITY
 
@@ -104,19 +104,8 @@ class Found:
 
     def as_unsure(self, doubt: Doubt, reason: str) -> Unsure:
         """The same angle, no longer claimed."""
-        return Unsure(
-            mean_deg=self.mean_deg,
-            sigma_deg=self.sigma_deg,
-            interval95_deg=self.interval95_deg,
-            interval_kind=self.interval_kind,
-            doubt=doubt,
-            reason=reason,
-            floor=self.floor,
-            others=self.others,
-            surveyed=self.surveyed,
-            other_probability=self.other_probability,
-            half_width_m=self.half_width_m,
-        )
+        kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "curve"}
+        return Unsure(doubt=doubt, reason=reason, **kept)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,9 +195,8 @@ class MarkerCurve:
         If a number is not finite, or out of range.
     """
 
-    fwhm_deg: float
-    peak: float
+    fwhm_deg: Annotated[float, Within(0.5, 90.0, "deg")]
+    peak: Annotated[float, Within(MIN_INTENSITY, MAX_INTENSITY)]
 
     def __post_init__(self) -> None:
-        require_range("marker curve: fwhm_deg", self.fwhm_deg, low=0.5, high=90.0, unit="deg")
-        require_range("marker curve: peak", self.peak, low=MIN_INTENSITY, high=MAX_INTENSITY)
+        require_fields(self, "marker curve")

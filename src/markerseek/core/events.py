@@ -12,9 +12,8 @@ from typing import Literal, TypeAlias
 
 from markerseek.core.angle_prior import PriorEvidence
 from markerseek.core.estimate import Estimate, NotFound
-from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
-from markerseek.core.reading import Sample
+from markerseek.core.reading import Frame, Sample
 from markerseek.core.sweep import Sweep
 
 

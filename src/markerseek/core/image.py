@@ -1,14 +1,14 @@
-"""Photoacoustic and B-mode images, the positions of their pixels, and the elements of the array."""
+"""Photoacoustic, B-mode and stereo images: positions of their pixels, elements of the array, sources of image pairs."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
-from markerseek.core.shapes import CHECKED, Float32, Float64
+from markerseek.core.shapes import CHECKED, Float32, Float64, UInt8
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
@@ -136,3 +136,38 @@ class LinearArray:
 
         from_middle: Float64[np.ndarray, " elements"] = np.arange(self.elements) - (self.elements - 1) / 2
         return from_middle * self.pitch_m
+
+
+MAX_PAIRS = 50
+"""Most pairs that a source keeps until it is asked for them; older pairs are dropped."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StereoPair:
+    """An image of each camera, taken at about the same time."""
+
+    left: UInt8[np.ndarray, "rows columns"]
+    """Image of the left camera: of each pixel the brightest colour."""
+    right: UInt8[np.ndarray, "rows columns"]
+    """Image of the right camera."""
+    at_s: float
+    """Time at which both images were there: monotonic seconds of this computer; with a simulated endoscope, time on the
+    clock of its rig."""
+
+
+@runtime_checkable
+class StereoImages(Protocol):
+    """A source of image pairs."""
+
+    @property
+    def name(self) -> str:
+        """What the pairs come from, for messages: "folders left and right"."""
+
+    def newest(self) -> list[StereoPair]:
+        """Pairs that came since the last call, the oldest first, at most `MAX_PAIRS`; returns soon, also without any.
+
+        Raises `DeviceError` with cause and cure if the source has ended or failed.
+        """
+
+    def close(self) -> None:
+        """Release what it holds; allowed twice."""

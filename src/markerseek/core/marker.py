@@ -142,9 +142,11 @@ def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigF
     return tuple(sorted(candidates, key=lambda each: -each.probability))
 
 
-def _placed(angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: float) -> MarkerPosition:
-    """Where a source is whose frames say its place, and not how well."""
-    angle, incoherent = math.radians(angle_deg), 1 - UNKNOWN_COHERENCE
+def _placed(
+    angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: float, coherence: float = UNKNOWN_COHERENCE
+) -> MarkerPosition:
+    """Where a source is at this angle and distance from the axis; how well, follows from its coherence."""
+    angle, incoherent = math.radians(angle_deg), 1 - coherence
     return MarkerPosition(
         position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
         sigma_m=(radius_m * math.radians(sigma_deg), LATERAL_M * incoherent, DEPTH_M * incoherent),
@@ -172,13 +174,9 @@ def marker_position(
     strong = [at for at in positions if _same_source(at, strongest)]
     weights = [at.intensity**2 for at in strong]
     radii_m = [_radius_m(at.depth_m, face_m, math.radians(at.angle_deg - found.mean_deg)) for at in strong]
-    incoherent = 1 - _mean([at.coherence for at in strong], weights)
     lateral_m, radius_m = _mean([at.lateral_m for at in strong], weights), _mean(radii_m, weights)
-    angle = math.radians(found.mean_deg)
-    return MarkerPosition(
-        position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
-        sigma_m=(radius_m * math.radians(found.sigma_deg), LATERAL_M * incoherent, DEPTH_M * incoherent),
-    )
+    coherence = _mean([at.coherence for at in strong], weights)
+    return _placed(found.mean_deg, found.sigma_deg, lateral_m, radius_m, coherence)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,27 +195,19 @@ def _position_of(sample: Sample, sound_speed_m_s: float | None) -> _SourcePositi
     reading = sample.reading
     if reading.lateral_m is None or reading.depth_m is None:
         return None
-    # Never quite 1, so that no marker is taken for exact.
-    coherence = min(UNKNOWN_COHERENCE if reading.coherence is None else reading.coherence, 0.99)
+    lateral_m, depth_m = reading.lateral_m, reading.depth_m
     if reading.spot is not None:
-        return _SourcePosition(
-            angle_deg=sample.angle_deg,
-            intensity=reading.intensity,
-            lateral_m=reading.spot.lateral_m,
-            depth_m=reading.spot.depth_m,
-            coherence=coherence,
-        )
-    later_s = 0.0
-    if reading.centroid_s is not None and reading.arrival_s is not None:
+        lateral_m, depth_m = reading.spot.lateral_m, reading.spot.depth_m
+    elif reading.centroid_s is not None and reading.arrival_s is not None:
         # Both count from the trigger, so that its offset cancels.
-        later_s = reading.centroid_s - reading.arrival_s
-    depth_m = reading.depth_m + (sound_speed_m_s or 0.0) * later_s
+        depth_m += (sound_speed_m_s or 0.0) * (reading.centroid_s - reading.arrival_s)
     return _SourcePosition(
         angle_deg=sample.angle_deg,
         intensity=reading.intensity,
-        lateral_m=reading.lateral_m,
+        lateral_m=lateral_m,
         depth_m=depth_m,
-        coherence=coherence,
+        # Never quite 1, so that no marker is taken for exact.
+        coherence=min(UNKNOWN_COHERENCE if reading.coherence is None else reading.coherence, 0.99),
     )
 
 

@@ -11,6 +11,7 @@ import sys
 import types
 import typing
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -68,16 +69,6 @@ _OPTION = "option"
 
 def options_of(kind: type[Any]) -> tuple[Option, ...]:
     """The options among the fields of a dataclass, in their order; those of a parent class come last."""
-    if kind not in _known:
-        _known[kind] = _options_of(kind)
-    return _known[kind]
-
-
-_known: dict[type[Any], tuple[Option, ...]] = {}
-"""Cache of `options_of`: the source of a class is read once, although a command line asks for its options often."""
-
-
-def _options_of(kind: type[Any]) -> tuple[Option, ...]:
     chosen = [each for each in fields(kind) if _OPTION in each.metadata]
     if not chosen:
         return ()
@@ -106,6 +97,8 @@ def documentation(kind: type[Any]) -> dict[str, str]:
     return found
 
 
+# Read once, although a command line asks for its options often.
+@cache
 def _body(module: str, name: str) -> list[ast.stmt]:
     """Statements of a class in a module. `inspect.getsource` of the class would read the file twice."""
     body = ast.parse(inspect.getsource(sys.modules[module])).body

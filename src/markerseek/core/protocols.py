@@ -11,10 +11,9 @@ from typing import Protocol, TypeAlias, runtime_checkable
 
 from markerseek.core.estimate import Estimate
 from markerseek.core.events import Searched, Turning
-from markerseek.core.frame import Frame
 from markerseek.core.interval import Interval
 from markerseek.core.permit import Permit, SweepPermit
-from markerseek.core.reading import Reading, Sample
+from markerseek.core.reading import Frame, Reading, Sample
 from markerseek.core.sweep import Pulse, StageReading, Sweep
 
 

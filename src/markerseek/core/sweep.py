@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from markerseek.core.checks import is_finite, is_whole, require_range
+from markerseek.core.checks import Within, is_finite, is_whole, require_fields
 from markerseek.core.errors import ConfigError
 
 
@@ -33,7 +34,7 @@ class Sweep:
     """
 
     to_deg: float
-    speed_deg_s: float
+    speed_deg_s: Annotated[float, Within(0, 360, "deg/s", open_low=True)]
     from_deg: float | None = None
     back_deg: float | None = None
     wait_deg: float | None = None
@@ -43,7 +44,7 @@ class Sweep:
             angle_deg = getattr(self, name)
             if not is_finite(angle_deg) and not (angle_deg is None and name != "to_deg"):
                 raise ConfigError(f"sweep: {name} is {angle_deg} deg, it must be a finite number")
-        require_range("sweep: speed_deg_s", self.speed_deg_s, low=0, high=360, unit="deg/s", open_low=True)
+        require_fields(self, "sweep")
 
     @property
     def end_deg(self) -> float:
@@ -79,16 +80,15 @@ class SweepTiming:
 
     number: int
     speed_deg_s: float
-    delay_sigma_s: float = 0.0
-    play_sigma_deg: float = 0.0
+    delay_sigma_s: Annotated[float, Within(0, 1, "s")] = 0.0
+    play_sigma_deg: Annotated[float, Within(0, 10, "deg")] = 0.0
 
     def __post_init__(self) -> None:
         if not (is_whole(self.number) and self.number >= 1):
             raise ConfigError(f"sweep timing: number is {self.number}, it must be a whole number of at least 1")
         if not is_finite(self.speed_deg_s):
             raise ConfigError(f"sweep timing: speed_deg_s is {self.speed_deg_s} deg/s, it must be a finite number")
-        require_range("sweep timing: delay_sigma_s", self.delay_sigma_s, low=0, high=1, unit="s")
-        require_range("sweep timing: play_sigma_deg", self.play_sigma_deg, low=0, high=10, unit="deg")
+        require_fields(self, "sweep timing")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -149,13 +149,12 @@ class Beliefs:
             if public is None:
                 return AngleBelief(estimate=estimate)
             angles_deg, density = _thinned(public.angles_deg, public.probability / np.diff(public.angles_deg[:2]))
-            choice = public.choice
             return AngleBelief(
                 estimate=estimate,
                 angles_deg=_rounded(angles_deg, 3),
                 density_per_deg=_rounded(density, 5),
-                choice_deg=() if choice is None else _rounded(choice.angles_deg, 3),
-                choice_sigma_deg=() if choice is None else _rounded(choice.sigma_deg, 4),
+                choice_deg=_rounded(public.choice_deg, 3),
+                choice_sigma_deg=_rounded(public.choice_sigma_deg, 4),
             )
         method = self._policy.inner if isinstance(self._policy, CheckedPolicy) else self._policy
         bracket = method.bracket if isinstance(method, BracketSearch) else None

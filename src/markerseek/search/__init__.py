@@ -4,10 +4,9 @@ Each method exists as published, which always answers, and as a `CheckedPolicy`,
 makes either of them from the method's name.
 """
 
-from markerseek.search.average import THRESHOLD, weighted_average
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
-from markerseek.search.curve import Curve, curve_of
+from markerseek.search.curve import Curve, Peak, curve_of, peak_of
 from markerseek.search.floor import noise_of
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import (
@@ -23,10 +22,9 @@ from markerseek.search.methods import (
     require_plan,
     require_sweeping,
 )
-from markerseek.search.peak import Peak, peak_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.recording import WholeRecording
-from markerseek.search.sweep import Exhaustive, WeightedAverage, equal_steps, peak_passed
+from markerseek.search.sweep import THRESHOLD, Exhaustive, WeightedAverage, equal_steps, peak_passed, weighted_average
 
 __all__ = [
     "GOLDEN",

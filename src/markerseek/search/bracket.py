@@ -20,11 +20,9 @@ leave nothing contradicts earlier samples, and is not made.
 from __future__ import annotations
 
 import math
-import sys
 
 from markerseek.core import PAPER_RANGE, ConfigError, Found, Interval, Sample
-from markerseek.search.curve import Curve, curve_of
-from markerseek.search.peak import noise_limit_deg
+from markerseek.search.curve import Curve, curve_of, noise_limit_deg
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 
 GOLDEN = (math.sqrt(5) - 1) / 2
@@ -48,17 +46,15 @@ class BracketSearch(SearchPolicy):
     limits
         Range to search, the first bracket.
     acquisitions
-        Most acquisitions; None: as many as ``width_deg`` needs.
-    width_deg
-        The search ends once the bracket is narrower than this, in degrees; None: never for that reason.
+        Most acquisitions.
     reuse
         Keep the inner point that lies in the new bracket, as textbooks do: golden section only.
 
     Raises
     ------
     ConfigError
-        If the ratio is outside (1/2, 1), neither end of the search is given, fewer than 2 acquisitions are allowed, or
-        the kept point of a ratio other than the golden one is to be reused.
+        If the ratio is outside (1/2, 1), fewer than 2 acquisitions are allowed, or the kept point of a ratio other than
+        the golden one is to be reused.
     """
 
     name = "bracket search"
@@ -68,8 +64,7 @@ class BracketSearch(SearchPolicy):
         *,
         ratio: float,
         limits: Interval = PAPER_RANGE,
-        acquisitions: int | None = None,
-        width_deg: float | None = None,
+        acquisitions: int,
         reuse: bool = False,
     ) -> None:
         super().__init__()
@@ -83,19 +78,11 @@ class BracketSearch(SearchPolicy):
                 f"bracket search: with ratio {ratio:g} the kept point is not an inner point of the next bracket; "
                 "reuse it with the golden ratio only"
             )
-        if width_deg is not None and not 0 < width_deg < math.inf:
-            raise ConfigError(f"bracket search: width_deg is {width_deg} deg, it must be positive and finite")
-        if acquisitions is None:
-            if width_deg is None:
-                raise ConfigError("bracket search: give acquisitions or width_deg, or it would never end")
-            # Enough for the width even if the stage misses an angle; the width ends the search before.
-            acquisitions = _acquisitions_for(limits.width_deg / width_deg, ratio=ratio, reuse=reuse)
         check_acquisitions(acquisitions, least=2, method=self.name)
         self._ratio = ratio
         self._limits = limits
         self._low_deg, self._high_deg = limits.low_deg, limits.high_deg
         self._budget = acquisitions if reuse else acquisitions - acquisitions % 2
-        self._width_deg = width_deg
         self._reuse = reuse
         self._kept: tuple[Sample, bool] | None = None
 
@@ -106,9 +93,7 @@ class BracketSearch(SearchPolicy):
 
     def _next_deg(self) -> float | None:
         """Next inner point in degrees, the left one of a new pair first; None at the end."""
-        paired = self._kept is None or self._reuse
-        narrow = self._width_deg is not None and self._high_deg - self._low_deg < self._width_deg
-        if len(self._lit) >= self._budget or (narrow and paired):
+        if len(self._lit) >= self._budget:
             return None
         left = self._kept is None or not self._kept[1]
         share = self._ratio if left else 1 - self._ratio
@@ -173,10 +158,3 @@ def bracket_answer(mean_deg: float, bracket: Interval, curve: Curve, *, noise_si
             high_deg=max(bracket.high_deg, mean_deg + 1.96 * sigma_deg),
         )
     return Found(mean_deg=mean_deg, sigma_deg=sigma_deg, interval95_deg=interval, interval_kind="bracket")
-
-
-def _acquisitions_for(narrowing: float, *, ratio: float, reuse: bool) -> int:
-    """Acquisitions that narrow a bracket by this factor, with one iteration to spare for angles missed by the stage."""
-    # The ratio to a width of next to nothing is infinite; what the largest float needs is refused as well.
-    iterations = max(1, math.ceil(math.log(min(max(narrowing, 1.0), sys.float_info.max)) / -math.log(ratio))) + 1
-    return iterations + 1 if reuse else 2 * iterations

@@ -20,11 +20,18 @@ import numpy as np
 
 from markerseek.core import PAPER_RANGE, AtBound, Estimate, Interval, NotFound, Sample, Tolerance
 from markerseek.search.curve import curve_of
-from markerseek.search.evidence import inconsistency, rising_side, why_not_detected
+from markerseek.search.evidence import (
+    KNOWN_SIGMA_DEG,
+    beyond_tolerance,
+    inconsistency,
+    marker_radius_m,
+    rising_side,
+    why_not_detected,
+    with_half_width,
+)
 from markerseek.search.floor import noise_of
 from markerseek.search.policy import PaperPolicy, SearchPolicy
 from markerseek.search.sweep import peak_passed
-from markerseek.search.tolerance import KNOWN_SIGMA_DEG, beyond_tolerance, marker_radius_m, with_half_width
 
 _USUAL = Tolerance()
 
@@ -38,9 +45,9 @@ class CheckedPolicy(SearchPolicy):
         The method as published; a weighted average without its own early end.
     limits
         Range that it searches.
-    early_threshold
-        End once the peak is recorded and passed at this share of the largest sample and the evidence holds; None: do
-        not end early. Unlike the published early end this one never ends a search in mere noise.
+    early_end
+        End once the peak is recorded and passed (`peak_passed`) and the evidence holds. Unlike the published early end
+        this one never ends a search in mere noise.
     tolerance
         How well the angle of a `Found` must be known.
     """
@@ -52,38 +59,31 @@ class CheckedPolicy(SearchPolicy):
         inner: PaperPolicy,
         *,
         limits: Interval = PAPER_RANGE,
-        early_threshold: float | None = None,
+        early_end: bool = False,
         tolerance: Tolerance = _USUAL,
     ) -> None:
         super().__init__()
-        self._inner = inner
+        self.inner = inner
         self._limits = limits
-        self._early_threshold = early_threshold
+        self._early_end = early_end
         self._tolerance = tolerance
-
-    @property
-    def inner(self) -> PaperPolicy:
-        """The method as published."""
-        return self._inner
 
     def _next_deg(self) -> float | None:
         """Next angle of the method in degrees; None at its end."""
-        if self._early_threshold is not None:
-            intensity = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
-            if peak_passed(intensity, threshold=self._early_threshold) and self._why_not_detected() is None:
+        intensity = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
+        if self._early_end and peak_passed(intensity):
+            noise = noise_of(self._lit, dark=self._dark)
+            if why_not_detected(self._lit, dark=self._dark, noise=noise) is None:
                 return None
-        return self._inner.ask()
+        return self.inner.ask()
 
     def _update(self, sample: Sample) -> None:
-        self._inner.tell(sample)
-
-    def _why_not_detected(self) -> str | None:
-        return why_not_detected(self._lit, dark=self._dark, noise=noise_of(self._lit, dark=self._dark))
+        self.inner.tell(sample)
 
     def estimate(self) -> Estimate:
         """Answer as far as the samples prove it; `NotFound` before the first."""
         noise = noise_of(self._lit, dark=self._dark)
-        answer = self._inner.answer(noise_sigma=noise.sigma)
+        answer = self.inner.answer(noise_sigma=noise.sigma)
         reason = why_not_detected(self._lit, dark=self._dark, noise=noise)
         if reason is not None:
             return NotFound(mean_deg=answer.mean_deg, reason=reason, floor=noise.floor)
@@ -106,7 +106,7 @@ class CheckedPolicy(SearchPolicy):
     def _rising_side(self) -> Literal["low", "high"] | None:
         """The end at which the curve rises; a bracket begins at both ends, and counts only once it is narrow."""
         # The answer without noise: with noise the interval is wider, and the bracket the same.
-        bare = self._inner.estimate()
+        bare = self.inner.estimate()
         if bare.interval_kind == "bracket" and bare.sigma_deg > KNOWN_SIGMA_DEG:
             return None
         return rising_side(self._lit, answer=bare, limits=self._limits)

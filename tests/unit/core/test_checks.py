@@ -1,8 +1,9 @@
-"""Plans, facts and ranges are checked when made; NaN passes no limit."""
+"""Plans, facts, ranges and sweeps are checked when made; errors cross from one process to another with their words."""
 
 from __future__ import annotations
 
 import math
+import pickle
 
 import msgspec
 import pytest
@@ -11,8 +12,15 @@ from markerseek.core import (
     MAX_ACQUISITIONS,
     PAPER_RANGE,
     ConfigError,
+    MarkerseekError,
+    MissingExtraError,
+    Reading,
     RigFacts,
+    Sample,
     SearchPlan,
+    Sweep,
+    SweepTiming,
+    errors,
     require_range,
 )
 
@@ -45,6 +53,7 @@ def test_a_number_outside_is_refused_with_value_unit_limits_and_cure(
         ({"start_deg": NAN}, "start_deg is nan deg"),
         ({"others": 1.5}, "others is 1.5, it must be a probability from 0 to below 1"),
         ({"dark_frames": -1}, "dark_frames is -1, it must lie between 0 and 100"),
+        *(({"sweep_speed_deg_s": speed}, "sweep_speed_deg_s") for speed in (0.0, -1.0, NAN)),
     ],
 )
 def test_a_plan_with_a_number_that_cannot_be_used_is_refused(wrong: dict[str, object], message: str) -> None:
@@ -72,3 +81,44 @@ def test_plan_and_facts_come_back_from_json_and_are_checked_again() -> None:
 def test_the_nearest_angle_of_an_interval(angle_deg: float, nearest_deg: float) -> None:
     assert PAPER_RANGE.nearest(angle_deg) == nearest_deg
     assert math.isnan(PAPER_RANGE.nearest(NAN))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"to_deg": math.nan},
+        {"speed_deg_s": 0.0},
+        {"speed_deg_s": math.nan},
+        {"back_deg": math.inf},
+    ],
+)
+def test_a_sweep_that_no_stage_can_make_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=f"sweep: {next(iter(wrong))}"):
+        Sweep(**({"to_deg": 35.0, "speed_deg_s": 10.0} | wrong))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"number": 0}, {"speed_deg_s": math.inf}, {"delay_sigma_s": -1e-3}, {"play_sigma_deg": math.nan}],
+)
+def test_timing_that_cannot_be_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=f"sweep timing: {next(iter(wrong))}"):
+        SweepTiming(**({"number": 1, "speed_deg_s": -12.5} | wrong))
+
+
+def test_a_sample_with_a_negative_sigma_is_refused() -> None:
+    with pytest.raises(ConfigError, match="angle_sigma_deg"):
+        Sample(angle_deg=0.0, reading=Reading(intensity=1.0), angle_sigma_deg=-0.01)
+
+
+KINDS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, MarkerseekError)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_error_arrives_in_another_process_as_it_was(kind: type[MarkerseekError]) -> None:
+    """One that cannot be made again there ends the pool, which then blames a lack of memory."""
+    words = ("botorch", "botorch", "the method botorch") if kind is MissingExtraError else ("the stage is at 3 deg",)
+    error = kind(*words)
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again)) == (kind, str(error))
+    assert words[-1] in str(again)

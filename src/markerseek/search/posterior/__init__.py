@@ -1,11 +1,11 @@
 """The posterior search: prior of the curve, likelihood of the readings, posterior of the angle, next angle."""
 
 from markerseek.search.posterior.inference import energy_spread
-from markerseek.search.posterior.next_angle import Belief, Choice
+from markerseek.search.posterior.likelihood import with_light
+from markerseek.search.posterior.next_angle import Belief
 from markerseek.search.posterior.policy import CUES, TARGET_SIGMA_DEG, Posterior
-from markerseek.search.posterior.pulses import way_of, with_light
 from markerseek.search.posterior.survey import USUAL_OTHERS
-from markerseek.search.posterior.sweeping import SWEPT_SIGMA_DEG, SweepPosterior, centre_by
+from markerseek.search.posterior.sweeping import SWEPT_SIGMA_DEG, SweepPosterior, centre_by, way_of
 
 __all__ = [
     "CUES",
@@ -13,7 +13,6 @@ __all__ = [
     "TARGET_SIGMA_DEG",
     "USUAL_OTHERS",
     "Belief",
-    "Choice",
     "Posterior",
     "SweepPosterior",
     "centre_by",

@@ -1,16 +1,26 @@
-"""Which answer the samples prove: `Found`, `NotFound`, `Ambiguous`, `AtBound` or `Unsure`."""
+"""What the samples of a search say together, and which answer they prove.
+
+`Analysis` has the noise, the sources, what may still hide, and whether the curve fits; `answer_of` makes of it `Found`,
+`NotFound`, `Ambiguous`, `AtBound` or `Unsure`.
+
+The posterior predicts the intensity of a sample: that of the markers drawn from it, ln A + ln S(t). The spread of the
+prediction is theirs, the error of the curve (`symmetry.TEMPLATE_SIGMAS`), the laser's, and noise, added as squares.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from markerseek.core import (
+    MAX_ARRIVALS,
     MAX_INTENSITY,
     MIN_INTENSITY,
     Ambiguous,
@@ -24,20 +34,327 @@ from markerseek.core import (
     Sample,
     Tolerance,
 )
-from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.candidates import BESIDE_DEG, LOUDER_SIGMAS, MEASURED_SHARE, RIVAL_DB, Candidate
-from markerseek.search.posterior.inference import AnglePosterior, modes_deg
+from markerseek.search.evidence import (
+    KNOWN_SIGMA_DEG,
+    UNKNOWN_RATIO,
+    beyond_tolerance,
+    marker_radius_m,
+    why_not_detected,
+    with_half_width,
+)
+from markerseek.search.floor import MAX_CELLS, SearchNoise, noise_of
+from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
+from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
 from markerseek.search.posterior.shapes import log_curve
+from markerseek.search.posterior.sources import (
+    BESIDE_DEG,
+    RIVAL_DB,
+    Candidate,
+    SourceSamples,
+    as_upper_limit,
+    asymmetric_sample,
+    dip_deg,
+    gap_angle_deg,
+    is_background,
+    is_burst,
+    samples_at,
+    sources_of,
+    suspect_level,
+    times_seen,
+)
 from markerseek.search.posterior.survey import (
     NARROW_DEG,
     STATED,
     USUAL_KNEE,
     USUAL_TAIL,
+    ExpectedAngle,
     Survey,
     hidden_probability,
     missed_marker,
+    survey_of,
 )
-from markerseek.search.tolerance import KNOWN_SIGMA_DEG, beyond_tolerance, marker_radius_m, with_half_width
+from markerseek.search.posterior.symmetry import TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS
+
+MAX_OTHERS = MAX_ARRIVALS - 1
+"""Most sources beside the loudest that get a posterior of their own, the strongest first: as many as a frame lists."""
+
+MEASURED_SHARE = 0.5
+"""Distance of a sample from a source, over the full width of its curve, up to which the source has been measured: there
+the curve has half of its height."""
+
+LOUDER_SIGMAS = 2.0
+"""Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
+
+PARTICLES, UNDETECTED_PARTICLES = 48, 4000
+"""Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
+
+PREDICTION_SIGMAS = 3.0
+"""Standard deviations of the prediction by which a confirmation may be weaker."""
+
+MISFIT_SIGMAS, USUAL_SAMPLES = 2.5, 12
+"""Standard deviations of the prediction beyond which the curve does not explain the worst of so many samples, as a
+search at rest has: of more samples one is farther by chance."""
+
+TAIL_SHARE = 0.5
+"""Share of the highest prediction below which a curve may have nulls."""
+
+LASER_ERROR = 0.04
+"""Relative error of a sample by itself, the laser's energy; of a single pulse of a sweep what the samples show."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """How well the centre of the strongest source's curve is known."""
+
+    mean_deg: float
+    sigma_deg: float
+    """``mean_deg`` and ``sigma_deg``: mean and standard deviation of the centre's angle."""
+    fwhm_deg: float
+    """Full width of the curve at half maximum."""
+    target_deg: float
+    """Standard deviation with which it is known well enough."""
+
+
+class Analysis:
+    """Samples with the laser on and off, and what follows from them, each part computed when it is first asked for.
+
+    ``lit``: samples with the laser on, at least one. ``inference``: that of the strongest source, which grows with the
+    samples. ``single``: whether there is one source at most: then a dip does not divide its samples. ``expected``:
+    prior over the angle; None: no prior.
+    """
+
+    def __init__(
+        self,
+        lit: Sequence[Sample],
+        dark: Sequence[Sample],
+        *,
+        inference: Inference,
+        limits: Interval,
+        single: bool,
+        expected: ExpectedAngle | None = None,
+    ) -> None:
+        self.lit, self.limits, self._dark = lit, limits, dark
+        self._inference, self._single, self._expected = inference, single, expected
+
+    @property
+    def measured_deg(self) -> list[float]:
+        """Angles of the samples."""
+        return [sample.angle_deg for sample in self.lit]
+
+    @cached_property
+    def noise(self) -> SearchNoise:
+        """Noise and its floor."""
+        return noise_of(self.lit, dark=self._dark)
+
+    @property
+    def detected(self) -> bool:
+        """Whether a sample exceeds the detection threshold; where that is unknown, whether one stands out."""
+        intensities = [sample.reading.intensity for sample in self.lit]
+        level = self.noise.floor.level
+        if level is None:
+            return len(intensities) > 1 and max(intensities) > UNKNOWN_RATIO / 3 * min(intensities)
+        return max(intensities) > level
+
+    @cached_property
+    def _groups(self) -> list[SourceSamples]:
+        """The samples of each source, that of the strongest sample first."""
+        groups: list[SourceSamples] = []
+        # Without "lateral" all samples are of one source.
+        if "lateral" in self._inference.cues and self.noise.floor.level is not None:
+            places = sources_of(self.lit, level=suspect_level(self.lit, self.noise))
+            for place in places:
+                own, bounds = samples_at(self.lit, places, place)
+                if not is_burst(own, bounds, place, self.noise):
+                    groups += self._divided(SourceSamples(source=place, samples=own, bounds=bounds))
+        if not groups:
+            groups = self._divided(SourceSamples(source=None, samples=self.lit))
+        return sorted(groups, key=lambda group: -max(sample.reading.intensity for sample in group.samples))
+
+    def _divided(self, group: SourceSamples) -> list[SourceSamples]:
+        """The group, or its peaks if dips lie between them."""
+        sigma = self.noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
+        dip = dip_deg(group.samples, sigma=sigma, level=self.noise.level_or_zero, single=self._single)
+        if dip is None:
+            return [group]
+        low = [sample for sample in group.samples if sample.angle_deg < dip]
+        high = [sample for sample in group.samples if sample.angle_deg > dip]
+        middle = [as_upper_limit(sample) for sample in group.samples if sample.angle_deg == dip]
+        parts: list[SourceSamples] = []
+        for side, own, other in (("low", low, high), ("high", high, low)):
+            # Beyond the dip a curve is no higher than what was measured of both.
+            bounds = [*middle, *group.bounds, *map(as_upper_limit, other)]
+            parts += self._divided(replace(group, side=(*group.side, side), samples=own, bounds=bounds))
+        return parts
+
+    @cached_property
+    def first(self) -> Candidate:
+        """The source of the strongest arrival that is evidence of one."""
+        particles = PARTICLES if self.detected else UNDETECTED_PARTICLES
+        for group in self._groups:
+            # A background that is the same at all angles may be louder than the marker.
+            if self._why_missing(group) is None:
+                return self._candidate(group, None, self._inference, particles)
+        # Before a source exceeds the noise, and where there are no positions, all samples count together.
+        everything = SourceSamples(source=None, samples=self.lit)
+        return self._candidate(everything, self._why_missing(everything), self._inference, particles)
+
+    @cached_property
+    def sources(self) -> list[Candidate]:
+        """All sources, the strongest first, `MAX_OTHERS` beside the first at most.
+
+        Candidates that may be no source, such as a burst in one frame, say what is missing.
+        """
+        first = self.first
+        if not self.detected:
+            return [first]
+        others: list[Candidate] = []
+        for group in self._groups:
+            # Where no place is evidence, all samples count together already.
+            counted = (group.source, group.side) == (first.source, first.side) or (
+                first.source is None and group.source is not None
+            )
+            if counted or is_background(group.samples):
+                continue
+            missing = self._why_missing(group)
+            if missing is None and times_seen(group.samples, self.noise) < 2:
+                missing = "it was seen in one acquisition only"
+            # Of a new inference each: what an answer computes of the others must not change what comes later.
+            others.append(self._candidate(group, missing, self._inference.anew(), PARTICLES))
+            if len(others) == MAX_OTHERS:
+                break
+        return ranked([first, *others])
+
+    def _why_missing(self, group: SourceSamples) -> str | None:
+        return why_not_detected([*group.samples, *group.bounds], dark=self._dark, noise=self.noise)
+
+    def _candidate(self, group: SourceSamples, missing: str | None, inference: Inference, particles: int) -> Candidate:
+        posterior = inference.posterior(group.samples, self.noise, particles=particles, bounds=group.bounds)
+        here_deg = self.limits.nearest(posterior.mean_deg)
+        near_deg, at = MEASURED_SHARE * posterior.fwhm_deg, (*group.samples, *group.bounds)
+        there = [each.reading.intensity for each in at if abs(each.angle_deg - here_deg) <= near_deg]
+        beyond, height = here_deg != posterior.mean_deg, max(there, default=0.0) / posterior.sigma
+        return Candidate(
+            source=group.source,
+            side=group.side,
+            samples=group.samples,
+            bounds=group.bounds,
+            missing=missing,
+            posterior=posterior,
+            seen=times_seen(group.samples, self.noise),
+            beyond=beyond,
+            measured=bool(there),
+            # There the curve has half of its height at least.
+            log_most=math.log(2 * height) if height > 0 and not beyond else math.inf,
+        )
+
+    @cached_property
+    def survey(self) -> Survey | None:
+        """What may still hide beside the strongest source; None if not known."""
+        if self.sources[0].missing is not None or self._single:
+            return None
+        return survey_of(self.sources[0], self.lit, self.noise, limits=self.limits, expected=self._expected)
+
+    @cached_property
+    def misfit(self) -> str | None:
+        """Result of `predictive_check` for the strongest source."""
+        return predictive_check(self.sources[0], self.measured_deg, limits=self.limits)
+
+    @cached_property
+    def unresolved_rival(self) -> tuple[Candidate, float | None] | None:
+        """A source that may still be the marker, as of the function of this name; None without one."""
+        # Of a single source the loudest is the marker.
+        by_db = 0.0 if self._single else -RIVAL_DB
+        return unresolved_rival(self.sources, self.measured_deg, limits=self.limits, by_db=by_db)
+
+    def asymmetric_deg(self, source: Candidate) -> float | None:
+        """Next angle to test the curve of a source that has no places, in degrees; None if none is left."""
+        if source.has_positions:
+            return None
+        hump = asymmetric_sample(
+            source.samples,
+            centre_deg=source.posterior.mean_deg,
+            sigma=self.noise.sigma_or_zero,
+            level=self.noise.level_or_zero,
+        )
+        return None if hump is None else gap_angle_deg(hump.angle_deg, self.measured_deg)
+
+
+def height_of(sample: Sample, posterior: AnglePosterior) -> float:
+    """Return the height of a sample on the curve of a source: of a strong one by its energy, else its intensity."""
+    spot = sample.reading.spot
+    if spot is None or posterior.energy_gain is None:
+        return sample.reading.intensity
+    return posterior.energy_gain * spot.amplitude
+
+
+def weaker_than_predicted(source: Candidate, confirmation: Sample) -> str | None:
+    """Return why an acquisition at the angle of a source does not confirm it, with both numbers; None if it does.
+
+    ``source``: the source, with its posterior before that acquisition.
+    """
+    here = confirmation
+    if source.source is not None:
+        own, bounds = samples_at([confirmation], [source.source], source.source)
+        (here,) = own or bounds
+    height, spread = _prediction(source.posterior, [here])
+    measured = height_of(here, source.posterior)
+    if measured >= height[0] - PREDICTION_SIGMAS * spread[0]:
+        return None
+    return (
+        f"the acquisition at the angle found has an intensity of {measured:.4g}, {height[0]:.4g} ± "
+        f"{spread[0]:.2g} was predicted; search again, and check laser, receiver and probe"
+    )
+
+
+def predictive_check(source: Candidate, measured_deg: Sequence[float], *, limits: Interval) -> str | None:
+    """Return why the curve of a source does not explain its samples, in words; None if the curve does.
+
+    ``measured_deg``: angles measured so far, in degrees.
+    """
+    height, spread = _prediction(source.posterior, source.samples)
+    measured = np.array([height_of(sample, source.posterior) for sample in source.samples])
+    away = np.abs(measured - height) / spread
+    # The family has no nulls, but the tails of a real curve do: a dip there is no second peak.
+    away[(measured < height) & (height < TAIL_SHARE * height.max())] = 0.0
+    # The worst of many is farther off than that of a few, also where the curve is right; more so of single pulses.
+    swept = sum(sample.sweep is not None for sample in source.samples)
+    many = max(1.0, away.size / USUAL_SAMPLES) * max(1.0, swept / USUAL_SAMPLES)
+    allowed = -float(ndtri(ndtr(-MISFIT_SIGMAS) / many))
+    # What another source adds to the curve there, at most.
+    weak = measured - height < height.max() * 10 ** (-RIVAL_DB / 20)
+    for k in map(int, np.argsort(-away)):
+        if away[k] <= allowed:
+            return None
+        sample = source.samples[k]
+        # If a second source as strong has no room beside a sample, the sample may be weaker, because a dip would show,
+        # or stronger by what a weak source adds.
+        if not weak[k] or top_beside_deg(source, source, [sample], measured_deg, limits=limits) is not None:
+            return (
+                f"one curve does not explain the sample at {sample.angle_deg:.2f} deg: its intensity is "
+                f"{measured[k]:.4g}, {height[k]:.4g} ± {spread[k]:.2g} was predicted; there may be two sources"
+            )
+    return None
+
+
+def _prediction(
+    posterior: AnglePosterior, samples: Sequence[Sample]
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
+    """Intensity that a posterior predicts of samples, and its standard deviation."""
+    log_height = posterior.log_heights(np.array([sample.angle_deg for sample in samples]))
+    mean = log_height.mean(axis=0)
+    fallen = float(np.mean(posterior.log_snr)) - mean
+    error = np.interp(fallen, -TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS)
+    signal = np.exp(np.minimum(mean, 50.0))
+    # A weak sample is as high as noise is by itself.
+    noise = np.array([math.sqrt(2 * math.log(max(2, sample.reading.cells or MAX_CELLS))) for sample in samples])
+    height = np.hypot(signal, noise)
+    laser = np.array([LASER_ERROR if sample.sweep is None else posterior.sample_error for sample in samples])
+    # As in the likelihood: the form of deep tails is known that well at best.
+    deep = np.where(fallen > -math.log(DEEP), DEEP_ERROR * math.exp(float(np.mean(posterior.log_snr))), 0.0)
+    own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2) * height**2
+    spread = np.sqrt(own + np.maximum(deep, 1.0) ** 2)
+    return posterior.sigma * height, posterior.sigma * spread
+
 
 UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end of the range from which an uncertain angle is answered as `AtBound`."""
@@ -50,21 +367,6 @@ GAP_ANGLES = 41
 
 SHOULDER_SHARE = 0.5
 """Share of its strongest sample from which others may lie on a shoulder beside the top of a source."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SearchState:
-    """All that follows from the samples so far."""
-
-    noise: SearchNoise
-    sources: Sequence[Candidate]
-    """The sources, the strongest first, at least one."""
-    survey: Survey | None
-    """Survey of the range; None if not known."""
-    misfit: str | None
-    """Result of `predictive_check` for the strongest source."""
-    unresolved_rival: tuple[Candidate, float | None] | None
-    """None if there is one source only."""
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
@@ -91,7 +393,8 @@ def _may_be_as_loud(source: Candidate, first: Candidate, *, by_db: float, sigmas
     if source.beyond:
         seen = max(sample.reading.intensity for sample in source.samples) / source.posterior.sigma
         return seen > math.exp(first.log_snr) * 10 ** (by_db / 20)
-    return source.may_be_stronger_than(first, by_db=by_db, sigmas=sigmas)
+    spread_db = math.hypot(source.log_snr_sigma, first.log_snr_sigma) * 20 / math.log(10)
+    return source.relative_db(first) + sigmas * spread_db > by_db
 
 
 def unresolved_rival(
@@ -175,10 +478,8 @@ def _narrow(away_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " a
 
 
 def answer_of(
-    lit: Sequence[Sample],
-    state: SearchState,
+    known: Analysis,
     *,
-    limits: Interval,
     others: float,
     spent: bool,
     tolerance: Tolerance,
@@ -187,72 +488,49 @@ def answer_of(
 ) -> Estimate:
     """Return the answer.
 
-    ``lit``: samples with the laser on, at least one. ``others``: prior probability that there is another source as
-    loud; 0: nothing else can be the marker. ``spent``: whether so many acquisitions are made that what may still hide
-    is stated, and no veto. ``tolerance``: how well the angle must be known. ``weaker_than_predicted``: why the
-    acquisition at the angle found does not confirm it; None if it does, or was not made. ``more``: how to have more
-    samples than these, for a person.
+    ``others``: prior probability that there is another source as loud; 0: nothing else can be the marker. ``spent``:
+    whether so many acquisitions are made that what may still hide is stated, and no veto. ``tolerance``: how well the
+    angle must be known. ``weaker_than_predicted``: why the acquisition at the angle found does not confirm it; None if
+    it does, or was not made. ``more``: how to have more samples than these, for a person.
     """
-    first = state.sources[0]
-    posterior, floor = first.posterior, state.noise.floor
+    first, *seen = known.sources
+    posterior, floor, limits = first.posterior, known.noise.floor, known.limits
     mean_deg = limits.nearest(posterior.mean_deg)
     if first.missing is not None:
-        reason = first.missing + missed_marker(lit, state.noise, limits)
+        reason = first.missing + missed_marker(known.lit, known.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
-    beside = [each.as_other_source(first) for each in state.sources[1:] if each.missing is None and each.loudness_known]
-    further = tuple(sorted(beside, key=lambda each: -each.relative_db))
-    surveyed = None if state.survey is None else state.survey.surveyed
-    probability = other_probability(state, others=others)
+    beside = [each.as_other_source(first) for each in seen if each.missing is None and each.loudness_known]
+    seen_so_far: dict[str, Any] = {
+        "sigma_deg": posterior.sigma_deg,
+        "interval95_deg": first.interval95_deg,
+        "interval_kind": "posterior",
+        "floor": floor,
+        "others": tuple(sorted(beside, key=lambda each: -each.relative_db)),
+        "surveyed": None if known.survey is None else known.survey.surveyed,
+    }
+    probability = other_probability(known, others=others)
     # With a prior of a single source, the strongest is the marker. A source that is not known enough may be stronger.
-    settled = first.loudness_known and (spent or state.unresolved_rival is None)
-    rivals = rivals_of(state.sources) if others and settled else []
+    settled = first.loudness_known and (spent or known.unresolved_rival is None)
+    rivals = rivals_of(known.sources) if others and settled else []
     side = _side(posterior, limits)
     # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
     if side is not None and not rivals:
-        return AtBound(
-            mean_deg=mean_deg,
-            side=side,
-            floor=floor,
-            others=further,
-            surveyed=surveyed,
-            sigma_deg=posterior.sigma_deg,
-            interval95_deg=first.interval95_deg,
-            interval_kind="posterior",
-        )
+        return AtBound(mean_deg=mean_deg, side=side, **seen_so_far)
     at_rivals = (mean_deg, *(limits.nearest(each.posterior.mean_deg) for each in rivals))
     modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
     # A rival has been measured.
     places = (mean_deg,) if rivals or len(modes) < 2 else modes
-    unmeasured = _unmeasured(first, places, [sample.angle_deg for sample in lit], more=more)
+    unmeasured = _unmeasured(first, places, known.measured_deg, more=more)
     if unmeasured is None and (rivals or (len(modes) > 1 and others)):
-        return Ambiguous(
-            mean_deg=modes[0],
-            modes_deg=modes,
-            floor=floor,
-            others=further,
-            surveyed=surveyed,
-            sigma_deg=posterior.sigma_deg,
-            interval95_deg=first.interval95_deg,
-            interval_kind="posterior",
-        )
+        return Ambiguous(mean_deg=modes[0], modes_deg=modes, **seen_so_far)
     radius_m = marker_radius_m(first.samples)
-    found = Found(
-        mean_deg=mean_deg,
-        sigma_deg=posterior.sigma_deg,
-        interval95_deg=first.interval95_deg,
-        interval_kind="posterior",
-        floor=floor,
-        others=further,
-        surveyed=surveyed,
-        other_probability=probability,
-        curve=_curve(first),
-    )
+    found = Found(mean_deg=mean_deg, other_probability=probability, curve=_curve(first), **seen_so_far)
     found = with_half_width(found, radius_m=radius_m)
     # An answer that is unsure for its width alone is of the marker: registration takes it.
-    other = weaker_than_predicted or unmeasured or state.misfit
+    other = weaker_than_predicted or unmeasured or known.misfit
     if other is None and probability > STATED:
         other = _other(
-            state, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"
+            known, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"
         )
     if other is not None:
         return found.as_unsure("source", other)
@@ -278,18 +556,18 @@ def _cure(posterior: AnglePosterior, *, more: str) -> str:
     )
 
 
-def other_probability(state: SearchState, *, others: float) -> float:
+def other_probability(known: Analysis, *, others: float) -> float:
     """Probability that another source is the marker: one that still hides, or one that was seen and may be louder.
 
     ``others``: prior probability of a second source as strong.
     """
-    first, *seen = state.sources
-    none = 1.0 - (others if state.survey is None else hidden_probability(state.survey, others=others))
+    first, *seen = known.sources
+    none = 1.0 - (others if known.survey is None else hidden_probability(known.survey, others=others))
     for each in seen:
         none *= 1.0 - _louder_probability(each, first)
-    if state.unresolved_rival is not None:
+    if known.unresolved_rival is not None:
         # A source that is not known enough may be as strong as one that was not seen.
-        none *= 1.0 - max(others, state.unresolved_rival[0].louder_probability(first))
+        none *= 1.0 - max(others, known.unresolved_rival[0].louder_probability(first))
     return 1.0 - none
 
 
@@ -309,21 +587,20 @@ def _louder_probability(source: Candidate, first: Candidate) -> float:
     return source.louder_probability(first) if _may_be_as_loud(source, first, by_db=-RIVAL_DB) else 0.0
 
 
-def _other(state: SearchState, probability: float, *, more: str) -> str:
+def _other(known: Analysis, probability: float, *, more: str) -> str:
     """Why another source may be the marker, and what to do about it."""
     said = f"the probability that another source is the marker is {100 * probability:.2g} %"
-    cure = more
-    if state.unresolved_rival is not None:
-        return f"{said}: a source near {state.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as strong; {cure}"
-    first, *seen = state.sources
+    if known.unresolved_rival is not None:
+        return f"{said}: a source near {known.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as strong; {more}"
+    first, *seen = known.sources
     louder = max(seen, key=lambda each: _louder_probability(each, first), default=first)
     if _louder_probability(louder, first) > probability / 2:
-        return f"{said}: the source at {louder.posterior.mean_deg:.1f} deg may be stronger; {cure}"
-    if state.survey is None:
-        return f"{said}: the range has not been surveyed; {cure}"
+        return f"{said}: the source at {louder.posterior.mean_deg:.1f} deg may be stronger; {more}"
+    if known.survey is None:
+        return f"{said}: the range has not been surveyed; {more}"
     return (
-        f"{said}: only {100 * state.survey.surveyed:.0f} % of the range is checked for a second source as strong, "
-        f"which may be missed near {state.survey.hidden_deg:.0f} deg; {cure}"
+        f"{said}: only {100 * known.survey.surveyed:.0f} % of the range is checked for a second source as strong, "
+        f"which may be missed near {known.survey.hidden_deg:.0f} deg; {more}"
     )
 
 

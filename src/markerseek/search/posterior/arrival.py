@@ -21,14 +21,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
 
 from markerseek.core import Float64, Sample
+from markerseek.search.evidence import FACE_RADIUS_M
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
-from markerseek.search.tolerance import FACE_RADIUS_M
 
 SOUND_SPEED_M_S = 1525.0
 """Middle of its speeds of sound."""
@@ -67,27 +66,30 @@ KNOTS_DEG = 1.0
 """Distance between the angles at which the likelihood is computed; a cubic spline joins them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ArrivalMoments:
-    """Moments of arrival of the samples that are the marker's."""
+def arrival_likelihood(
+    lit: Sequence[Sample], scale: Scale, low_deg: float, high_deg: float
+) -> Callable[[Float64[np.ndarray, "*n"]], Float64[np.ndarray, "*n"]] | None:
+    """Return ln of the likelihood as a function of the marker's angle, between two angles in degrees.
 
-    measured_deg: Float64[np.ndarray, " samples"]
-    """Angles of the samples in degrees."""
-    moments_s: Float64[np.ndarray, "samples 2"]
-    """Centroid and standard deviation of the energy in time."""
-    snr: Float64[np.ndarray, " samples"]
-    """Intensities over σ."""
-    at_rest: int
-    """How many of them are of a probe at rest."""
-
-    def over(self, low_deg: float, high_deg: float) -> Callable[[Float64[np.ndarray, "*n"]], Float64[np.ndarray, "*n"]]:
-        """Return ln of the likelihood as a function of the marker's angle, between two angles in degrees."""
-        knots_deg = np.linspace(low_deg, high_deg, math.ceil((high_deg - low_deg) / KNOTS_DEG) + 1)
-        log = log_likelihood(knots_deg, self.measured_deg, self.moments_s, self.snr)
-        values = min(1.0, MOST_COUNTED / max(self.at_rest, 1)) * log
-        return partial(
-            _spline, low_deg, (high_deg - low_deg) / (len(values) - 1), values, _bending(len(values)) @ values
-        )
+    It is that of the samples that are clear of the noise and at the marker's place; None of fewer than two.
+    """
+    sigma, marker_m = scale.sigma, scale.marker_m
+    rows = [
+        (sample.angle_deg, reading.centroid_s, reading.spread_s, reading.intensity / sigma, sample.sweep is None)
+        for sample in lit
+        if (reading := sample.reading).centroid_s is not None
+        and reading.spread_s is not None
+        and reading.intensity > CLEAR_SNR * sigma
+        and (marker_m is None or reading.lateral_m is None or abs(reading.lateral_m - marker_m) < SAME_PLACE_M)
+    ]
+    if len(rows) < 2:
+        return None
+    table = np.array(rows, dtype=np.float64)
+    at_rest = int(table[:, 4].sum())
+    knots_deg = np.linspace(low_deg, high_deg, math.ceil((high_deg - low_deg) / KNOTS_DEG) + 1)
+    log = log_likelihood(knots_deg, table[:, 0], table[:, 1:3], table[:, 3])
+    values = min(1.0, MOST_COUNTED / max(at_rest, 1)) * log
+    return partial(_spline, low_deg, (high_deg - low_deg) / (len(values) - 1), values, _bending(len(values)) @ values)
 
 
 # scipy.interpolate has it too, and its import would lengthen the start of every search by a tenth of a second.
@@ -123,28 +125,6 @@ def _bending(knots: int) -> Float64[np.ndarray, "knots knots"]:
     differences = 6 * (np.eye(knots, k=-1) - 2 * np.eye(knots) + np.eye(knots, k=1))
     differences[[0, -1]] = 0.0
     return np.linalg.solve(inside, differences)
-
-
-def moments_of(lit: Sequence[Sample], scale: Scale) -> ArrivalMoments | None:
-    """Return the moments of the samples that are clear of the noise and at the marker's place.
-
-    None of fewer than two.
-    """
-    sigma, marker_m = scale.sigma, scale.marker_m
-    rows = [
-        (sample.angle_deg, reading.centroid_s, reading.spread_s, reading.intensity / sigma, sample.sweep is None)
-        for sample in lit
-        if (reading := sample.reading).centroid_s is not None
-        and reading.spread_s is not None
-        and reading.intensity > CLEAR_SNR * sigma
-        and (marker_m is None or reading.lateral_m is None or abs(reading.lateral_m - marker_m) < SAME_PLACE_M)
-    ]
-    if len(rows) < 2:
-        return None
-    table = np.array(rows, dtype=np.float64)
-    return ArrivalMoments(
-        measured_deg=table[:, 0], moments_s=table[:, 1:3], snr=table[:, 3], at_rest=int(table[:, 4].sum())
-    )
 
 
 def off_plane(

@@ -10,20 +10,24 @@ where g is the density of the peak's lateral position for the marker over that f
 position, noise is anywhere. The standard deviation of f_R is taken as `PEAK_NOISE`·σ, for the cells about the pixel are
 nearly as high, and F_R as normal, which it is to a few per cent once y exceeds 3σ, as the largest of M cells always
 does. One frame in a hundred is an outlier: it may hold anything over `OUTLIER_RANGE` in ln y.
+
+Pulses of sweeps that gave no light are left out before (`with_light`), and a delay of the light that is known moves the
+angles of the others (`later`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import groupby
 
 import numpy as np
 
 from markerseek._compiled import compiled
 from markerseek.core import MIN_INTENSITY, Float64, Sample, SweepTiming
-from markerseek.search.floor import MAX_CELLS, SearchNoise
+from markerseek.search.floor import MAX_CELLS, SearchNoise, noise_factor
 
 TABLE_LOW, TABLE_HIGH, TABLE_STEP = -6.0, 3.0, 0.02
 """Ends and step of the table in ln(μ/y)."""
@@ -251,3 +255,51 @@ def _fill_tables(
             # F_R of (3): the marker's own envelope stays below a noise peak of height 1.
             reached = 0.5 * math.erfc((mu[k] - 1) / math.sqrt(2 * variance))
             out[row, k] = math.log(density * below + largest * reached + outlier)
+
+
+LIT_RATIO = 1.3
+"""A pulse at the noise had no light if the pulses before and after exceed the largest noise by this factor."""
+
+
+NOISE_SHARE = 0.01
+"""Probability with which noise alone has a larger peak in one frame than a pulse without light."""
+
+
+def with_light(samples: Sequence[Sample]) -> list[Sample]:
+    """Return the samples without the pulses of sweeps that gave no light.
+
+    Such a pulse is no higher than noise, and the pulses before and after it in its sweep are clear of the noise.
+    """
+    kept: list[Sample] = []
+    for sweep, group in groupby(samples, key=lambda sample: None if sample.sweep is None else sample.sweep.number):
+        own = list(group)
+        kept += own if sweep is None else _lit(own)
+    return kept
+
+
+def _lit(swept: Sequence[Sample]) -> list[Sample]:
+    """The pulses of one sweep that gave light."""
+    level = np.array([_noise_level(sample) for sample in swept])
+    height = np.array([sample.reading.intensity for sample in swept])
+    quiet, clear = height <= level, height >= LIT_RATIO * level
+    dark = np.zeros(len(swept), dtype=bool)
+    dark[1:-1] = quiet[1:-1] & clear[:-2] & clear[2:]
+    return [sample for sample, off in zip(swept, dark, strict=True) if not off]
+
+
+def _noise_level(sample: Sample) -> float:
+    """Height that noise seldom exceeds; 0 where the noise is not known."""
+    reading = sample.reading
+    if reading.noise_sigma is None or reading.cells is None:
+        return 0.0
+    return reading.noise_sigma * noise_factor(cells=reading.cells, frames=1, false_found=NOISE_SHARE)
+
+
+def later(samples: Sequence[Sample], delay_s: float) -> list[Sample]:
+    """Return the samples with the angles at which the light comes if it is later by this delay."""
+    return [
+        sample
+        if sample.sweep is None
+        else replace(sample, angle_deg=sample.angle_deg + sample.sweep.speed_deg_s * delay_s)
+        for sample in samples
+    ]

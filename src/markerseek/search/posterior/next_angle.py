@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -18,32 +18,17 @@ from scipy.special import ndtr
 from markerseek._compiled import compiled
 from markerseek.core import PAPER_RANGE, ByHand, Float64, Int64, Interval, Reading, Sample
 from markerseek.search.floor import noise_of
-from markerseek.search.posterior.groups import (
-    MAX_GROUPS,
-)
 from markerseek.search.posterior.inference import AnglePosterior, Inference
 from markerseek.search.posterior.likelihood import DEEP_ERROR
-from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family
+from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
+    MAX_GROUPS,
     TEMPLATE_LOG_LEVELS,
     TEMPLATE_SIGMAS,
     log_level,
     template_sigma,
 )
-
-MIN_GAIN = 0.02
-"""Share by which a sample must be expected to reduce the standard deviation; else samples are spread evenly."""
-
-FLANKS = 0.8
-"""How far to either side of the marker that is, over the full width at half maximum."""
-
-MIRRORED = 0.03
-"""Distance from its mirror image within which a place has one, over that width."""
-
-ONE_SIDED, MIN_GAP = 1.6, 0.12
-"""Part of both flanks, of 2, below which the range holds too little of one; the least gap that is filled then, over
-that width."""
 
 PLAN = (1, 4, 6, 0, 3, 7, 2, 5)
 """Planned angles, each in the middle of an equal part of the range: evenly spread after eight, as eight acquisitions
@@ -51,21 +36,6 @@ miss the fewest markers, and nearly so after three."""
 
 PLAN_BY_HAND = (1, 4, 6, 7, 5, 3, 2, 0)
 """The same for a hand, which turns back once: alike until three are measured."""
-
-DETECTION_ANGLES = 71
-"""Candidate angles, evenly spread over the range, while no marker is detected."""
-
-MIN_APART_DEG = 0.4
-"""Least distance of such an angle from those measured, in degrees."""
-
-DETECTION_TRAVEL_DEG = 300.0
-"""Travel that must double the probability of detection to be worth it, in degrees."""
-
-TRAVEL_DEG = 75.0
-"""Travel that costs as much as an acquisition, in degrees."""
-
-BINS = 700
-"""Equal parts of the range over which the probabilities are stated: a tenth of a degree of 70."""
 
 
 def planned_deg(
@@ -114,9 +84,18 @@ def effort_deg(
     return effort
 
 
+DETECTION_ANGLES = 71
+"""Candidate angles, evenly spread over the range, while no marker is detected."""
+
+MIN_APART_DEG = 0.4
+"""Least distance of such an angle from those measured, in degrees."""
+
+DETECTION_TRAVEL_DEG = 300.0
+"""Travel that must double the probability of detection to be worth it, in degrees."""
+
+
 def most_detectable_deg(
     posterior: AnglePosterior,
-    shapes: Shapes,
     measured_deg: Sequence[float],
     *,
     limits: Interval,
@@ -134,9 +113,9 @@ def most_detectable_deg(
     candidates = np.linspace(limits.low_deg, limits.high_deg, DETECTION_ANGLES)
     apart = np.abs(candidates[:, None] - np.array(measured_deg)).min(axis=1)
     candidates = candidates[apart >= min(MIN_APART_DEG, apart.max())]
-    away = np.abs(candidates[:, None] - posterior.theta_deg) / STEP_DEG
-    place = np.minimum(np.rint(away).astype(np.int64), shapes.log_curve.shape[1] - 1)
-    height = np.exp(np.minimum(posterior.log_snr + shapes.log_curve[posterior.member, place], 50.0))
+    away, log_curve = np.abs(candidates[:, None] - posterior.theta_deg) / STEP_DEG, family().log_curve
+    place = np.minimum(np.rint(away).astype(np.int64), log_curve.shape[1] - 1)
+    height = np.exp(np.minimum(posterior.log_snr + log_curve[posterior.member, place], 50.0))
     # A marker's envelope is normal about its height once that is clear of the noise.
     detected = ndtr(height - level).mean(axis=1)
     # A farther candidate must be better by the factor 1 + travel/300°.
@@ -144,9 +123,15 @@ def most_detectable_deg(
     return float(candidates[np.argmax(detected / (1 + travel / DETECTION_TRAVEL_DEG))])
 
 
+MIN_GAIN = 0.02
+"""Share by which a sample must be expected to reduce the standard deviation; else samples are spread evenly."""
+
+TRAVEL_DEG = 75.0
+"""Travel that costs as much as an acquisition, in degrees."""
+
+
 def most_informative_deg(
     posterior: AnglePosterior,
-    shapes: Shapes,
     measured_deg: Sequence[float],
     *,
     limits: Interval,
@@ -160,7 +145,7 @@ def most_informative_deg(
 
     ``measured_deg``: angles reached so far, the last one last. ``by_hand``: how a person turns the probe.
     """
-    candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, limits=limits, floor=floor)
+    candidates, sigma_deg = expected_sigmas_deg(posterior, limits=limits, floor=floor)
     # What a sample gains over the least informative one, for its cost. Their product would stay forever where a sample
     # gives no information and needs no travel.
     gain = np.log(sigma_deg.max() / sigma_deg)
@@ -168,6 +153,17 @@ def most_informative_deg(
         return _evenly_deg(posterior, limits=limits)
     travel = effort_deg(candidates, measured_deg, by_hand)
     return float(candidates[np.argmax(gain / (1 + travel / TRAVEL_DEG))])
+
+
+FLANKS = 0.8
+"""How far to either side of the marker that is, over the full width at half maximum."""
+
+MIRRORED = 0.03
+"""Distance from its mirror image within which a place has one, over that width."""
+
+ONE_SIDED, MIN_GAP = 1.6, 0.12
+"""Part of both flanks, of 2, below which the range holds too little of one; the least gap that is filled then, over
+that width."""
 
 
 def _evenly_deg(posterior: AnglePosterior, *, limits: Interval) -> float:
@@ -198,7 +194,7 @@ def _evenly_deg(posterior: AnglePosterior, *, limits: Interval) -> float:
 
 
 def expected_sigmas_deg(
-    posterior: AnglePosterior, shapes: Shapes, *, limits: Interval, floor: float
+    posterior: AnglePosterior, *, limits: Interval, floor: float
 ) -> tuple[Float64[np.ndarray, " candidates"], Float64[np.ndarray, " candidates"]]:
     """Return candidates for the next angle, and the standard deviation that a sample there is expected to leave.
 
@@ -210,7 +206,7 @@ def expected_sigmas_deg(
 
     ``floor``: intensity that noise usually reaches by itself, over σ.
     """
-    candidates = _candidates(posterior, limits=limits)
+    candidates, shapes = _candidates(posterior, limits=limits), family()
     variance = np.empty(candidates.size)
     # Noise below the error of deep tails is no more use than that: a sample there would be expected to tell much, tell
     # nothing, and be taken for ever.
@@ -339,14 +335,8 @@ def expected_variance(
         out[c] = _variance_left(theta_deg, height, variance, sums)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Choice:
-    """Candidates for the next angle."""
-
-    angles_deg: Float64[np.ndarray, " candidates"]
-    """The candidates, rising."""
-    sigma_deg: Float64[np.ndarray, " candidates"]
-    """Standard deviation of the marker's angle that a sample at each is expected to leave, in degrees (11)."""
+BINS = 700
+"""Equal parts of the range over which the probabilities are stated: a tenth of a degree of 70."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -357,48 +347,32 @@ class Belief:
     """Middles of equal parts of the range in degrees."""
     probability: Float64[np.ndarray, " parts"]
     """Probability of each part; what is missing to 1 lies beyond the range."""
-    mean_deg: float
-    """Mean of the angle."""
-    sigma_deg: float
-    """Standard deviation of the angle."""
-    interval95_deg: Interval
-    """Interval that holds the angle with 95 % probability."""
-    choice: Choice | None
-    """Candidates for the next angle; None before anything is detected."""
+    choice_deg: Float64[np.ndarray, " candidates"]
+    """Candidates for the next angle, rising; none before anything is detected."""
+    choice_sigma_deg: Float64[np.ndarray, " candidates"]
+    """Standard deviation of the marker's angle that a sample at each is expected to leave, in degrees (11)."""
 
 
-def belief_of(
-    posterior: AnglePosterior,
-    shapes: Shapes,
-    *,
-    limits: Interval,
-    floor: float,
-    detected: bool,
-) -> Belief:
+def belief_of(posterior: AnglePosterior, *, limits: Interval, floor: float, detected: bool) -> Belief:
     """Return a posterior as a belief.
 
     ``floor``: intensity that noise usually reaches by itself, over σ. ``detected``: whether anything is detected yet.
     """
-    choice = None
+    choice_deg = choice_sigma_deg = np.empty(0)
     if detected:
-        candidates, sigma_deg = expected_sigmas_deg(posterior, shapes, limits=limits, floor=floor)
-        choice = Choice(angles_deg=candidates, sigma_deg=sigma_deg)
+        choice_deg, choice_sigma_deg = expected_sigmas_deg(posterior, limits=limits, floor=floor)
     ends_deg = np.linspace(limits.low_deg, limits.high_deg, BINS + 1)
     return Belief(
         angles_deg=(ends_deg[1:] + ends_deg[:-1]) / 2,
         probability=np.diff(posterior.cumulative(ends_deg)),
-        mean_deg=posterior.mean_deg,
-        sigma_deg=posterior.sigma_deg,
-        interval95_deg=Interval(low_deg=posterior.quantile_deg(0.025), high_deg=posterior.quantile_deg(0.975)),
-        choice=choice,
+        choice_deg=choice_deg,
+        choice_sigma_deg=choice_sigma_deg,
     )
 
 
-@lru_cache(maxsize=1)
-def loaded_family() -> Shapes:
-    """Return the family of curves, after one decision on three synthetic samples, which loads the kernels."""
-    shapes = family()
-    # From disk they take a quarter of a second.
+@cache
+def load_kernels() -> None:
+    """Make one decision on three synthetic samples: from disk the kernels take a quarter of a second."""
     lit = [
         Sample(
             angle_deg=angle_deg,
@@ -414,7 +388,6 @@ def loaded_family() -> Shapes:
         )
         for angle_deg, intensity in ((-5.0, 20.0), (0.0, 60.0), (5.0, 20.0))
     ]
-    inference = Inference(limits=PAPER_RANGE, shapes=shapes, cues=frozenset({"intensity", "arrival", "lateral"}))
+    inference = Inference(limits=PAPER_RANGE, cues=frozenset({"intensity", "arrival", "lateral"}))
     posterior = inference.posterior(lit, noise_of(lit), particles=8)
-    most_informative_deg(posterior, shapes, [0.0], limits=PAPER_RANGE, floor=4.0)
-    return shapes
+    most_informative_deg(posterior, [0.0], limits=PAPER_RANGE, floor=4.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 
 from markerseek.core import (
@@ -22,33 +21,39 @@ from markerseek.core import (
     Tolerance,
     Unsure,
 )
-from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.analysis import Analysis, Progress, weaker_than_predicted
-from markerseek.search.posterior.answer import SearchState, answer_of, rivals_of
-from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, Candidates, top_deg
-from markerseek.search.posterior.expected import ExpectedAngle
+from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
+from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample
+from markerseek.search.posterior.answer import (
+    Analysis,
+    Progress,
+    answer_of,
+    rivals_of,
+    weaker_than_predicted,
+)
+from markerseek.search.posterior.inference import Inference
+from markerseek.search.posterior.likelihood import later, with_light
 from markerseek.search.posterior.next_angle import (
     PLAN,
     PLAN_BY_HAND,
     Belief,
     belief_of,
-    loaded_family,
+    load_kernels,
     most_detectable_deg,
     most_informative_deg,
     planned_deg,
     step_near_deg,
 )
-from markerseek.search.posterior.pulses import later, with_light
+from markerseek.search.posterior.sources import BESIDE_DEG, Candidate, top_deg
 from markerseek.search.posterior.survey import (
     LATE_WORTH,
     STATED,
     SURVEY_UNTIL,
     USUAL_OTHERS,
     WORTH,
+    ExpectedAngle,
     Survey,
     hidden_probability,
 )
-from markerseek.search.tolerance import KNOWN_SIGMA_DEG, marker_radius_m
 
 CUES = frozenset({"intensity", "arrival", "lateral"})
 """Parts of a reading that can be used."""
@@ -136,27 +141,19 @@ class Posterior(SearchPolicy):
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
-        if not 0 <= target_sigma_deg < math.inf:
-            raise ConfigError(
-                f"posterior: target_sigma_deg is {target_sigma_deg} deg, it must be finite and not negative; "
-                "0 uses every acquisition"
-            )
-        check_start(start_deg, method=self.name)
         chosen = frozenset(cues)
         if not chosen or not chosen <= CUES:
             raise ConfigError(f"posterior: cues are {sorted(chosen)}, choose at least one of {sorted(CUES)}")
-        if not 0 <= others < 1:
-            raise ConfigError(f"posterior: others is {others}, it must be a probability from 0 to below 1")
-        self._shapes = loaded_family()
+        load_kernels()
         self._limits, self._budget = limits, acquisitions
         self._target_deg = target_sigma_deg
         self._expected = None if near is None else ExpectedAngle(near, limits=limits)
         self.is_narrowed = near is not None
         self._descending = start_deg is not None and start_deg > self._searched.centre_deg
         self._former = prior
-        self._others, self._single = others, others == 0
+        self._others, self.single = others, others == 0
         self._tolerance = tolerance
-        self._candidates = Candidates(limits=limits, shapes=self._shapes, cues=chosen, single=others == 0, prior=prior)
+        self._inference = Inference(limits=limits, cues=chosen, prior=prior)
         self._left_deg = None if angles_deg is None else [each for each in angles_deg if each in limits]
         if angles_deg and not self._left_deg:
             raise ConfigError(f"posterior: none of the {len(angles_deg)} angles_deg lies in {limits}")
@@ -222,16 +219,13 @@ class Posterior(SearchPolicy):
         self._delay_s = delay_s
         self._next = self._cached = None
 
-    @property
-    def single(self) -> bool:
-        """Whether it takes for granted that there is one source at most."""
-        return self._single
-
     def state_swept(self) -> None:
         """Take for granted from now on that sweeps have surveyed the range, as far as single pulses can."""
         self._range_swept = True
         self._next = None
 
+    single: bool
+    """Whether it takes for granted that there is one source at most."""
     is_narrowed: bool
     """Whether it looks first where a prior over the angle expects the marker, and has not given the prior up."""
 
@@ -245,7 +239,7 @@ class Posterior(SearchPolicy):
         """What was seen of the prior over the angle; None without one, and before the first sample."""
         if self._expected is None or not self._lit:
             return None
-        sources = self._analysis.state.sources
+        sources = self._analysis.sources
         # The marker may be either of two sources that are about as strong.
         known = [sources[0], *(rivals_of(sources) if isinstance(self.estimate(), Ambiguous) else ())]
         wrong = min(self._expected.wrong_probability(source.posterior) for source in known)
@@ -263,7 +257,7 @@ class Posterior(SearchPolicy):
         assert self._expected is not None  # noqa: S101 - there is one where the search is narrowed
         # Evenly spread over the window, the acquisitions of the plan miss the fewest markers.
         missed = not analysis.detected and len(self._lit) >= len(PLAN)
-        return missed or self._expected.is_contradicted(analysis.state.sources[0], former=self._former)
+        return missed or self._expected.is_contradicted(analysis.sources[0], former=self._former)
 
     def widen(self) -> None:
         """Give up the prior over the angle: search the whole range, keep all samples, count the acquisitions from 0."""
@@ -290,7 +284,7 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._analysis.first
-        self._confirmation_taken, self._confirmation_failure = True, weaker_than_predicted(first, sample, self._shapes)
+        self._confirmation_taken, self._confirmation_failure = True, weaker_than_predicted(first, sample)
         self._lit.append(sample)
         self._next = self._cached = None
 
@@ -299,9 +293,7 @@ class Posterior(SearchPolicy):
         if not self._lit:
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
         return answer_of(
-            self._analysis.lit,
-            self._analysis.state,
-            limits=self._limits,
+            self._analysis,
             others=self._others,
             spent=self._range_swept or self._asked >= min(self._budget, SURVEY_UNTIL),
             tolerance=self._tolerance,
@@ -314,10 +306,8 @@ class Posterior(SearchPolicy):
         """What is believed of the marker's angle, for a picture of it; None before the first sample."""
         if not self._lit:
             return None
-        source = self._analysis.state.sources[0]
-        return belief_of(
-            source.posterior, self._shapes, limits=self._limits, floor=FLOOR_SNR, detected=self._analysis.detected
-        )
+        posterior = self._analysis.sources[0].posterior
+        return belief_of(posterior, limits=self._limits, floor=FLOOR_SNR, detected=self._analysis.detected)
 
     @property
     def progress(self) -> Progress | None:
@@ -334,7 +324,7 @@ class Posterior(SearchPolicy):
         theirs = other._analysis.first
         own = [
             each
-            for each in self._analysis.state.sources
+            for each in self._analysis.sources
             if each.missing is None
             and (each.source is None or theirs.source is None or each.source.same_position(theirs.source))
         ]
@@ -356,10 +346,9 @@ class Posterior(SearchPolicy):
             self._cached = Analysis(
                 later(self.lit, self._delay_s),
                 self._dark,
-                candidates=self._candidates,
-                shapes=self._shapes,
+                inference=self._inference,
                 limits=self._limits,
-                single=self._single,
+                single=self.single,
                 expected=self._expected if self.is_narrowed else None,
             )
         return self._cached
@@ -393,17 +382,16 @@ class Posterior(SearchPolicy):
     def _comes_first(self, source: Candidate) -> bool:
         """Whether the angle of a source has to be known better before others are looked for."""
         # One beyond an end may never be known well enough, however often it is measured, and another may be the marker.
-        patience = self._single or source.seen < OFTEN or self._budget - self._asked > SURVEY_RESERVE
+        patience = self.single or source.seen < OFTEN or self._budget - self._asked > SURVEY_RESERVE
         enough_deg = max(KNOWN_SIGMA_DEG, self._needed_sigma_deg(source))
         return source.posterior.centre_sigma_deg > enough_deg and patience
 
     def _remaining_deg(self) -> float | None:
         """Next angle once the strongest source is known, in degrees; None if the search is done."""
-        state = self._analysis.state
-        first = state.sources[0]
+        first = self._analysis.sources[0]
         target_deg = self._needed_sigma_deg(first)
         imprecise = first.posterior.centre_sigma_deg > target_deg
-        angle_deg = self._other_source_deg(state, imprecise=imprecise)
+        angle_deg = self._other_source_deg(first, imprecise=imprecise)
         if angle_deg is not None:
             return angle_deg
         if not first.measured:
@@ -412,7 +400,7 @@ class Posterior(SearchPolicy):
             return self._informative_deg(first)
         answer = self.estimate()
         # More samples cannot help where the centre is known far better than the marker beside it.
-        done = isinstance(answer, Found) or (isinstance(answer, Ambiguous) and bool(rivals_of(state.sources)))
+        done = isinstance(answer, Found) or (isinstance(answer, Ambiguous) and bool(rivals_of(self._analysis.sources)))
         narrow = (
             isinstance(answer, Unsure)
             and answer.doubt == "width"
@@ -427,24 +415,24 @@ class Posterior(SearchPolicy):
         tolerated_deg = self._tolerance.half_width_deg(marker_radius_m(source.samples))
         return min(self._target_deg, tolerated_deg / TOLERATED_SIGMAS)
 
-    def _other_source_deg(self, state: SearchState, *, imprecise: bool) -> float | None:
-        """Next angle to look for another source, in degrees; None if none is left."""
-        first, measured_deg = state.sources[0], self._analysis.measured_deg
-        if state.unresolved_rival is not None:
-            return self._another_look_deg(*state.unresolved_rival)
-        if self._single:
+    def _other_source_deg(self, first: Candidate, *, imprecise: bool) -> float | None:
+        """Next angle to look for another source than the strongest, in degrees; None if none is left."""
+        known = self._analysis
+        if known.unresolved_rival is not None:
+            return self._another_look_deg(*known.unresolved_rival)
+        if self.single:
             return None
-        doubtful_deg = self._analysis.asymmetric_deg(first)
+        doubtful_deg = known.asymmetric_deg(first)
         # Another source comes before more precision, for it may be the marker. The survey comes after it, for the
         # amplitude and width that it assumes are known better then.
         if doubtful_deg is not None or (imprecise and self._budget - self._asked > SURVEY_RESERVE):
             return doubtful_deg
-        if state.survey is not None and self._is_surveyed_further(state.survey):
-            return state.survey.next_deg
+        if known.survey is not None and self._is_surveyed_further(known.survey):
+            return known.survey.next_deg
         if first.has_positions:
             return None
         # Intensities alone do not resolve two sources that are near one another.
-        wanted_deg = top_deg(first.posterior, measured_deg)
+        wanted_deg = top_deg(first.posterior, known.measured_deg)
         return wanted_deg if wanted_deg is not None and wanted_deg in self._limits else None
 
     def _is_surveyed_further(self, survey: Survey) -> bool:
@@ -454,7 +442,7 @@ class Posterior(SearchPolicy):
         worth = 0.0 if self._confirmation_taken or self._range_swept else self._others * survey.gain
         if self._range_swept or self._asked >= SURVEY_UNTIL:
             # Frames show another source from afar, by its place; intensities only where it is the louder of the two.
-            gap = not self._analysis.state.sources[0].has_positions and worth > max(WORTH, LATE_WORTH * probability)
+            gap = not self._analysis.sources[0].has_positions and worth > max(WORTH, LATE_WORTH * probability)
             return probability > STATED or gap
         return probability > STATED or worth > WORTH
 
@@ -473,7 +461,6 @@ class Posterior(SearchPolicy):
     def _informative_deg(self, source: Candidate) -> float:
         return most_informative_deg(
             source.posterior,
-            self._shapes,
             self._analysis.measured_deg,
             limits=self._limits,
             floor=FLOOR_SNR,
@@ -491,7 +478,6 @@ class Posterior(SearchPolicy):
         level = noise.floor.level / noise.sigma
         return most_detectable_deg(
             self._analysis.first.posterior,
-            self._shapes,
             measured_deg,
             limits=self._limits,
             level=level,

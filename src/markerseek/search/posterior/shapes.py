@@ -24,7 +24,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
+from itertools import product
 
 import numpy as np
 from scipy.special import fresnel
@@ -133,17 +134,15 @@ def family() -> Shapes:
     # The uniform part allows widths that are not in the physics table.
     usual = np.exp(-((np.log(WIDTHS_DEG / 5.5) / 0.6) ** 2) / 2)
     width_share = 0.8 * usual / usual.sum() + 0.2 / WIDTHS_DEG.size
+    kinds = [(partial(log_curve, tail=tail, knee=knee), share) for tail, knee, share in KNEES]
+    kinds += [(partial(log_humps, fresnel_number=number), share) for number, share in FRESNEL_NUMBERS]
     curves, widths, priors = [], [], []
-    for tail, knee, share in KNEES:
-        for fwhm_deg, width in zip(WIDTHS_DEG.tolist(), width_share.tolist(), strict=True):
-            curves.append(np.maximum(log_curve(distance_deg, fwhm_deg=fwhm_deg, tail=tail, knee=knee), -12.0))
-            widths.append(fwhm_deg)
-            priors.append(math.log(share * width))
-    for fresnel_number, share in FRESNEL_NUMBERS:
-        for fwhm_deg, width in zip(WIDTHS_DEG.tolist(), width_share.tolist(), strict=True):
-            curves.append(np.maximum(log_humps(distance_deg, fwhm_deg=fwhm_deg, fresnel_number=fresnel_number), -12.0))
-            widths.append(fwhm_deg)
-            priors.append(math.log(share * width))
+    for (curve, share), (fwhm_deg, width) in product(
+        kinds, zip(WIDTHS_DEG.tolist(), width_share.tolist(), strict=True)
+    ):
+        curves.append(np.maximum(curve(distance_deg, fwhm_deg=fwhm_deg), -12.0))
+        widths.append(fwhm_deg)
+        priors.append(math.log(share * width))
     # By columns: a grid asks for all shapes at one distance.
     return Shapes(log_curve=np.asfortranarray(curves), fwhm_deg=np.array(widths), log_prior=np.array(priors))
 

@@ -1,4 +1,4 @@
-"""Sources: arrivals of all frames joined by their place in the image, and each frame's reading at such a place.
+"""The sources of a search: arrivals joined by their place in the image, each with its samples and its posterior.
 
 A frame holds up to eight arrivals, and a source is at one place in all of them: at the same lateral position, and at a
 depth that grows off the plane by c·D(t) of (4) at most. A second marker, clutter, and a repeat of the sound behind a
@@ -11,9 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
-from markerseek.core import Arrival, Reading, Sample
-from markerseek.search.floor import FEWEST_CELLS
+import numpy as np
+
+from markerseek.core import Arrival, Float64, Interval, OtherSource, Reading, Sample
+from markerseek.search.evidence import FLAT_SHARE, KNOWN_SIGMA_DEG
+from markerseek.search.floor import FEWEST_CELLS, SearchNoise, noise_factor
+from markerseek.search.posterior.inference import AnglePosterior
 
 POINT_M = 1.5e-3
 """Largest distance between arrivals of one point along the array, in metres."""
@@ -49,7 +54,6 @@ class Source:
     """``lateral_m`` and ``depth_m``: place of its strongest arrival."""
     angle_deg: float
     """Angle of the probe at which that arrived."""
-    intensity: float
     reach_m: float = POINT_M
     """Largest distance of its other arrivals along the array."""
 
@@ -106,7 +110,6 @@ def sources_of(lit: Sequence[Sample], *, level: float) -> tuple[Source, ...]:
             lateral_m=arrival.lateral_m,
             depth_m=arrival.depth_m,
             angle_deg=angle_deg,
-            intensity=arrival.intensity,
         )
         for index, each in enumerate(found):
             spot = each.with_part(source)
@@ -246,3 +249,272 @@ def _of_arrival(reading: Reading, arrival: Arrival, source: Source, *, angle_deg
         focused_coherence=reading.focused_coherence if largest else None,
         spot=reading.spot if largest else None,
     )
+
+
+RIVAL_DB = 6.0
+"""A source that is weaker by no more than this may be the marker as well, in dB."""
+
+
+BESIDE_DEG = 1.0
+"""Distance at which the narrowest curve still has half of its height, in degrees."""
+
+KNOWN_LOG_SIGMA = 0.25
+"""Standard deviation of ln A from which the loudness of a source is known, 2 dB: a third of `RIVAL_DB`."""
+
+
+SUSPECT_SHARE = 0.05
+"""Share of searches in which noise alone has a peak that is looked at again."""
+
+PLACE_SHARE = 0.01
+"""Probability with which noise at the place of a source passes for it in one frame, when it is looked at again."""
+
+
+Side: TypeAlias = tuple[str, ...]
+"""Samples of one source: all at a place, or those on the side of each dip that is named, "low" or "high"."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SourceSamples:
+    """Samples of one source."""
+
+    source: Source | None
+    """None if the samples have no positions: then all of them are of one source."""
+    side: Side = ()
+    """Which of several peaks at that place it is; empty if there is one."""
+    samples: Sequence[Sample]
+    """The samples with the laser on, as they are at its place."""
+    bounds: Sequence[Sample] = ()
+    """Samples that say only how loud it is at most (`as_upper_limit`)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate(SourceSamples):
+    """A source with its posterior."""
+
+    missing: str | None
+    """Why they are no evidence of a source; None if they are."""
+    posterior: AnglePosterior
+    seen: int
+    """Number of samples in which it exceeds the noise."""
+    measured: bool
+    """Whether a sample was taken at its angle, or at the end of the range beyond which it lies."""
+    beyond: bool = False
+    """Whether it lies beyond an end of the range."""
+    log_most: float = math.inf
+    """Ln of the most that its intensity over σ can be by what was measured at its angle; infinite where nothing was."""
+
+    @property
+    def log_snr_sigma(self) -> float:
+        """Standard deviation of ln of the intensity over σ."""
+        return float(np.std(self.posterior.log_snr))
+
+    @property
+    def loudness_known(self) -> bool:
+        """Whether it was measured at its angle, and so often that its loudness is known, as far as it can be."""
+        vague = self.log_snr_sigma > KNOWN_LOG_SIGMA
+        vague = vague or float(np.mean(self.posterior.log_snr)) > self.log_most
+        return self.measured and (self.beyond or not vague)
+
+    @property
+    def known(self) -> bool:
+        """Whether its loudness is known, and its angle."""
+        return self.loudness_known and self.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG
+
+    @property
+    def log_snr(self) -> float:
+        """Ln of the intensity with the probe on it, over σ."""
+        return min(float(np.mean(self.posterior.log_snr)), self.log_most)
+
+    @property
+    def has_positions(self) -> bool:
+        """Whether its samples have positions in the image."""
+        return all(sample.reading.local_maxima is not None for sample in self.samples)
+
+    @property
+    def interval95_deg(self) -> Interval:
+        """Interval that holds its angle with 95 % probability."""
+        return Interval(low_deg=self.posterior.quantile_deg(0.025), high_deg=self.posterior.quantile_deg(0.975))
+
+    def apart_from(self, other: Candidate) -> bool:
+        """Whether the 95 % intervals of two sources are separate."""
+        mine, theirs = self.interval95_deg, other.interval95_deg
+        return mine.high_deg < theirs.low_deg or theirs.high_deg < mine.low_deg
+
+    def relative_db(self, other: Candidate) -> float:
+        """Loudness over that of another source, in dB."""
+        return 20 / math.log(10) * (self.log_snr - other.log_snr)
+
+    def louder_probability(self, other: Candidate) -> float:
+        """Probability that it is louder than another, from the standard deviations of both."""
+        spread = math.hypot(self.log_snr_sigma, other.log_snr_sigma)
+        return 0.5 * math.erfc((other.log_snr - self.log_snr) / (math.sqrt(2) * max(spread, 1e-9)))
+
+    def as_other_source(self, other: Candidate) -> OtherSource:
+        """The source as an answer names it beside another."""
+        place = self.source
+        return OtherSource(
+            angle_deg=self.posterior.mean_deg,
+            sigma_deg=self.posterior.sigma_deg,
+            relative_db=self.relative_db(other),
+            lateral_m=None if place is None else place.lateral_m,
+            depth_m=None if place is None else place.depth_m,
+        )
+
+
+def suspect_level(lit: Sequence[Sample], noise: SearchNoise) -> float:
+    """Intensity above which the largest peak of a frame is measured again, because it may be another source.
+
+    It is lower than the detection threshold, which proves a source: noise has such a peak in one search of twenty,
+    which takes one acquisition more. 0 where the threshold is unknown.
+    """
+    level = noise.level_or_zero
+    cells = [sample.reading.cells for sample in lit if sample.reading.local_maxima is not None]
+    if noise.sigma is None or len(cells) < len(lit) or None in cells:
+        return level
+    most = max(each for each in cells if each is not None)
+    return min(level, noise.sigma * noise_factor(cells=most, frames=len(lit), false_found=SUSPECT_SHARE))
+
+
+def times_seen(at: Sequence[Sample], noise: SearchNoise) -> int:
+    """Number of samples in which a source exceeds the noise; a place has fewer cells than an image, and less noise."""
+    level, sigma = noise.level_or_zero, noise.sigma or math.inf
+    levels = [
+        level
+        if sample.reading.local_maxima is None or sample.reading.cells is None
+        else min(level, sigma * noise_factor(cells=sample.reading.cells, frames=1, false_found=PLACE_SHARE))
+        for sample in at
+    ]
+    return sum(sample.reading.intensity > each for sample, each in zip(at, levels, strict=True))
+
+
+def is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: SearchNoise) -> bool:
+    """Whether a source was strong at one angle and not beside it, where even the narrowest curve would be."""
+    # An upper bound says the same as a sample where it is below the detection threshold.
+    measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= noise.level_or_zero)]
+    beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in measured)
+    # Far away noise passes for it in one frame of a hundred, and a sweep has hundreds.
+    near = [sample for sample in own if abs(sample.angle_deg - place.angle_deg) <= SPOT_DEG]
+    return beside > 1 and times_seen(near, noise) <= 1
+
+
+def is_background(at: Sequence[Sample]) -> bool:
+    """Whether a place is equally strong at all angles, as an artefact of the rig is."""
+    intensities = [sample.reading.intensity for sample in at]
+    return len(at) > 1 and max(intensities) - min(intensities) <= FLAT_SHARE * max(intensities)
+
+
+DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0
+"""Standard deviations of noise and laser by which a dip must lie below both peaks, and for doubt."""
+
+SAMPLE_ERROR, PULSE_ERROR = 0.03, 0.12
+"""Relative error of one sample by itself, the laser's energy: at rest, and of a single pulse of a sweep."""
+
+MIN_DIP, NEAR_FIELD_DIP = 0.1, 0.35
+"""Least depth of a dip over the lower peak, for intensities alone, and for frames, where the near field is excluded."""
+
+ALIKE_DEG = 1.0
+"""Samples nearer than this are alike on any curve: a burst or a misfire among them is neither peak nor dip."""
+
+HUMPS_APART_DEG = 5.0
+"""Least distance of two peaks, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
+
+ASYMMETRY_SHARE = 0.2
+"""Least share of a sample's intensity by which one nearer to the centre must be weaker, on either side, for doubt."""
+
+TOP_SHARES = (-0.35, 0.0, 0.35)
+"""Angles about the answer, over the full width at half maximum, at which a dip would show."""
+
+TOP_REACH = 0.25
+"""Distance from such an angle, over the same width, at which a sample serves as well."""
+
+
+def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = False) -> float | None:
+    """Return the angle of the deepest dip between two peaks, in degrees; None without one.
+
+    ``sigma``: noise of one intensity, in its unit. ``level``: largest intensity that noise reaches; both peaks must be
+    above it. ``single``: whether intensities alone need a dip as deep as frames do.
+    """
+    if len(at) < 3:
+        return None
+    order = sorted(at, key=lambda sample: sample.angle_deg)
+    angle_deg = np.array([sample.angle_deg for sample in order])
+    height, error = _heights(order)
+    hump, bottom = _without_bursts(angle_deg, height)
+    has_positions = all(sample.reading.local_maxima is not None for sample in at)
+    lower = np.minimum(np.maximum.accumulate(hump)[:-2], np.maximum.accumulate(hump[::-1])[::-1][2:])
+    drop = lower - bottom[1:-1]
+    least = np.maximum(
+        DIP_SIGMAS * np.hypot(1.5 * sigma, error[1:-1] * lower),
+        (NEAR_FIELD_DIP if has_positions or single else MIN_DIP) * lower,
+    )
+    # Distance of the two peaks around each sample.
+    inner = np.arange(1, len(order) - 1)
+    apart_deg = np.array(
+        [angle_deg[k + 1 + np.argmax(hump[k + 1 :])] - angle_deg[np.argmax(hump[:k])] for k in inner.tolist()]
+    )
+    # An angle measured twice lies between no others where it is the first or the last: the marker has moved.
+    between = (angle_deg[1:-1] > angle_deg[0]) & (angle_deg[1:-1] < angle_deg[-1])
+    deep = np.where((drop > least) & (lower > level) & (apart_deg >= HUMPS_APART_DEG) & between, drop, 0.0)
+    return float(angle_deg[1:-1][np.argmax(deep)]) if deep.any() else None
+
+
+def _heights(order: Sequence[Sample]) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
+    """Intensities and relative errors; of a pulse the median of those about it, for one of hundreds may be weak."""
+    height = np.array([sample.reading.intensity for sample in order])
+    angle_deg = np.array([sample.angle_deg for sample in order])
+    sweep = np.array([0 if sample.sweep is None else sample.sweep.number for sample in order])
+    alike = (np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG / 2) & (sweep[:, None] == sweep)
+    error = np.where(sweep > 0, PULSE_ERROR / np.sqrt(alike.sum(axis=1)), SAMPLE_ERROR)
+    return np.array([np.median(height[alike[k]]) if sweep[k] else height[k] for k in range(len(order))]), error
+
+
+def _without_bursts(
+    angle_deg: Float64[np.ndarray, " samples"], height: Float64[np.ndarray, " samples"]
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
+    """Intensities for peaks and for dips, so that a burst makes no peak and a misfire no dip."""
+    near = np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG
+    np.fill_diagonal(near, False)
+    hump, bottom = height.copy(), height.copy()
+    for k in np.flatnonzero(near.any(axis=1)).tolist():
+        # Within a degree no curve changes by more than to a half.
+        hump[k] = min(height[k], 2.0 * height[near[k]].max())
+        bottom[k] = max(height[k], 0.5 * height[near[k]].min())
+    return hump, bottom
+
+
+def top_deg(posterior: AnglePosterior, measured_deg: Sequence[float]) -> float | None:
+    """Return an angle in the top of the curve where a dip may still hide; None where samples would have shown it.
+
+    ``measured_deg``: angles measured so far.
+    """
+    for share in TOP_SHARES:
+        angle_deg = posterior.mean_deg + share * posterior.fwhm_deg
+        apart = min((abs(angle_deg - each) for each in measured_deg), default=math.inf)
+        if apart > TOP_REACH * posterior.fwhm_deg:
+            return angle_deg
+    return None
+
+
+def asymmetric_sample(at: Sequence[Sample], *, centre_deg: float, sigma: float, level: float) -> Sample | None:
+    """Return the sample that is stronger than one nearer to the centre, by the largest difference; None without one.
+
+    A curve that is symmetric and falls from its centre has none: the sample is of another curve.
+    """
+    order = sorted(at, key=lambda sample: abs(sample.angle_deg - centre_deg))
+    angle_deg = np.array([sample.angle_deg for sample in order])
+    height, error = _heights(order)
+    hump, bottom = _without_bursts(angle_deg, height)
+    drop = hump - np.minimum.accumulate(bottom)
+    least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, error * hump), ASYMMETRY_SHARE * hump)
+    excess = np.where((drop > least) & (hump > level), drop, 0.0)
+    return order[int(np.argmax(excess))] if excess.any() else None
+
+
+def gap_angle_deg(angle_deg: float, measured_deg: Sequence[float]) -> float | None:
+    """Return the middle of the wider gap beside a measured angle, in degrees; None where both are narrow."""
+    gaps = []
+    for side in (-1.0, 1.0):
+        away = min((side * (each - angle_deg) for each in measured_deg if side * (each - angle_deg) > 0), default=0.0)
+        gaps.append((away, angle_deg + side * away / 2))
+    widest, middle_deg = max(gaps)
+    return middle_deg if widest > 2 * ALIKE_DEG else None

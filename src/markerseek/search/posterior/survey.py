@@ -12,6 +12,15 @@ A sample still detects a marker at the distance at which the curve S of (1), wit
 member of the family, has fallen to level/peak:
 
     t = (F/2)·(((peak/level)^(q/p) − 1)/(2^(q/p) − 1))^(1/q).                                                 (12)
+
+A prior q over the marker's angle (`ExpectedAngle`) says where the search looks first. It is wrong with the probability
+ε, and the marker is then anywhere in the range of width R:
+
+    π(θ) = (1 − ε)·q(θ) + ε/R.                                                                                  (15)
+
+π is not multiplied into the answer. It weighs what may still hide (13): that the marker hides at θ, and the source seen
+at θ₁ is another one, is as probable as π(θ)/π(θ₁) says. That the prior is wrong has the probability ε/(R·π(θ₁)), where
+π(θ₁) is the mean over the posterior of the samples, and also of a search that has detected nothing yet.
 """
 
 from __future__ import annotations
@@ -23,12 +32,67 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from markerseek.core import Float64, Interval, Sample
+from markerseek.core import AnglePrior, Float64, Interval, MarkerCurve, Sample
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.candidates import BESIDE_DEG, Candidate, suspect_level
-from markerseek.search.posterior.expected import ExpectedAngle, survey_angles_deg
 from markerseek.search.posterior.inference import AnglePosterior
-from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
+from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, family
+from markerseek.search.posterior.sources import BESIDE_DEG, RIVAL_DB, Candidate, suspect_level
+
+WRONG = 0.05
+"""Probability ε that a prior is wrong, before anything is measured."""
+
+MOST_WRONG = 0.5
+"""Probability that it is wrong from which it is given up."""
+
+SURVEY_ANGLES = 71
+"""Angles at which a hidden source is assumed, evenly spread over the range; every second may be the next sample's."""
+
+
+def survey_angles_deg(limits: Interval) -> Float64[np.ndarray, " angles"]:
+    """Angles of the range at which a hidden source is assumed, in degrees."""
+    return np.linspace(limits.low_deg, limits.high_deg, SURVEY_ANGLES)
+
+
+class ExpectedAngle:
+    """A prior over the angle on the range of a search.
+
+    Raises `ConfigError` if the prior lies outside of the range.
+    """
+
+    def __init__(self, prior: AnglePrior, *, limits: Interval) -> None:
+        self.window = prior.interval(limits)
+        angles_deg = survey_angles_deg(limits)
+        # Parts of the range about these angles: the first and the last are half as wide.
+        self._ends_deg = np.array([angles_deg[0], *((angles_deg[1:] + angles_deg[:-1]) / 2), angles_deg[-1]])
+        mass = np.diff([prior.below(each) for each in self._ends_deg.tolist()])
+        uniform = np.diff(self._ends_deg) / limits.width_deg
+        self._density = (1 - WRONG) * mass / mass.sum() / uniform + WRONG
+        """R·π of each part."""
+
+    def weights(self, posterior: AnglePosterior) -> Float64[np.ndarray, " angles"]:
+        """π(θ)/π(θ₁) at each of the angles of the survey, for a source with this posterior."""
+        return np.asarray(self._density / self._at(posterior))
+
+    def wrong_probability(self, posterior: AnglePosterior) -> float:
+        """Probability that the prior is wrong, where the posterior of the samples is that of the marker."""
+        return WRONG / self._at(posterior)
+
+    def is_contradicted(self, source: Candidate, *, former: MarkerCurve | None) -> bool:
+        """Whether the prior is more probably wrong than right, where this source is the strongest.
+
+        ``former``: curve of a former marker, which a source that is much weaker does not resemble.
+        """
+        if former is not None and source.missing is None:
+            peak = source.posterior.sigma * math.exp(source.log_snr)
+            if peak < former.peak * 10 ** (-RIVAL_DB / 20):
+                return True
+        return self.wrong_probability(source.posterior) > MOST_WRONG
+
+    def _at(self, posterior: AnglePosterior) -> float:
+        share = np.diff(posterior.cumulative(self._ends_deg))
+        # A marker beyond an end of the range contradicts a prior within it.
+        return float(share @ self._density + (1 - share.sum()) * WRONG)
+
 
 USUAL_OTHERS = 0.05
 """Prior probability of a second source as strong (within 6 dB); low, because a person lights one spot."""
@@ -99,7 +163,6 @@ def hidden_probability(survey: Survey, *, others: float) -> float:
 
 def survey_of(
     source: Candidate,
-    shapes: Shapes,
     lit: Sequence[Sample],
     noise: SearchNoise,
     *,
@@ -121,7 +184,7 @@ def survey_of(
     share = noise_shares(lit, noise)
     suspect = np.where(np.array(largest) < level * share, suspect_level(lit, noise), level) * share
     needed = np.where(listed, suspect, np.maximum(level * share, largest)) / posterior.sigma
-    hidden = undetected(posterior, shapes, measured_deg, needed, angles_deg, noise=share).prod(axis=1)
+    hidden = undetected(posterior, measured_deg, needed, angles_deg, noise=share).prod(axis=1)
     if not has_positions:
         # Near the source found, a second one shows only in the form of the curve, which is tested for two peaks.
         hidden[:, np.abs(angles_deg - posterior.mean_deg) <= posterior.fwhm_deg / 2] = 0.0
@@ -140,8 +203,8 @@ def survey_of(
     next_share = np.full(candidates_deg.size, share.min())
     needed = next_share * (suspect_level(lit, noise) if has_positions else level) / posterior.sigma
     if not has_positions:
-        needed = np.maximum(needed, np.exp(posterior.log_heights(shapes, candidates_deg).mean(axis=0)))
-    there = undetected(posterior, shapes, candidates_deg, needed, angles_deg, noise=next_share)
+        needed = np.maximum(needed, np.exp(posterior.log_heights(candidates_deg).mean(axis=0)))
+    there = undetected(posterior, candidates_deg, needed, angles_deg, noise=next_share)
     next_deg, gain = _next(hidden, there, candidates_deg, last_deg=float(measured_deg[-1]))
     return Survey(surveyed=surveyed, hidden=float(left.mean()), hidden_deg=hidden_deg, next_deg=next_deg, gain=gain)
 
@@ -182,7 +245,6 @@ def _next(
 
 def undetected(
     posterior: AnglePosterior,
-    shapes: Shapes,
     measured_deg: Float64[np.ndarray, " samples"],
     needed: Float64[np.ndarray, " samples"],
     angles_deg: Float64[np.ndarray, " angles"],
@@ -198,11 +260,12 @@ def undetected(
     # Spread over all particles, which are sorted by angle.
     drawn = np.linspace(0, posterior.theta_deg.size - 1, len(HIDDEN_STEPS)).astype(np.int64)
     steps = np.rint(np.abs(measured_deg[:, None] - angles_deg) / STEP_DEG).astype(np.int64)
-    away = np.minimum(steps, shapes.log_curve.shape[1] - 1)
+    curves = family().log_curve
+    away = np.minimum(steps, curves.shape[1] - 1)
     kind, width = np.divmod(posterior.member[drawn], WIDTHS_DEG.size)
     width = np.clip(width + HIDDEN_STEPS, 0, WIDTHS_DEG.size - 1)
     member = kind * WIDTHS_DEG.size + width
-    log_curve = shapes.log_curve[member[:, None, None], away]
+    log_curve = curves[member[:, None, None], away]
     log_peak = posterior.log_snr[drawn] + math.log(10) / 20 * np.array(HIDDEN_DB)
     log_height = log_peak[:, None, None] + log_curve
     height = np.exp(np.minimum(log_height, 50.0))

@@ -13,21 +13,132 @@
 
 Where a prior over the angle expects the marker in a part of the range, the probe turns there without light, and the
 sweeps are over that part. If `Posterior` gives the prior up, all begins again over the whole range, with all samples.
+
+The angle of a pulse is the stage's when it was stamped. If the light comes later by a delay d, the probe has turned on
+by v·d at the speed v. So a curve that is swept there and back has two centres,
+
+    c_down − c_up = (|v_up| + |v_down|)·d.                                                                     (11)
+
+Whatever shifts all angles of a sweep alike (stamps, answers of the stage, frames that are late by one) is such a delay.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+
+import numpy as np
 
 from markerseek.core import AnglePrior, Estimate, Found, Interval, PriorEvidence, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
-from markerseek.search.posterior.analysis import Progress
+from markerseek.search.posterior.answer import Progress
 from markerseek.search.posterior.next_angle import Belief
 from markerseek.search.posterior.policy import Posterior
-from markerseek.search.posterior.pulses import Centre, Delay, delay_of
 from markerseek.search.posterior.survey import STATED
+
+UNEXPLAINED_SIGMAS = 3.0
+"""Largest difference of the two ways, in standard deviations of the delay that the rig states."""
+
+
+DOUBTFUL_SIGMAS = 2.0
+"""Difference of the two ways, in the same standard deviations, from which a burst is swept again.
+
+A trigger that is lost before one way and doubled before the other looks like a delay of half a period, but not in the
+next burst.
+"""
+
+
+LEAST_FLANK = 0.5
+"""Distance from the centre up to which both flanks must be swept, over the full width at half maximum."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Way:
+    """The centre of the curve by the pulses of one direction, and its standard deviation, in degrees."""
+
+    centre_deg: float
+    sigma_deg: float
+    speed_deg_s: float
+    """Mean speed, positive."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Delay:
+    """Delay beyond the one that the rig states, by the difference of the two ways, in seconds."""
+
+    measured_s: float
+    sigma_s: float
+    """Standard deviation of the measurement."""
+    prior_s: float
+    """Standard deviation of what the rig states."""
+
+    @property
+    def mean_s(self) -> float:
+        """Mean of the delay, by measurement and prior together."""
+        return self.measured_s * self.prior_s**2 / (self.prior_s**2 + self.sigma_s**2)
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether no delay of such a rig explains the difference."""
+        return abs(self.measured_s) > UNEXPLAINED_SIGMAS * math.hypot(self.prior_s, self.sigma_s)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it is a delay that few rigs have."""
+        return abs(self.measured_s) > DOUBTFUL_SIGMAS * self.prior_s
+
+    def differs_from(self, other: Delay) -> bool:
+        """Whether two bursts of one rig show different delays."""
+        return abs(self.measured_s - other.measured_s) > UNEXPLAINED_SIGMAS * math.hypot(self.sigma_s, other.sigma_s)
+
+
+Centre = tuple[float, float, float]
+"""Centre of a curve, its standard deviation, and its full width at half maximum, in degrees."""
+
+
+def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Delay | None:
+    """Return the delay by (11); None unless both flanks were swept both ways.
+
+    ``samples``: all samples with light. ``centre_of``: fits a curve to samples; None if they show no curve.
+    """
+    swept = [(sample, sample.sweep) for sample in samples if sample.sweep is not None]
+    ways = [way_of([sample for sample, sweep in swept if sign * sweep.speed_deg_s > 0], centre_of) for sign in (1, -1)]
+    if None in ways:
+        return None
+    up, down = (way for way in ways if way is not None)
+    speed = up.speed_deg_s + down.speed_deg_s
+    backlash_deg = max(sweep.play_sigma_deg for _, sweep in swept)
+    return Delay(
+        measured_s=(down.centre_deg - up.centre_deg) / speed,
+        sigma_s=math.hypot(up.sigma_deg, down.sigma_deg, backlash_deg) / speed,
+        prior_s=max(sweep.delay_sigma_s for _, sweep in swept),
+    )
+
+
+def way_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Way | None:
+    """Return the centre by the pulses of one direction; None unless both flanks are among them.
+
+    ``samples``: samples of sweeps in one direction. ``centre_of``: see `delay_of`.
+    """
+    # Without the errors that they share with the other direction: these are what the comparison shows.
+    alone = [
+        (sample, replace(sample.sweep, delay_sigma_s=0.0, play_sigma_deg=0.0))
+        for sample in samples
+        if sample.sweep is not None
+    ]
+    centre = centre_of([replace(sample, sweep=sweep) for sample, sweep in alone]) if alone else None
+    if centre is None:
+        return None
+    mean_deg, sigma_deg, fwhm_deg = centre
+    angles_deg = [sample.angle_deg for sample, _ in alone]
+    if not min(angles_deg) + LEAST_FLANK * fwhm_deg <= mean_deg <= max(angles_deg) - LEAST_FLANK * fwhm_deg:
+        return None
+    near = [sweep for sample, sweep in alone if abs(sample.angle_deg - mean_deg) <= fwhm_deg] or [alone[0][1]]
+    speed = float(np.mean([abs(sweep.speed_deg_s) for sweep in near]))
+    return Way(centre_deg=mean_deg, sigma_deg=sigma_deg, speed_deg_s=speed)
+
 
 JUDGED_EVERY_S = 0.1
 """Time between two judgements during a sweep, at its speed: no laser is too fast for them then."""

@@ -7,25 +7,26 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import quad, quad_vec
+from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.stats import expon, halfnorm, norm, rice, uniform
 from scipy.stats import t as student
 
 from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Probe
 from markerseek.core import Reading, Sample
-from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, off_plane, student_log_likelihood
+from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, _bending, _spline, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
-from markerseek.search.posterior.asymmetry import (
+from markerseek.search.posterior.grid import Grid
+from markerseek.search.posterior.inference import (
     NOISE_SIGMA,
     POINT_SIGMA,
-    PRIOR,
     SHIFT_M,
+    SPOT_PRIOR,
     asymmetry_probability,
     mean_coherence,
     shift_scale_m,
     shifted_density,
 )
-from markerseek.search.posterior.grid import Grid
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,
@@ -232,6 +233,14 @@ def test_two_moments_determine_the_side():
     assert share[angles_deg > 0].sum() > 0.9 * share.sum()
 
 
+@pytest.mark.parametrize("knots", [2, 3, 4, 5, 71])
+def test_the_spline_is_scipys_beyond_its_ends_too(knots: int) -> None:
+    values = np.random.default_rng(knots).normal(size=knots)
+    at = np.linspace(-4.0, 12.0, 1001)
+    spline = _spline(-3.0, 14.0 / (knots - 1), values, _bending(knots) @ values, at)
+    assert spline == pytest.approx(CubicSpline(np.linspace(-3.0, 11.0, knots), values)(at), rel=1e-9, abs=1e-9)
+
+
 def test_moments_against_brute_force():
     """Laplace's method over the nuisances against a sum over a grid of them, with SciPy's Student."""
     design = np.array([[[1.0, 0.2], [1.0, 0.9], [1.0, 2.0]], [[1.0, 1.5], [1.0, 0.4], [1.0, 0.1]]])
@@ -276,10 +285,10 @@ def test_a_spot_is_distinguished_from_a_point(width_m):
     unresolved = 1 / (1 + (9e-3 / width_m) ** 6)
     of_spot = (1 - unresolved) * uniform.pdf(0.02) + unresolved * expon.pdf(0.02, scale=0.05)
     of_spot = 0.03 + 0.97 * of_spot
-    expected = PRIOR * of_spot / (PRIOR * of_spot + (1 - PRIOR) * of_point)
+    expected = SPOT_PRIOR * of_spot / (SPOT_PRIOR * of_spot + (1 - SPOT_PRIOR) * of_point)
     assert probability(0.97, 0.99) == pytest.approx(expected)
     assert probability(1.0, 0.99, 0.995) < 0.25 < 0.5 < probability(0.8, 0.6)
-    assert probability(None, None) == PRIOR
+    assert probability(None, None) == SPOT_PRIOR
 
 
 def test_a_spot_of_which_hardly_any_sound_is_in_phase_is_no_point():

@@ -28,27 +28,24 @@ LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
 LEVEL = 6.3
 
 
-def posterior(theta_deg, log_snr, member):
-    """A posterior of which only the drawn markers count."""
-    nothing = np.zeros(0)
-    return AnglePosterior(
-        angle_deg=np.array([0.0, 1.0]),
-        probability=np.array([0.5, 0.5]),
-        coarse_deg=np.array([0.0, 1.0]),
-        coarse_probability=np.array([0.5, 0.5]),
-        sigma=1.0,
-        theta_deg=theta_deg,
-        member=member,
-        log_snr=log_snr,
-        strong_deg=nothing,
-        strong_log_snr=nothing,
-        strong_samples=np.zeros(0, np.int64),
-        energy_gain=None,
-        sample_error=0.02,
-        fwhm_deg=5.0,
-        marker_m=None,
-        centre_sigma_deg=1.0,
-    )
+def posterior(theta_deg, log_snr, member, **known):
+    """A posterior of which only the drawn markers count, and what else is known."""
+    nothing, ends_deg, halves = np.zeros(0), np.array([0.0, 1.0]), np.array([0.5, 0.5])
+    usual = {
+        "angle_deg": ends_deg,
+        "probability": halves,
+        "coarse_deg": ends_deg,
+        "coarse_probability": halves,
+        "sigma": 1.0,
+        "strong_deg": nothing,
+        "strong_log_snr": nothing,
+        "strong_samples": np.zeros(0, np.int64),
+        "energy_gain": None,
+        "sample_error": 0.02,
+        "fwhm_deg": 5.0,
+        "centre_sigma_deg": 1.0,
+    }
+    return AnglePosterior(theta_deg=theta_deg, log_snr=log_snr, member=member, **(usual | known))
 
 
 def test_the_angle_has_the_largest_probability_of_detection():
@@ -56,7 +53,7 @@ def test_the_angle_has_the_largest_probability_of_detection():
     rng = np.random.default_rng(8)
     theta_deg, log_snr, member = rng.uniform(-38, 38, 90), rng.normal(2.5, 1.0, 90), rng.choice([5, 20, 40], 90)
     measured_deg = [-23.3, 0.0, 23.3]
-    found = most_detectable_deg(posterior(theta_deg, log_snr, member), SHAPES, measured_deg, limits=LIMITS, level=LEVEL)
+    found = most_detectable_deg(posterior(theta_deg, log_snr, member), measured_deg, limits=LIMITS, level=LEVEL)
     steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
     best, largest = 0.0, 0.0
     for angle_deg in np.arange(-35.0, 35.1, 1.0):
@@ -80,7 +77,7 @@ def test_the_angle_has_the_largest_probability_of_detection():
 )
 def test_it_lies_in_the_range_and_apart_from_the_measured_angles(measured_deg, middle_deg, snr):
     drawn = posterior(np.full(7, middle_deg), np.full(7, snr), np.full(7, 20))
-    angle_deg = most_detectable_deg(drawn, SHAPES, measured_deg, limits=LIMITS, level=LEVEL)
+    angle_deg = most_detectable_deg(drawn, measured_deg, limits=LIMITS, level=LEVEL)
     assert LIMITS.low_deg <= angle_deg <= LIMITS.high_deg
     assert min(abs(angle_deg - other) for other in measured_deg) >= MIN_APART_DEG
 
@@ -89,7 +86,7 @@ def test_in_a_range_measured_everywhere_it_is_in_the_largest_gap():
     measured_deg = [*np.arange(-1.0, 0.8, 0.1).tolist(), 1.0]
     drawn = posterior(np.zeros(3), np.zeros(3), np.full(3, 20))
     narrow = Interval(low_deg=-1.0, high_deg=1.0)
-    angle_deg = most_detectable_deg(drawn, SHAPES, measured_deg, limits=narrow, level=LEVEL)
+    angle_deg = most_detectable_deg(drawn, measured_deg, limits=narrow, level=LEVEL)
     assert 0.8 < angle_deg < 1.0
 
 

@@ -12,16 +12,10 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp, softmax
 from scipy.stats import multivariate_normal
 
-from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
+from markerseek.core import PAPER_RANGE, Floor, Interval, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
+from markerseek.search.posterior import energy_spread
 from markerseek.search.posterior.grid import ERRORS, LEVELS
-from markerseek.search.posterior.groups import (
-    GROUP_WIDTHS,
-    MAX_GROUPS,
-    Grouped,
-    grouped,
-    median_of,
-)
 from markerseek.search.posterior.inference import Inference, refine
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
@@ -37,12 +31,17 @@ from markerseek.search.posterior.next_angle import expected_variance
 from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
+    GROUP_WIDTHS,
     LOG_WIDTH_STEP,
+    MAX_GROUPS,
     PULSE_ERRORS,
     SAMPLE_ERRORS,
     TEMPLATE_LOG_LEVELS,
     TEMPLATE_SIGMAS,
+    Grouped,
+    grouped,
     hypotheses_of,
+    median_of,
     shift_sigmas_deg,
     symmetric_log_likelihood,
 )
@@ -276,6 +275,18 @@ def test_the_laser_error_is_inferred_from_repeated_samples():
     assert likeliest(0.001) < 0.01 < likeliest(0.03) < max(errors)
 
 
+def test_dark_frames_without_any_noise_do_not_hide_the_marker():
+    """A noise floor of 0 is a floor, and every sample is above it."""
+    lit = [
+        Sample(angle_deg=each, reading=Reading(intensity=100 / (1 + (each / 3) ** 2)))
+        for each in (-4, -2, -1, 0, 1, 2, 4)
+    ]
+    dark = Sample(angle_deg=0.0, reading=Reading(intensity=0.0), dark=True)
+    spread = energy_spread(lit, [dark], limits=Interval(low_deg=-10.0, high_deg=10.0))
+    assert spread is not None
+    assert 0.0 < spread < 0.1
+
+
 def test_a_group_of_one_angle_counts_as_its_samples():
     """Three repeats of an angle, one of them an outlier: equal to all samples one by one."""
     samples = [observation(t, float(log_levels(10, abs(t - 0.1)))) for t in (-3.0, -1.5, 1.8, 3.3)]
@@ -370,7 +381,7 @@ def test_a_narrow_mode_beside_a_wide_one_is_not_stepped_over():
         Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity, noise_sigma=1.0, cells=1400))
         for angle_deg, intensity in measured
     ]
-    inference = Inference(limits=PAPER_RANGE, shapes=SHAPES, cues=frozenset({"intensity"}))
+    inference = Inference(limits=PAPER_RANGE, cues=frozenset({"intensity"}))
     coarse = inference._coarse(lit, [], SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0))
     angles_deg = np.arange(30.0, 46.0, 0.02)
     hypotheses = hypotheses_of(SHAPES, np.arange(SHAPES.fwhm_deg.size))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.stats import norm
 from markerseek.core import PAPER_RANGE, Floor, Found, Reading, Sample, Tolerance
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.answer import (
-    SearchState,
+    Analysis,
     answer_of,
     missed_peak_deg,
     other_probability,
@@ -20,35 +21,26 @@ from markerseek.search.posterior.answer import (
     top_beside_deg,
     unresolved_rival,
 )
-from markerseek.search.posterior.candidates import Candidate
-from markerseek.search.posterior.inference import AnglePosterior
+from markerseek.search.posterior.sources import Candidate
 from markerseek.search.posterior.survey import Survey
+from tests.reference.search.posterior.test_next_angle import posterior
 
 
 def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
     """A source of which angle and loudness are known, with its samples as (angle, intensity over σ)."""
     near_deg = angle_deg + np.linspace(-0.5, 0.5, 21)
     share = norm.pdf(near_deg, loc=angle_deg, scale=0.1)
-    posterior = AnglePosterior(
+    known = posterior(
+        np.full(9, angle_deg),
+        np.log(snr) + log_sigma * norm.ppf((np.arange(9) + 0.5) / 9),
+        np.zeros(9, np.int64),
         angle_deg=near_deg,
         probability=share / share.sum(),
-        coarse_deg=near_deg,
-        coarse_probability=share / share.sum(),
-        sigma=1.0,
-        theta_deg=np.full(9, angle_deg),
-        member=np.zeros(9, np.int64),
-        log_snr=np.log(snr) + log_sigma * norm.ppf((np.arange(9) + 0.5) / 9),
-        strong_deg=np.zeros(0),
-        strong_log_snr=np.zeros(0),
-        strong_samples=np.zeros(0, np.int64),
-        energy_gain=None,
-        sample_error=0.02,
         fwhm_deg=3.0,
-        marker_m=None,
         centre_sigma_deg=0.1,
     )
     at = [Sample(angle_deg=place, reading=Reading(intensity=height, noise_sigma=1.0)) for place, height in samples]
-    return Candidate(source=None, side=(), samples=at, missing=None, posterior=posterior, seen=len(at), measured=True)
+    return Candidate(source=None, side=(), samples=at, missing=None, posterior=known, seen=len(at), measured=True)
 
 
 @pytest.mark.parametrize(("snr", "log_sigma", "rival"), [(60, 0.02, True), (47, 0.02, False), (47, 0.1, True)])
@@ -125,14 +117,9 @@ SPREAD = 0.2 * float(np.std(norm.ppf((np.arange(9) + 0.5) / 9)))
 def test_the_probability_that_another_source_is_the_marker(others, share, beside, probability):
     first = source(-20.0, 100.0, log_sigma=0.2)
     seen = [] if beside is None else [source(beside[1], beside[0], log_sigma=0.2)]
-    state = SearchState(
-        noise=SearchNoise(floor=Floor(level=6.4, source="dark frames"), sigma=1.0),
-        sources=[first, *seen],
-        survey=Survey(surveyed=share, hidden=1 - share, hidden_deg=0.0, next_deg=0.0, gain=0.0),
-        misfit=None,
-        unresolved_rival=None,
-    )
-    assert other_probability(state, others=others) == pytest.approx(probability, rel=0.01, abs=1e-9)
+    survey = Survey(surveyed=share, hidden=1 - share, hidden_deg=0.0, next_deg=0.0, gain=0.0)
+    known = Mock(spec=Analysis, sources=[first, *seen], survey=survey, unresolved_rival=None)
+    assert other_probability(known, others=others) == pytest.approx(probability, rel=0.01, abs=1e-9)
 
 
 def test_further_sources_are_named_the_loudest_first():
@@ -145,21 +132,9 @@ def test_further_sources_are_named_the_loudest_first():
     vague = replace(vague, posterior=replace(vague.posterior, centre_sigma_deg=0.4))
     sources = ranked([vague, weak, first])
     assert sources == [first, weak, vague]
-    state = SearchState(
-        noise=SearchNoise(floor=Floor(level=1.0, source="dark frames"), sigma=1.0),
-        sources=sources,
-        survey=None,
-        misfit=None,
-        unresolved_rival=None,
-    )
-    answer = answer_of(
-        first.samples,
-        state,
-        limits=PAPER_RANGE,
-        others=0.0,
-        spent=False,
-        tolerance=Tolerance(),
-        weaker_than_predicted=None,
-    )
+    noise = SearchNoise(floor=Floor(level=1.0, source="dark frames"), sigma=1.0)
+    known = Mock(spec=Analysis, noise=noise, sources=sources, survey=None, misfit=None, unresolved_rival=None)
+    known.measured_deg, known.limits = [-20.0], PAPER_RANGE
+    answer = answer_of(known, others=0.0, spent=False, tolerance=Tolerance(), weaker_than_predicted=None)
     assert [round(each.angle_deg) for each in answer.others] == [20, 0]
     assert isinstance(answer, Found)

@@ -27,8 +27,8 @@ from markerseek.core import (
 )
 from markerseek.search import build, most_acquisitions
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.expected import WRONG, ExpectedAngle, survey_angles_deg
 from markerseek.search.posterior.inference import AnglePosterior
+from markerseek.search.posterior.survey import WRONG, ExpectedAngle, survey_angles_deg
 from tests.unit.search.posterior.test_sources import arrival, sample
 
 NEAR = AnglePrior(mean_deg=-20.0, sigma_deg=2.0)

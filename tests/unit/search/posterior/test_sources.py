@@ -9,9 +9,8 @@ import pytest
 
 from markerseek.core import Arrival, Floor, LocalMaxima, Reading, Sample
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.candidates import _is_burst
 from markerseek.search.posterior.likelihood import TABLE_LOW, TABLE_STEP, log_tables
-from markerseek.search.posterior.sources import Source, samples_at, sources_of
+from markerseek.search.posterior.sources import Source, is_burst, samples_at, sources_of
 
 COLUMNS, ROWS = 28, 40
 
@@ -139,14 +138,14 @@ def test_of_a_reading_whose_largest_peak_is_elsewhere_only_that_is_known() -> No
 
 def test_a_sample_without_positions_is_of_no_place() -> None:
     bare = Sample(angle_deg=3.0, reading=Reading(intensity=7.0))
-    place = Source(lateral_m=0.0, depth_m=40e-3, angle_deg=0.0, intensity=9.0)
+    place = Source(lateral_m=0.0, depth_m=40e-3, angle_deg=0.0)
     assert samples_at([bare], (place,), place)[0] == []
     assert sources_of([bare], level=1.0) == ()
 
 
 @pytest.mark.parametrize(("limit", "burst"), [(5.9, True), (6.1, False)])
 def test_a_limit_below_the_floor_beside_it_shows_that_a_place_was_loud_once_only(limit: float, burst: bool) -> None:
-    place = Source(lateral_m=-15e-3, depth_m=30e-3, angle_deg=10.0, intensity=9.0)
+    place = Source(lateral_m=-15e-3, depth_m=30e-3, angle_deg=10.0)
     noise = SearchNoise(floor=Floor(level=6.0, source="dark frames"), sigma=1.0)
     own, bound = [sample(10.0, arrival(9.0, -15.0, 30.0))], [sample(10.9, noise=limit)]
-    assert _is_burst(own, bound, place, noise) is burst
+    assert is_burst(own, bound, place, noise) is burst
