@@ -15,8 +15,6 @@ import typer
 from rich.markup import escape
 
 from markerseek import rigs, runs
-from markerseek.cli import bank_files, bank_scan
-from markerseek.cli.help import add_command
 from markerseek.cli.options import AsJson, Out, TableOptions, require_frames, with_values
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.terminal import announce_compilation
@@ -25,11 +23,6 @@ from markerseek.records import Answer
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank
-
-_INFO_EXAMPLES = """
-    markerseek bank info scan.hdf5 --plot
-    markerseek bank info examples/simulated_scan.csv --json
-"""
 
 
 @with_values
@@ -49,7 +42,13 @@ def info(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Describe a bank: angles, what is known of probe and laser, the peak of its curve, and the answer of `replay`."""
+    """Describe a bank: angles, what is known of probe and laser, the peak of its curve, and the answer of `replay`.
+
+    Examples
+    --------
+    markerseek bank info scan.hdf5 --plot
+    markerseek bank info examples/simulated_scan.csv --json
+    """
     from markerseek.figures import bank_figure
     from markerseek.records.banks import require_whole
     from markerseek.search import peak_of
@@ -172,19 +171,3 @@ def _date(unix_s: float) -> str:
 def _title(path: Path, bank: IntensityBank | FrameBank) -> str:
     known = bank.facts.description
     return f"{path.name}{': ' if known else ''}{known}"
-
-
-app = typer.Typer(
-    name="bank",
-    help="Make, look at and convert banks: scans of many angles.",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-)
-_COMMANDS = (
-    ("scan", bank_scan.command, bank_scan.EXAMPLES),
-    ("info", info, _INFO_EXAMPLES),
-    ("import", bank_files.import_bank, bank_files.IMPORT_EXAMPLES),
-    ("export", bank_files.export_bank, bank_files.EXPORT_EXAMPLES),
-)
-for _name, _command, _examples in _COMMANDS:
-    add_command(app, _name, _command, _examples)

@@ -27,13 +27,6 @@ from markerseek.files import as_read_error
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
 
-IMPORT_EXAMPLES = """
-    markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5
-    markerseek bank import frames.npy scan.hdf5 --first-deg -35 --step-deg 0.5 --sampling-mhz 40
-    markerseek bank import examples/simulated_scan.csv scan.hdf5
-    markerseek bank import run.journal frames.hdf5
-"""
-
 
 @with_values
 def import_bank(
@@ -59,7 +52,15 @@ def import_bank(
     pulse_energy_mj: Annotated[float | None, typer.Option(help="Energy of one laser pulse.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Convert a recording into a bank, with the intensity of each frame."""
+    """Convert a recording into a bank, with the intensity of each frame.
+
+    Examples
+    --------
+    markerseek bank import /data/scan-2024-05-03 scan.hdf5 --reference-deg -12.5
+    markerseek bank import frames.npy scan.hdf5 --first-deg -35 --step-deg 0.5 --sampling-mhz 40
+    markerseek bank import examples/simulated_scan.csv scan.hdf5
+    markerseek bank import run.journal frames.hdf5
+    """
     from markerseek.records.banks import FrameBank
     from markerseek.records.banks.ipasc import require_new_bank, whole_bank
 
@@ -119,11 +120,6 @@ def _read(source: Path, table: TableFormat, *, blanked: int) -> IntensityBank | 
     return read_bank(source, table, blanked=blanked)
 
 
-EXPORT_EXAMPLES = """
-    markerseek bank export scan.hdf5 scan.igs.mha
-    markerseek bank export scan.hdf5 scan.zea.hdf5
-    markerseek bank export scan.hdf5 scan.csv
-"""
 SUFFIXES = (".igs.mha", ".zea.hdf5", ".csv")
 
 Item = TypeVar("Item")
@@ -141,7 +137,14 @@ def export_bank(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a bank with the probe's angles for other programs: images (envelope), channel data (zea), intensities."""
+    """Write a bank with the probe's angles for other programs: images (envelope), channel data (zea), intensities.
+
+    Examples
+    --------
+    markerseek bank export scan.hdf5 scan.igs.mha
+    markerseek bank export scan.hdf5 scan.zea.hdf5
+    markerseek bank export scan.hdf5 scan.csv
+    """
     from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, IntensityBank, require_whole, write_bank
 

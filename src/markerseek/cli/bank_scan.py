@@ -18,12 +18,6 @@ from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_sign
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
 from markerseek.core import MarkerseekError, Measured, SearchPlan, SimulationOptions
 
-EXAMPLES = """
-    markerseek bank scan scan.hdf5 --seed 1
-    markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25
-    markerseek bank scan --continue scan.hdf5 --seed 1
-"""
-
 
 def command(
     out: Annotated[Path, typer.Argument(help="New file, .hdf5.")],
@@ -47,6 +41,12 @@ def command(
     """Scan the whole search range of a rig, with dark frames first, and write each acquisition before the next.
 
     If stopped early, the file has all acquisitions so far. A scan that was killed goes on with --continue.
+
+    Examples
+    --------
+    markerseek bank scan scan.hdf5 --seed 1
+    markerseek bank scan scan.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.25
+    markerseek bank scan --continue scan.hdf5 --seed 1
     """
     from markerseek.records.banks import read_bank, record_of
 

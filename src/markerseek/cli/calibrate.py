@@ -25,13 +25,6 @@ if TYPE_CHECKING:
     from markerseek.calibration import Fitted
     from markerseek.records.banks import FrameBank
 
-EXAMPLES = """
-    markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5
-    markerseek calibrate point.hdf5 --source-deg 12.5
-    markerseek calibrate --delay --rig examples/rigs/prm1z8-limits.toml
-"""
-
-
 NUMBERS = {
     "zero_deg": ("angle zero (stage reading)", 1.0, "°"),
     "source_deg": ("source in the image plane at", 1.0, "°"),
@@ -76,6 +69,12 @@ def command(
     Scan a small absorber (a black thread across the plane, a pencil lead) in water or gel, at angles well beyond both
     sides of the strongest. Then prove the sense of rotation with a second source: markerseek doctor --rig RIG.toml
     --source-deg ANGLE. The element height is fitted as well, because without it off-plane sound seems to arrive late.
+
+    Examples
+    --------
+    markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5
+    markerseek calibrate point.hdf5 --source-deg 12.5
+    markerseek calibrate --delay --rig examples/rigs/prm1z8-limits.toml
     """
     from markerseek.records.banks import FrameBank
 

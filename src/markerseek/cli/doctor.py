@@ -21,13 +21,6 @@ from markerseek.cli.report import Output, Report
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, SearchPlan, described, is_absent
 from markerseek.testing import RuleCheck
 
-EXAMPLES = """
-    markerseek doctor
-    markerseek doctor --json
-    markerseek doctor --rig examples/rigs/bench.toml
-    markerseek doctor --rig examples/rigs/bench.toml --source-deg 12.5 --arm
-"""
-
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {
     "plot": ("matplotlib", "a picture"),
@@ -71,6 +64,13 @@ def command(
     With --source-deg the rig moves and fires, once a person has armed it: a source that is placed at a known angle must
     be found there. A probe that is mounted the other way round finds it at the mirrored angle; no other check detects
     this. Place it at least 5 degrees from 0, at another angle than the source used to calibrate zero_deg.
+
+    Examples
+    --------
+    markerseek doctor
+    markerseek doctor --json
+    markerseek doctor --rig examples/rigs/bench.toml
+    markerseek doctor --rig examples/rigs/bench.toml --source-deg 12.5 --arm
     """
     if rig is None and source_deg is not None:
         raise ConfigError(f"--source-deg is {source_deg:g} deg, and no rig is named; name one with --rig RIG.toml")

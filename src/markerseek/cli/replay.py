@@ -14,12 +14,6 @@ from markerseek.cli.terminal import announce_compilation, stderr
 from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ConfigError, SearchPlan
 
-EXAMPLES = """
-    markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot
-    markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad
-    markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5
-"""
-
 
 @with_values
 def command(
@@ -51,6 +45,12 @@ def command(
     Below it, for comparison, stands what a search by --method would have taken and said: it gets the data of the
     nearest recorded angle, as if the scan were a rig. With --as-published, the answer is that of the method itself, on
     intensities interpolated between recorded angles, as in the paper's offline analysis.
+
+    Examples
+    --------
+    markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot
+    markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad
+    markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5
     """
     from markerseek.cli.session import run_new_session
     from markerseek.cli.show_result import conclude

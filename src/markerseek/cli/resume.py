@@ -19,12 +19,6 @@ from markerseek.core import ConfigError, counted
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
 
-EXAMPLES = """
-    markerseek resume run.journal
-    markerseek resume run.journal --arm --json
-    markerseek resume run.journal --rig examples/rigs/bench.toml --arm
-"""
-
 
 def command(
     journal: Annotated[Path, typer.Argument(help="Journal of the run.")],
@@ -48,6 +42,12 @@ def command(
     measured again. If it has changed by more than noise, the search says so and starts again. A simulated rig is made
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
+
+    Examples
+    --------
+    markerseek resume run.journal
+    markerseek resume run.journal --arm --json
+    markerseek resume run.journal --rig examples/rigs/bench.toml --arm
     """
     from markerseek.cli.show_result import conclude
     from markerseek.records.journal import read_journal, run_state, since_started

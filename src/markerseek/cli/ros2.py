@@ -11,20 +11,12 @@ from typer.core import TyperGroup
 
 from markerseek import bridges, drivers, rigs
 from markerseek.bridges import ros2
-from markerseek.cli import ros2_devices
-from markerseek.cli.help import add_command
 from markerseek.cli.options import RigFile, with_values
 from markerseek.cli.ros2_devices import ros_node
 from markerseek.cli.signals import Stopped, noted_signals
 from markerseek.cli.terminal import print_json, stderr
 from markerseek.core import SearchPlan, SimulationOptions
 from markerseek.ros import topics
-
-_SEARCH_EXAMPLES = """
-    markerseek ros2 search
-    markerseek ros2 search --registration SESSION
-    markerseek ros2 search --once --rig ros2-rig.toml --json
-"""
 
 
 @with_values
@@ -49,6 +41,12 @@ def search(
 
     The search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
     armed, each time; no message arms it.
+
+    Examples
+    --------
+    markerseek ros2 search
+    markerseek ros2 search --registration SESSION
+    markerseek ros2 search --once --rig ros2-rig.toml --json
     """
     asked = bridges.AskedSearch(plan=plan, simulation=simulation)
     if rig is not None:
@@ -88,7 +86,7 @@ def _is_over_ros(rig: Path | None) -> bool:
     return isinstance(settings, drivers.BenchSettings) and isinstance(settings.stage, drivers.Ros2StageSettings)
 
 
-class _RosGroup(TyperGroup):
+class RosGroup(TyperGroup):
     """Keeps what follows ``--ros-args`` (until ``--``, or the end) for the node, as every program of ROS 2 does."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -98,20 +96,3 @@ class _RosGroup(TyperGroup):
             end = args.index("--", begin) if "--" in args[begin:] else len(args)
             own, ctx.obj = args[:begin] + args[end + 1 :], args[begin + 1 : end]
         return super().parse_args(ctx, own)
-
-
-app = typer.Typer(
-    name="ros2",
-    cls=_RosGroup,
-    help="Run a search, a stage, an acquisition or a simulated rig as ROS 2 nodes. What follows `--ros-args` is for "
-    "the node: `--ros-args -r __ns:=/left`.",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-)
-for _name, _command, _examples in (
-    ("search", search, _SEARCH_EXAMPLES),
-    ("stage", ros2_devices.stage, "markerseek ros2 stage --rig examples/rigs/bench.toml"),
-    ("acquire", ros2_devices.acquire, "markerseek ros2 acquire --rig examples/rigs/bench.toml"),
-    ("sim", ros2_devices.sim, ros2_devices.SIM_EXAMPLES),
-):
-    add_command(app, _name, _command, _examples)

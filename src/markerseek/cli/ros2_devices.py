@@ -69,12 +69,22 @@ _Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being as
 
 
 def stage(ctx: typer.Context, rig: _Bench, arm: _Arm = False) -> None:
-    """Serve the stage of a rig to any client, under limits and a guard of its own."""
+    """Serve the stage of a rig to any client, under limits and a guard of its own.
+
+    Examples
+    --------
+    markerseek ros2 stage --rig examples/rigs/bench.toml
+    """
     _serve_part("stage", rig, arm=arm, arguments=ctx.obj)
 
 
 def acquire(ctx: typer.Context, rig: _Bench, arm: _Arm = False) -> None:
-    """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own."""
+    """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own.
+
+    Examples
+    --------
+    markerseek ros2 acquire --rig examples/rigs/bench.toml
+    """
     _serve_part("acquisition", rig, arm=arm, arguments=ctx.obj)
 
 
@@ -111,9 +121,6 @@ def _serve_part(
         _serve_until_stopped(pump, served, ready=f"the {part} is armed and served; Ctrl-C ends it")
 
 
-SIM_EXAMPLES = "markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml"
-
-
 def sim(
     ctx: typer.Context,
     rig: Annotated[
@@ -125,7 +132,12 @@ def sim(
         Path | None, typer.Option(help="Write a rig file for `markerseek search --rig` that uses these nodes.")
     ] = None,
 ) -> None:
-    """Serve a simulated stage and acquisition in one simulated world, until Ctrl-C; nothing turns, and no light."""
+    """Serve a simulated stage and acquisition in one simulated world, until Ctrl-C; nothing turns, and no light.
+
+    Examples
+    --------
+    markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml
+    """
     from markerseek.guard import Admission, FiringLimits, Guard
 
     cure = "serve it with: markerseek ros2 stage, markerseek ros2 acquire"

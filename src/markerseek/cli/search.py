@@ -24,15 +24,6 @@ if TYPE_CHECKING:
 
     from markerseek.records import SearchResult
 
-EXAMPLES = """
-    markerseek search --seed 1 --plot
-    markerseek search --sweep --single --readout-s 0.05
-    markerseek search --method ternary --acquisitions 16 --as-published
-    markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
-    markerseek search --compare posterior,golden-section,ternary --plot
-    markerseek search --rig examples/rigs/bench.toml --arm
-"""
-
 
 @with_values
 def command(
@@ -74,6 +65,15 @@ def command(
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm.
 
     In a result, ± is one standard deviation.
+
+    Examples
+    --------
+    markerseek search --seed 1 --plot
+    markerseek search --sweep --single --readout-s 0.05
+    markerseek search --method ternary --acquisitions 16 --as-published
+    markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
+    markerseek search --compare posterior,golden-section,ternary --plot
+    markerseek search --rig examples/rigs/bench.toml --arm
     """
     from markerseek.cli.session import require_journal_options, run_new_session
     from markerseek.cli.show_result import conclude
