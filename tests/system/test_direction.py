@@ -9,8 +9,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from markerseek.cli import direction, doctor
-from markerseek.cli.direction import verdict_of
+from markerseek.cli import doctor
+from markerseek.cli.doctor import verdict_of
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -65,6 +65,6 @@ def test_a_source_needs_a_rig_and_an_angle_before_anything_is_searched(
 
 def test_a_light_meter_says_what_a_usual_pulse_is(monkeypatch: pytest.MonkeyPatch) -> None:
     meter = SimpleNamespace(usual=19_876.0)
-    monkeypatch.setattr(direction.drivers, "EnergyMeter", SimpleNamespace)
-    said = direction._usual_energy(SimpleNamespace(receiver=meter))
+    monkeypatch.setattr(doctor.drivers, "EnergyMeter", SimpleNamespace)
+    said = doctor._usual_energy(SimpleNamespace(receiver=meter))
     assert said == ", and its meter says 19880 of a usual pulse (laser.usual_energy)"

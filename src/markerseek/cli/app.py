@@ -21,7 +21,6 @@ from markerseek.cli import (
     STOPPED_BY_USER,
     bank,
     bank_files,
-    bank_scan,
     calibrate,
     doctor,
     emulate,
@@ -34,7 +33,6 @@ from markerseek.cli import (
     reproduce,
     resume,
     ros2,
-    ros2_devices,
     search,
     study,
     tooltip,
@@ -75,13 +73,13 @@ def _group(help_text: str, commands: dict[str, Callable[..., None]], **options: 
 _ROS2 = _group(
     "Run a search, a stage, an acquisition or a simulated rig as ROS 2 nodes. What follows `--ros-args` is for the "
     "node: `--ros-args -r __ns:=/left`.",
-    {"search": ros2.search, "stage": ros2_devices.stage, "acquire": ros2_devices.acquire, "sim": ros2_devices.sim},
+    {"search": ros2.search, "stage": ros2.stage, "acquire": ros2.acquire, "sim": ros2.sim},
     cls=ros2.RosGroup,
 )
 _BANK = _group(
     "Make, look at and convert banks: scans of many angles.",
     {
-        "scan": bank_scan.command,
+        "scan": bank.scan,
         "info": bank.info,
         "import": bank_files.import_bank,
         "export": bank_files.export_bank,
