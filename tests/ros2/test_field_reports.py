@@ -25,7 +25,7 @@ from markerseek import rigs
 from markerseek.core import Interval
 from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
 from markerseek.ros import RosNode, reach, require_middleware, topics
-from markerseek.ros.quality import Once
+from markerseek.ros.node import Once
 from tests.ros2.simulated_acquisition import acquisition_of, armed_guard
 from tests.ros2.stage_bench import Bench
 

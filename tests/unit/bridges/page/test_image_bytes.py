@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.image_bytes import (
+from markerseek.bridges.page.run_history import (
     BRIGHT_SIGMAS,
     RANGE_DB,
+    image_model,
+    image_texts,
     picture_of,
     pooled_levels,
 )
-from markerseek.bridges.page.models import image_model, image_texts
 from markerseek.core import (
     PaImage,
 )

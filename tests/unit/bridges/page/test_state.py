@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.models import fan_model, probe_text
-from markerseek.bridges.page.results import is_claimed
-from markerseek.bridges.page.run_history import RunHistory, is_image_of
+from markerseek.bridges.page.run_history import RunHistory, fan_model, is_image_of, probe_text
+from markerseek.bridges.page.search_page import is_claimed
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
