@@ -209,14 +209,6 @@ def test_the_shell_completes_commands_and_methods(words: str, number: int, compl
     assert done.stdout.decode().split() == [completed]
 
 
-def test_the_doctor_passes(shell: Shell) -> None:
-    code, out, _ = shell("doctor", "--json")
-    findings = json.loads(out)
-    assert (code, findings["ok"]) == (0, True)
-    searched = [finding["what"] for finding in findings["findings"] if finding["what"].startswith("simulated search")]
-    assert searched == ["simulated search, weighted-average", "simulated search, posterior"]
-
-
 def test_the_installed_command_prints_its_version() -> None:
     command = Path(sys.executable).with_name("markerseek")
     ran = subprocess.run([command, "--version"], check=True, capture_output=True, text=True)

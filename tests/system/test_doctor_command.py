@@ -1,4 +1,4 @@
-"""The check of the sense of rotation; the drivers' own is tested with them."""
+"""`markerseek doctor`: the installation, packages that are missing, and the sense of rotation of a rig."""
 
 from __future__ import annotations
 
@@ -13,6 +13,24 @@ from markerseek.cli import doctor
 from markerseek.cli.doctor import verdict_of
 
 Shell = Callable[..., tuple[int, str, str]]
+
+
+def test_the_doctor_passes(shell: Shell) -> None:
+    code, out, _ = shell("doctor", "--json")
+    findings = json.loads(out)
+    assert (code, findings["ok"]) == (0, True)
+    searched = [finding["what"] for finding in findings["findings"] if finding["what"].startswith("simulated search")]
+    assert searched == ["simulated search, weighted-average", "simulated search, posterior"]
+
+
+def test_a_package_that_is_not_needed_is_called_optional(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(doctor, "EXTRAS", {"plot": ("no_such_package", "a picture")})
+    finding = doctor._packages()[-1]
+    assert (finding.state, finding.needed) == ("absent", False)
+    assert finding.detail == "not installed; a picture needs it: pip install 'markerseek[plot]'"
+    assert "optional" in doctor._STATES[finding.state, finding.needed]
 
 
 @pytest.mark.parametrize(
