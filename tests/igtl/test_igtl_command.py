@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from markerseek.records.exports import probe_to_probe_home
 from markerseek.registration import point_pairs, register_pairs
 from markerseek.wire import igtl
 from tests.emulated import emulation
-from tests.igtl.igtl_bridge import bridge, compiled_peer
+from tests.igtl.igtl_bridge import bridge, compiled_peer, peer_lines
 from tests.igtl.igtl_client import LONGEST_S, IgtlClient
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -209,29 +208,21 @@ def test_the_client_of_pyigtl_gets_what_is_sent(tmp_path: Path) -> None:
 def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(tmp_path: Path) -> None:
     program = compiled_peer(tmp_path)
     expected = searched()
-    lines: list[str] = []
-    later: list[str] = []
     with bridge("--header-version", "1") as running, IgtlClient(running.port) as witness:
-        with subprocess.Popen(
-            [program, str(running.port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        ) as peer:
-            # Whatever is not sent must not be waited for until the tests are ended.
-            patience = threading.Timer(120.0, peer.kill)
-            patience.start()
-            peer.stdin.write('CMD_1 <Command Name="StartSearch" Seed="3" />\n')
-            peer.stdin.flush()
-            for line in peer.stdout:
-                lines.append(line.strip())
-                if line.startswith("STRING SearchState") and '"ended"' in line:
-                    break
-            peer.stdin.write('CMD_2 <Command Name="StartSearch" Seed="3" Acquisitions="2" />\n')
-            peer.stdin.flush()
-            for line in peer.stdout:
-                later.append(line.strip())
-                if line.startswith("STRING SearchState") and '"ended"' in line:
-                    break
-            peer.kill()
-            patience.cancel()
+        with peer_lines(program, running.port) as (peer, printed):
+
+            def searched_by_peer(command: str) -> list[str]:
+                peer.stdin.write(f"{command}\n")
+                peer.stdin.flush()
+                said: list[str] = []
+                for line in printed:
+                    said.append(line)
+                    if line.startswith("STRING SearchState") and '"ended"' in line:
+                        break
+                return said
+
+            lines = searched_by_peer('CMD_1 <Command Name="StartSearch" Seed="3" />')
+            later = searched_by_peer('CMD_2 <Command Name="StartSearch" Seed="3" Acquisitions="2" />')
         messages = witness.until(over)
     assert "STRING ACK_1" in " ".join(lines)
     assert {line.split()[0] for line in lines} == {"TRANSFORM", "IMAGE", "POINT", "POSITION", "STRING", "STATUS"}

@@ -26,7 +26,7 @@ from markerseek.core import Interval
 from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
 from markerseek.ros import RosNode, reach, require_middleware, topics
 from markerseek.ros.node import Once
-from tests.ros2.simulated_acquisition import acquisition_of, armed_guard
+from tests.ros2.plain_rig import acquisition_of, armed_guard
 from tests.ros2.stage_bench import Bench
 
 HERE = Path(__file__).parent
@@ -49,13 +49,6 @@ def plain_environment(chosen: Mapping[str, str]) -> dict[str, str]:
     """The environment of a lab's own node: nothing that this program has set."""
     ours = ("FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE")
     return {key: value for key, value in os.environ.items() if key not in ours} | dict(chosen)
-
-
-@pytest.fixture
-def bench(capfd: pytest.CaptureFixture[str]) -> Iterator[Bench]:
-    made = Bench()
-    yield made
-    made.close()
 
 
 @pytest.fixture
