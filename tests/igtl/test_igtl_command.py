@@ -7,8 +7,6 @@ import os
 import select
 import signal
 import socket
-import subprocess
-import sys
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -20,7 +18,7 @@ import pytest
 from markerseek.records.exports import probe_to_probe_home
 from markerseek.registration import point_pairs, register_pairs
 from markerseek.wire import igtl
-from tests.emulated import emulation
+from tests.emulated import emulation, ran
 from tests.igtl.igtl_bridge import bridge, compiled_peer, peer_lines
 from tests.igtl.igtl_client import LONGEST_S, IgtlClient
 
@@ -38,8 +36,7 @@ def over(message: igtl.Message) -> bool:
 
 def searched(*options: str) -> dict[str, object]:
     """Answer of the ordinary command."""
-    command = [sys.executable, "-m", "markerseek", "search", "--json", "--no-journal", "--seed", "3", *options]
-    return json.loads(subprocess.run(command, capture_output=True, check=False, text=True).stdout)
+    return json.loads(ran("search", "--json", "--no-journal", "--seed", 3, *options).stdout)
 
 
 def test_a_command_starts_a_search_whose_answer_is_that_of_the_ordinary_command() -> None:
@@ -140,8 +137,7 @@ def test_a_stop_is_heard_from_one_client_more_than_are_served() -> None:
     ],
 )
 def test_a_bridge_for_other_computers_names_those_that_may(options: tuple[str, ...], said: str) -> None:
-    command = [sys.executable, "-m", "markerseek", "igtl", *options]
-    ended = subprocess.run(command, capture_output=True, check=False, text=True, timeout=60)
+    ended = ran("igtl", *options, timeout=60)
     assert ended.returncode == 2
     assert said in " ".join(ended.stderr.split())
 
@@ -177,8 +173,7 @@ def test_a_bench_that_nobody_arms_is_not_armed_by_a_message(tmp_path: Path) -> N
 
 def test_a_taken_port_ends_with_exit_code_2_and_a_sentence() -> None:
     with bridge() as running:
-        command = [sys.executable, "-m", "markerseek", "igtl", "--port", str(running.port)]
-        second = subprocess.run(command, capture_output=True, check=False, text=True, timeout=60)
+        second = ran("igtl", "--port", running.port, timeout=60)
     assert second.returncode == 2
     assert f"port {running.port} of 127.0.0.1 is taken by another program" in " ".join(second.stderr.split())
 

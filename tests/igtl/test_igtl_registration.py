@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ import pytest
 
 from markerseek.registration import SessionRecord
 from markerseek.wire import igtl
+from tests.emulated import ran
 from tests.igtl.igtl_bridge import bridge, compiled_peer, peer_lines
 from tests.igtl.igtl_client import IgtlClient
 from tests.registration_sessions import ENDED, begin, kill, matrix_m, registered
@@ -104,7 +103,6 @@ def test_a_client_of_header_version_1_cannot_take_a_withdrawn_transform_for_a_pl
 
 
 def test_a_folder_without_a_session_ends_with_exit_code_2_and_the_cure(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "markerseek", "igtl", "--port", "0", "--registration", str(tmp_path)]
-    ended = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120)
+    ended = ran("igtl", "--port", 0, "--registration", tmp_path, timeout=120)
     assert ended.returncode == 2
     assert "no session has begun; name the folder of a session" in " ".join(ended.stderr.split())

@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 from contextlib import closing
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from markerseek.cli.signals import StoppedBySignal
 from markerseek.core import Measured, RecordError
 from markerseek.records.banks import read_bank, record_of
 from markerseek.records.journal import read_journal
-from tests.emulated import markerseek
+from tests.emulated import ran
 
 SCAN = ("--seed", 3, "--step-deg", 5, "--wavelength-nm", 760)
 
@@ -29,8 +28,7 @@ SCAN = ("--seed", 3, "--step-deg", 5, "--wavelength-nm", 760)
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory):
     path = tmp_path_factory.mktemp("scan") / "scan.hdf5"
-    command = markerseek("bank", "scan", path, *SCAN, "--json")
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    ended = ran("bank", "scan", path, *SCAN, "--json")
     assert ended.returncode == 0, ended.stderr
     report = json.loads(ended.stdout)
     assert (report["angles"], report["dark_frames"], report["simulated"], report["refused"]) == (15, 3, True, 0)
@@ -147,7 +145,7 @@ def angles_in(path):
 def test_a_killed_scan_becomes_a_bank_or_is_continued_to_the_whole_one(shell, scan, tmp_path):
     killed = tmp_path / "killed.hdf5"
     words = ("bank", "scan", killed, *SCAN)
-    ended = subprocess.run(markerseek(*words, before=KILLED), capture_output=True, check=False)
+    ended = ran(*words, before=KILLED)
     assert ended.returncode == -signal.SIGKILL, ended.stderr
     record = record_of(killed)
     assert [path.name for path in tmp_path.iterdir()] == [record.name]

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.cli.signals import StoppedBySignal, stopped_by_signals
-from tests.emulated import markerseek
+from tests.emulated import markerseek, ran
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
@@ -78,6 +78,5 @@ sys.meta_path.insert(0, CtrlC())
 
 
 def test_ctrl_c_during_an_import_gives_one_sentence() -> None:
-    command = markerseek("search", "--seed", 1, "--no-journal", before=INTERRUPTED)
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    ended = ran("search", "--seed", 1, "--no-journal", before=INTERRUPTED)
     assert (ended.returncode, ended.stderr) == (130, "error: stopped by the user\n")

@@ -15,7 +15,7 @@ import pytest
 
 from markerseek.core import Measured
 from markerseek.records.journal import read_journal, run_state
-from tests.emulated import markerseek
+from tests.emulated import ran
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -39,8 +39,7 @@ def killed_search(path: Path, number: signal.Signals, *, after: int) -> subproce
         "    return view\n"
         "RunView.add = add_and_kill\n"
     )
-    command = markerseek(*SEARCH, "--journal", path, before=before)
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    return ran(*SEARCH, "--journal", path, before=before)
 
 
 def test_a_search_keeps_a_journal_in_the_users_data_folder(shell: Shell, tmp_path: Path) -> None:

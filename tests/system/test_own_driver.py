@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.emulated import markerseek
+from tests.emulated import markerseek, ran
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "plugin"
 PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "own-stage.md"
@@ -53,9 +53,7 @@ def test_installed_drivers_are_found_by_their_names_and_a_receiver_finds_the_mar
     tables = '[laser]\ndriver = "simulated"\n[receiver]\ndriver = "simulated"\n'
     toy.write_text(f'kind = "bench"\n[stage]\ndriver = "toy"\nport = "{tmp_path}/none"\n{tables}')
     # Its keys are those of the class.
-    done = subprocess.run(
-        markerseek("doctor", "--rig", toy), env=installed, capture_output=True, text=True, check=False
-    )
+    done = ran("doctor", "--rig", toy, env=installed)
     refused = " ".join((done.stdout + done.stderr).split())
     assert "the key stage.zero_deg is missing; add it: toy needs it" in refused
     bench, journal = tmp_path / "bench", tmp_path / "run.journal"
@@ -78,13 +76,7 @@ def test_installed_drivers_are_found_by_their_names_and_a_receiver_finds_the_mar
         )
         assert ours != text
         rig.write_text(ours, encoding="utf-8")
-        told = subprocess.run(
-            markerseek("search", "--rig", rig, "--arm", "--single", "--json", "--journal", journal),
-            env=installed,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        told = ran("search", "--rig", rig, "--arm", "--single", "--json", "--journal", journal, env=installed)
     finally:
         emulator.send_signal(2)
         said = emulator.communicate()[1]
