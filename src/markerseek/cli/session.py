@@ -249,6 +249,8 @@ def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable
     from markerseek.pictures import png_data_uri, write_page
 
     result, curve = view.result(), curve_of(view, reveal=True)
+    # None for a result of hardware or of a recording.
+    stand_in = result.stand_in
     if density is not None:
         curve = replace(curve, density=(list(density[0]), list(density[1])))
 
@@ -256,7 +258,7 @@ def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable
         path,
         "search.html.jinja",
         title=title,
-        note=_note(result),
+        note=f"{stand_in.capitalize()}: this is no measurement on hardware." if stand_in else None,
         verdict=verdict_of(view),
         curve=curve.svg(),
         facts=result.rows,
@@ -265,13 +267,6 @@ def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable
         rows=_rows(result),
         json=msgspec.json.format(msgspec.json.encode(result), indent=2).decode("utf-8"),
     )
-
-
-def _note(result: SearchResult) -> str | None:
-    """Warning above a result that no hardware has given; None for one of hardware or of a recording."""
-    if result.stand_in is None:
-        return None
-    return f"{result.stand_in.capitalize()}: this is no measurement on hardware."
 
 
 def _rows(result: SearchResult) -> list[tuple[str, ...]]:

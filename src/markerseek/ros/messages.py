@@ -5,7 +5,6 @@ from __future__ import annotations
 import array
 import importlib
 import math
-from collections.abc import Mapping
 from functools import cache
 from typing import Any, Literal, TypeVar
 
@@ -86,35 +85,18 @@ def joint_state(*, time_s: float, angle_deg: float) -> Any:
     )
 
 
-def transforms(
-    *,
-    time_s: float,
-    angle_deg: float,
-    images: Mapping[str, ScanGeometry],
-    face_radius_m: float | None,
-) -> list[Any]:
-    """Transforms of the probe in its home frame, and of images in the probe's frame if the face radius is known.
-
-    A list of geometry_msgs/TransformStamped; ``images`` names the frame of each image.
-    """
-    turned = _transform(time_s, (HOME, PROBE), quaternion=_turned(angle_deg), place_m=(0.0, 0.0, 0.0))
-    if face_radius_m is None:
-        return [turned]
-    places_m = {
-        frame: (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
-        for frame, geometry in images.items()
-    }
-    mounted = [
-        _transform(time_s, (PROBE, frame), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
-        for frame, place_m in places_m.items()
-    ]
-    return [turned, *mounted]
-
-
-def _turned(angle_deg: float) -> tuple[float, float, float, float]:
-    """Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w."""
+def turned(*, time_s: float, angle_deg: float) -> Any:
+    """Transform of the probe in its home frame, as a geometry_msgs/TransformStamped."""
+    # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
     half = math.radians(angle_deg) / 2
-    return 0.0, math.sin(half), 0.0, math.cos(half)
+    quaternion = (0.0, math.sin(half), 0.0, math.cos(half))
+    return _transform(time_s, (HOME, PROBE), quaternion=quaternion, place_m=(0.0, 0.0, 0.0))
+
+
+def mounted(geometry: ScanGeometry, *, time_s: float, face_radius_m: float) -> Any:
+    """Transform of an image in the frame of the probe, as a geometry_msgs/TransformStamped."""
+    place_m = (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
+    return _transform(time_s, (PROBE, IMAGE), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
 
 
 def registered(davinci_to_trus: RigidTransform | None, *, time_s: float, simulated: bool) -> Any:

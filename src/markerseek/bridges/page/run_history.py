@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import base64
 import gc
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
 import numpy as np
 
 from markerseek.bridges.followed import RunImages
-from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, ReadingFrame, Sample, ScanGeometry, UInt8
+from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, ReadingFrame, Sample, UInt8
 from markerseek.records import with_minus
 from markerseek.records.journal import Configuration, JournalEvent
 from markerseek.ros import messages
@@ -108,22 +108,6 @@ MAX_ROWS = 200
 """Rows of a photoacoustic image that is sent: a screen shows no more."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layer:
-    """Pixels as they are sent, and where they are."""
-
-    pixels: str
-    """Levels from 0 to 255, row after row, base64."""
-    rows: int
-    """Number of rows."""
-    columns: int
-    """Number of columns."""
-    lateral_mm: tuple[float, float]
-    """Outer edges across, in millimetres."""
-    depth_mm: tuple[float, float]
-    """Outer edges in depth, in millimetres."""
-
-
 # eq=False: two images are compared often, and never equal unless they are the same.
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Picture:
@@ -133,8 +117,9 @@ class Picture:
     """Angle of the probe, in degrees."""
     intensity: float
     """Intensity of the reading."""
-    image: Layer
-    """The photoacoustic image: level 0 is `range_db` below the brightest, or less."""
+    drawn: dict[str, Any]
+    """What the browser draws: ``pixels``, levels from 0 to 255, row after row, base64, where level 0 is `RANGE_DB`
+    below the brightest, or less; numbers of ``rows`` and ``columns``; outer edges ``lateral_mm`` and ``depth_mm``."""
     peak_mm: tuple[float, float] | None
     """Lateral position and depth of the largest envelope; None if the reading has none."""
 
@@ -149,20 +134,22 @@ def picture_of(sample: Sample, image: PaImage) -> Picture:
         first_depth_m=geometry.position_m(row=(together - 1) / 2, column=0)[1],
         depth_step_m=together * geometry.depth_step_m,
     )
+    levels = pooled_levels(image, brightest=brightest)
+    rows, columns = levels.shape
+    left, right, bottom, top = pooled.edges_mm(rows, columns)
     placed = reading.lateral_m is not None and reading.depth_m is not None
     return Picture(
         angle_deg=sample.angle_deg,
         intensity=reading.intensity,
-        image=_layer(pooled_levels(image, brightest=brightest), pooled),
+        drawn={
+            "pixels": base64.b64encode(levels.tobytes()).decode("ascii"),
+            "rows": rows,
+            "columns": columns,
+            "lateral_mm": (left, right),
+            "depth_mm": (top, bottom),
+        },
         peak_mm=(1e3 * (reading.lateral_m or 0.0), 1e3 * (reading.depth_m or 0.0)) if placed else None,
     )
-
-
-def _layer(levels: UInt8[np.ndarray, "rows columns"], geometry: ScanGeometry) -> Layer:
-    rows, columns = levels.shape
-    left, right, bottom, top = geometry.edges_mm(rows, columns)
-    pixels = base64.b64encode(levels.tobytes()).decode("ascii")
-    return Layer(pixels=pixels, rows=rows, columns=columns, lateral_mm=(left, right), depth_mm=(top, bottom))
 
 
 def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
@@ -225,7 +212,7 @@ def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, An
     if picture is None:
         return {"pixels": ""}
     peak = picture.peak_mm if floor is None or picture.intensity > floor else None
-    return asdict(picture.image) | {"deg": picture.angle_deg, "peak": peak}
+    return picture.drawn | {"deg": picture.angle_deg, "peak": peak}
 
 
 def image_texts(picture: Picture | None, *, elsewhere: bool) -> tuple[str, str]:

@@ -71,12 +71,11 @@ class SampleTopics:
         image = self._images.of(sample)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
-        images = {} if image is None else {messages.IMAGE: image.geometry}
-        turned = messages.transforms(
-            time_s=time_s, angle_deg=angle_deg, images=images, face_radius_m=view.facts.face_radius_m
-        )
-        # A stage node publishes itself how the probe is turned: then only the places of the images are left.
-        publish_frames(node, topics.FRAMES, turned if self._publishes_angle else turned[1:])
+        # A stage node publishes itself how the probe is turned: then only the place of the image is left.
+        frames = [messages.turned(time_s=time_s, angle_deg=angle_deg)] if self._publishes_angle else []
+        if image is not None and (radius_m := view.facts.face_radius_m) is not None:
+            frames.append(messages.mounted(image.geometry, time_s=time_s, face_radius_m=radius_m))
+        publish_frames(node, topics.FRAMES, frames)
         if image is not None:
             node.publish(topics.ENVELOPE, messages.envelope(image, time_s=time_s))
             picture = messages.picture(image, time_s=time_s, brightest=self._images.brightest)
@@ -90,7 +89,7 @@ class SampleTopics:
             "time_s": time_s,
             "pulses": None if sample.frame is None else sample.frame.header.pulses,
             # sensor_msgs/Image has no place for the distances of pixels, and neither has a transform.
-            "images": {name: geometry.grid for name, geometry in images.items()},
+            "images": {} if image is None else {messages.IMAGE: image.geometry.grid},
         }
         node.publish(topics.SAMPLE, messages.text(said))
         if not sample.dark:  # a dark frame has no intensity to be plotted

@@ -382,16 +382,12 @@ def test_image_keeps_its_peak_and_noise_looks_like_noise():
     )
 
 
-def levels_of(layer):
-    return np.frombuffer(base64.b64decode(layer.pixels), dtype=np.uint8).reshape(layer.rows, layer.columns)
-
-
-def centre_mm(layer, row, column):
+def centre_mm(drawn, row, column):
     """Lateral position and depth of a pixel's centre, from the edges between which the browser draws it."""
-    (left, right), (top, bottom) = layer.lateral_mm, layer.depth_mm
+    (left, right), (top, bottom) = drawn["lateral_mm"], drawn["depth_mm"]
     return (
-        left + (right - left) * (column + 0.5) / layer.columns,
-        top + (bottom - top) * (row + 0.5) / layer.rows,
+        left + (right - left) * (column + 0.5) / drawn["columns"],
+        top + (bottom - top) * (row + 0.5) / drawn["rows"],
     )
 
 
@@ -399,7 +395,8 @@ def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
     rig = rigs.simulated(seed=1, marker_deg=2.0)
     sample = rig.scanner.measure(2.0)
     picture = picture_of(sample, rig.imaging.picture(sample.frame))
-    lateral_mm, depth_mm = centre_mm(picture.image, *np.unravel_index(levels_of(picture.image).argmax(), (198, 128)))
+    levels = np.frombuffer(base64.b64decode(picture.drawn["pixels"]), dtype=np.uint8)
+    lateral_mm, depth_mm = centre_mm(picture.drawn, *np.unravel_index(levels.argmax(), (198, 128)))
     # A pixel is 0.43 mm wide and 0.39 mm deep; the reading has found the peak between its pixels.
     assert (lateral_mm, depth_mm) == pytest.approx(picture.peak_mm, abs=0.25)
     for elsewhere, title in (
