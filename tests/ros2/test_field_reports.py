@@ -210,9 +210,6 @@ def test_b6_a_stage_on_this_computer_is_driven_whoever_is_first(peer: Any, first
 
 
 HERE_ONLY = "on this computer only (127.0.0.1 and shared memory); FASTDDS_BUILTIN_TRANSPORTS=DEFAULT opens the network"
-MEMORY_ONLY = (
-    "in shared memory only (FASTDDS_BUILTIN_TRANSPORTS=SHM), where nodes of default settings are not; unset it"
-)
 
 
 def test_b6_both_commands_say_where_nodes_are_looked_for(start: Start, tmp_path: Path) -> None:
@@ -247,5 +244,3 @@ def test_b6_the_middleware_that_is_installed_may_be_named(monkeypatch: pytest.Mo
     monkeypatch.setenv("RMW_IMPLEMENTATION", name)
     require_middleware()
     assert reach().endswith(HERE_ONLY)
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM")
-    assert reach().endswith(MEMORY_ONLY)

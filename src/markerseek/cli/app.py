@@ -188,7 +188,8 @@ def _arranged(group: Any) -> Any:
                 each.metavar = each.metavar or each.name.upper()
         if len(options) > MANY:
             for each in options:
-                each.rich_help_panel = _panel(each.opts[-1])
+                option = each.opts[-1]
+                each.rich_help_panel = None if option in FIRST else _PANEL_OF.get(option, "More")
             command.params.sort(key=lambda each: _rank(each.opts[-1]))
     return group
 
@@ -201,10 +202,6 @@ def _every_command(command: Any) -> Iterator[Any]:
 
 
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
-
-
-def _panel(option: str) -> str | None:
-    return None if option in FIRST else _PANEL_OF.get(option, "More")
 
 
 def _rank(option: str) -> int:

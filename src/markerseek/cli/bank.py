@@ -173,10 +173,11 @@ def info(
     )
     values = _values(held, probe) | asdict(peak_of(curve)) | msgspec.structs.asdict(answer)
     name = f"{bank.stem if bank.is_file() else bank.name}.png"
+    title = ": ".join(filter(None, (bank.name, held.facts.description)))
     report = Report(
         values=with_version(path=str(bank), **values),
         shown=(f"[bold]{escape(str(bank))}[/]: {values['content']}", facts(_rows(values, answer))),
-        pictures={name: drawn(bank_figure, held, title=_title(bank, held), probe=probe, curve=curve)},
+        pictures={name: drawn(bank_figure, held, title=title, probe=probe, curve=curve)},
     )
     output.show(report)
 
@@ -186,11 +187,13 @@ def _values(bank: IntensityBank | FrameBank, probe: str | None) -> dict[str, Any
 
     ``probe``: that with which the intensities are computed again; None takes the bank's.
     """
+    from markerseek.records.banks import FrameBank
+
     known, angles = bank.facts, bank.angles_deg
     begun = [each for each in bank.started_s if math.isfinite(each)]
     zero_s = known.clock_zero_unix_s
     return {
-        "content": _content(bank),
+        "content": "frames of channel data" if isinstance(bank, FrameBank) else "intensities",
         "description": known.description,
         "angles": len(angles),
         "first_deg": angles[0],
@@ -244,12 +247,6 @@ def _rows(values: dict[str, Any], answer: Answer) -> Iterator[tuple[str, str | N
         yield name.replace("_", " "), None if values[name] is None else str(values[name])
 
 
-def _content(bank: IntensityBank | FrameBank) -> str:
-    from markerseek.records.banks import FrameBank
-
-    return "frames of channel data" if isinstance(bank, FrameBank) else "intensities"
-
-
 def _imaged_by(bank: IntensityBank | FrameBank, probe: str | None) -> str | None:
     """The imaging chain of the frames: its preset, who named it, and its parameters; None if there are no frames."""
     from markerseek.records.banks import FrameBank
@@ -274,8 +271,3 @@ def _date(unix_s: float) -> str:
     # A foreign file can contain any number, and datetime ends with the year 9999.
     except (OverflowError, ValueError, OSError):
         return f"{unix_s:g} s after 1970"
-
-
-def _title(path: Path, bank: IntensityBank | FrameBank) -> str:
-    known = bank.facts.description
-    return f"{path.name}{': ' if known else ''}{known}"

@@ -166,6 +166,9 @@ class ChildRegistration(ChildSearch):
         return self.verdict(None)
 
     def _take(self, child: ChildRun) -> None:
+        def is_searched() -> bool:
+            return not child.running or (self.run is not None and self.run.last.over)
+
         folder = self.journal
         for step in child.beating(follow_session(folder, is_over=lambda: not child.running, wait=child.wait)):
             with suppress(FileNotFoundError):
@@ -174,11 +177,8 @@ class ChildRegistration(ChildSearch):
             self.state = self.state.add(step)
             if isinstance(step, SpotSeen) and step.journal is not None:
                 self.run = None
-                search = follow(folder / step.journal, is_over=lambda: self._is_searched(child), wait=child.wait)
+                search = follow(folder / step.journal, is_over=is_searched, wait=child.wait)
                 self._add(child.beating(search), pictures=False)
-
-    def _is_searched(self, child: ChildRun) -> bool:
-        return not child.running or (self.run is not None and self.run.last.over)
 
 
 END_S, DEVICES_END_S = 2.5, 10.0
