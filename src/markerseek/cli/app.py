@@ -20,7 +20,6 @@ from markerseek._version import __version__
 from markerseek.cli import (
     STOPPED_BY_USER,
     bank,
-    bank_files,
     calibrate,
     doctor,
     emulate,
@@ -81,8 +80,8 @@ _BANK = _group(
     {
         "scan": bank.scan,
         "info": bank.info,
-        "import": bank_files.import_bank,
-        "export": bank_files.export_bank,
+        "import": bank.import_bank,
+        "export": bank.export_bank,
     },
 )
 _JOURNAL = _group(
