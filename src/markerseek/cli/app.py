@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import typer
 
@@ -53,19 +53,26 @@ app = typer.Typer(
 )
 
 
-def _add_command(app: typer.Typer, name: str, command: Callable[..., None], *, panel: str | None = None) -> None:
-    """Add a command; its help is its docstring, with the section of examples as command lines."""
-    text, _, examples = inspect.cleandoc(command.__doc__ or "").partition("\n\nExamples\n--------\n")
-    # Two spaces at the end break a line in Markdown.
-    lines = "  \n".join([f"{text}\n\nExamples:", *examples.splitlines()])
-    app.command(name=name, help=lines, rich_help_panel=panel)(command)
+_Commands: TypeAlias = dict[str, Callable[..., None] | typer.Typer]
+"""Commands by their names, and groups of commands."""
 
 
-def _group(help_text: str, commands: dict[str, Callable[..., None]], **options: Any) -> typer.Typer:
+def _add(app: typer.Typer, commands: _Commands, *, panel: str | None = None) -> None:
+    """Add commands; the help of one is its docstring, with the section of examples as command lines."""
+    for name, command in commands.items():
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name, rich_help_panel=panel)
+            continue
+        text, _, examples = inspect.cleandoc(command.__doc__ or "").partition("\n\nExamples\n--------\n")
+        # Two spaces at the end break a line in Markdown.
+        lines = "  \n".join([f"{text}\n\nExamples:", *examples.splitlines()])
+        app.command(name=name, help=lines, rich_help_panel=panel)(command)
+
+
+def _group(help_text: str, commands: _Commands, **options: Any) -> typer.Typer:
     """A command that has commands below it."""
     group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode="markdown", **options)
-    for name, command in commands.items():
-        _add_command(group, name, command)
+    _add(group, commands)
     return group
 
 
@@ -77,12 +84,7 @@ _ROS2 = _group(
 )
 _BANK = _group(
     "Make, look at and convert banks: scans of many angles.",
-    {
-        "scan": bank.scan,
-        "info": bank.info,
-        "import": bank.import_bank,
-        "export": bank.export_bank,
-    },
+    {"scan": bank.scan, "info": bank.info, "import": bank.import_bank, "export": bank.export_bank},
 )
 _JOURNAL = _group(
     "List, print, follow, check and compute again the journals of runs.",
@@ -94,7 +96,7 @@ _JOURNAL = _group(
         "replay": journal.replay,
     },
 )
-_COMMANDS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
+_COMMANDS: dict[str, _Commands] = {
     "Search": {
         "search": search.command,
         "resume": resume.command,
@@ -110,18 +112,10 @@ _COMMANDS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
         "journal": _JOURNAL,
     },
     "Rig and robot": {"doctor": doctor.command, "calibrate": calibrate.command, "register": register.command},
-    "Simulation and studies": {
-        "emulate": emulate.command,
-        "reproduce": reproduce.command,
-        "study": study.command,
-    },
+    "Simulation and studies": {"emulate": emulate.command, "reproduce": reproduce.command, "study": study.command},
 }
-for _panel_name, _commands in _COMMANDS.items():
-    for _name, _command in _commands.items():
-        if isinstance(_command, typer.Typer):
-            app.add_typer(_command, name=_name, rich_help_panel=_panel_name)
-        else:
-            _add_command(app, _name, _command, panel=_panel_name)
+for _panel, _below in _COMMANDS.items():
+    _add(app, _below, panel=_panel)
 
 
 def _print_version(asked: bool) -> None:
