@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 WORLD = """kind = "simulated"
 [marker]
@@ -25,6 +26,11 @@ def markerseek(*words: object, before: str = "") -> list[str]:
     """The command in a new interpreter; ``before``: Python that runs first."""
     # -P: a file in the current folder must not replace a module.
     return [sys.executable, "-P", "-c", f"{before}\nfrom markerseek.cli import main\nmain()", *map(str, words)]
+
+
+def ran(*words: object, before: str = "", **options: Any) -> subprocess.CompletedProcess[str]:
+    """The command in a process of its own, to its end; ``options``: of `subprocess.run`."""
+    return subprocess.run(markerseek(*words, before=before), capture_output=True, text=True, check=False, **options)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Self
 
 import pytest
 
@@ -57,13 +60,36 @@ def bridge(*options: str) -> Iterator[Bridge]:
             running.process.communicate()
 
 
-def on_terminal(rig: Path, terminal: int) -> subprocess.Popen[bytes]:
-    """A bridge to devices, with a terminal as its standard input."""
-    return subprocess.Popen(
-        [sys.executable, "-P", "-m", "markerseek", "igtl", "--port", "0", "--rig", str(rig)],
-        stdin=terminal,
-        stderr=subprocess.PIPE,
-    )
+class OnTerminal:
+    """A bridge to devices that asks on a terminal; ``far`` is where a person types, ``said`` what it has printed."""
+
+    def __init__(self, rig: Path, *, typed: bytes = b"") -> None:
+        self.far, self._near = os.openpty()
+        os.write(self.far, typed)
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "markerseek", "igtl", "--port", "0", "--rig", str(rig)],
+            stdin=self._near,
+            stderr=subprocess.PIPE,
+        )
+        self.said = ""
+        self.port = int(self.until(r"connect to 127\.0\.0\.1, port (\d+)")[1])
+
+    def until(self, pattern: str) -> re.Match[str]:
+        """Wait until it has printed something."""
+        while (found := re.search(pattern, self.said)) is None:
+            piece = os.read(self._process.stderr.fileno(), 4096)
+            assert piece, f"it ended before {pattern!r}: {self.said}"
+            self.said += piece.decode("utf-8", "replace")
+        return found
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        self._process.communicate(timeout=60)
+        os.close(self.far)
+        os.close(self._near)
 
 
 def compiled_peer(folder: Path) -> Path:
@@ -74,3 +100,14 @@ def compiled_peer(folder: Path) -> Path:
     command = ["g++", "-O1", "-o", str(program), str(SOURCE), f"-I{HEADERS}", "-lOpenIGTLink", "-lpthread"]
     subprocess.run(command, check=True)
     return program
+
+
+@contextmanager
+def peer_lines(program: Path, port: int) -> Iterator[tuple[subprocess.Popen[str], Iterator[str]]]:
+    """A running C++ client, and what it prints, line by line; what is not sent is not waited for longer than 2 min."""
+    with subprocess.Popen([program, str(port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer:
+        patience = threading.Timer(120.0, peer.kill)
+        patience.start()
+        yield peer, (line.strip() for line in peer.stdout)
+        peer.kill()
+        patience.cancel()

@@ -6,11 +6,6 @@ import json
 import os
 import select
 import signal
-import socket
-import subprocess
-import sys
-import threading
-from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import msgspec
@@ -21,9 +16,9 @@ import pytest
 from markerseek.records.exports import probe_to_probe_home
 from markerseek.registration import point_pairs, register_pairs
 from markerseek.wire import igtl
-from tests.emulated import emulation
-from tests.igtl.igtl_bridge import bridge, compiled_peer
-from tests.igtl.igtl_client import LONGEST_S, IgtlClient
+from tests.emulated import emulation, ran
+from tests.igtl.igtl_bridge import bridge, compiled_peer, peer_lines
+from tests.igtl.igtl_client import IgtlClient
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 START = '<Command Name="StartSearch" Seed="3" Method="golden-section" Acquisitions="6" />'
@@ -39,8 +34,7 @@ def over(message: igtl.Message) -> bool:
 
 def searched(*options: str) -> dict[str, object]:
     """Answer of the ordinary command."""
-    command = [sys.executable, "-m", "markerseek", "search", "--json", "--no-journal", "--seed", "3", *options]
-    return json.loads(subprocess.run(command, capture_output=True, check=False, text=True).stdout)
+    return json.loads(ran("search", "--json", "--no-journal", "--seed", 3, *options).stdout)
 
 
 def test_a_command_starts_a_search_whose_answer_is_that_of_the_ordinary_command() -> None:
@@ -114,21 +108,6 @@ def test_a_search_is_stopped_by_a_command() -> None:
         assert (status.code, status.name) == (igtl.OK, "STOPPED")
 
 
-def test_a_stop_is_heard_from_one_client_more_than_are_served() -> None:
-    with bridge("--pace", "0.5") as running, ExitStack() as ends:
-        starter = ends.enter_context(IgtlClient(running.port))
-        starter.ask(START, name="2")
-        for each in range(30):
-            # Some send the beginning of a header.
-            idle = ends.enter_context(socket.create_connection(("127.0.0.1", running.port), timeout=LONGEST_S))
-            with suppress(OSError):
-                idle.sendall(bytes(each % 3))
-        with IgtlClient(running.port) as client:
-            assert "SUCCESS" in client.ask('<Command Name="StopSearch" />', name="3")
-        last = starter.until(over)
-        assert json.loads(last[-1].content.text)["exit_code"] in (130, 143)
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -141,8 +120,7 @@ def test_a_stop_is_heard_from_one_client_more_than_are_served() -> None:
     ],
 )
 def test_a_bridge_for_other_computers_names_those_that_may(options: tuple[str, ...], said: str) -> None:
-    command = [sys.executable, "-m", "markerseek", "igtl", *options]
-    ended = subprocess.run(command, capture_output=True, check=False, text=True, timeout=60)
+    ended = ran("igtl", *options, timeout=60)
     assert ended.returncode == 2
     assert said in " ".join(ended.stderr.split())
 
@@ -178,8 +156,7 @@ def test_a_bench_that_nobody_arms_is_not_armed_by_a_message(tmp_path: Path) -> N
 
 def test_a_taken_port_ends_with_exit_code_2_and_a_sentence() -> None:
     with bridge() as running:
-        command = [sys.executable, "-m", "markerseek", "igtl", "--port", str(running.port)]
-        second = subprocess.run(command, capture_output=True, check=False, text=True, timeout=60)
+        second = ran("igtl", "--port", running.port, timeout=60)
     assert second.returncode == 2
     assert f"port {running.port} of 127.0.0.1 is taken by another program" in " ".join(second.stderr.split())
 
@@ -210,29 +187,21 @@ def test_the_client_of_pyigtl_gets_what_is_sent(tmp_path: Path) -> None:
 def test_a_client_on_the_library_of_debian_gets_every_type_and_starts_a_search(tmp_path: Path) -> None:
     program = compiled_peer(tmp_path)
     expected = searched()
-    lines: list[str] = []
-    later: list[str] = []
     with bridge("--header-version", "1") as running, IgtlClient(running.port) as witness:
-        with subprocess.Popen(
-            [program, str(running.port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        ) as peer:
-            # Whatever is not sent must not be waited for until the tests are ended.
-            patience = threading.Timer(120.0, peer.kill)
-            patience.start()
-            peer.stdin.write('CMD_1 <Command Name="StartSearch" Seed="3" />\n')
-            peer.stdin.flush()
-            for line in peer.stdout:
-                lines.append(line.strip())
-                if line.startswith("STRING SearchState") and '"ended"' in line:
-                    break
-            peer.stdin.write('CMD_2 <Command Name="StartSearch" Seed="3" Acquisitions="2" />\n')
-            peer.stdin.flush()
-            for line in peer.stdout:
-                later.append(line.strip())
-                if line.startswith("STRING SearchState") and '"ended"' in line:
-                    break
-            peer.kill()
-            patience.cancel()
+        with peer_lines(program, running.port) as (peer, printed):
+
+            def searched_by_peer(command: str) -> list[str]:
+                peer.stdin.write(f"{command}\n")
+                peer.stdin.flush()
+                said: list[str] = []
+                for line in printed:
+                    said.append(line)
+                    if line.startswith("STRING SearchState") and '"ended"' in line:
+                        break
+                return said
+
+            lines = searched_by_peer('CMD_1 <Command Name="StartSearch" Seed="3" />')
+            later = searched_by_peer('CMD_2 <Command Name="StartSearch" Seed="3" Acquisitions="2" />')
         messages = witness.until(over)
     assert "STRING ACK_1" in " ".join(lines)
     assert {line.split()[0] for line in lines} == {"TRANSFORM", "IMAGE", "POINT", "POSITION", "STRING", "STATUS"}

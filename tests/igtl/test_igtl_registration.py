@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +12,8 @@ import pytest
 
 from markerseek.registration import SessionRecord
 from markerseek.wire import igtl
-from tests.igtl.igtl_bridge import bridge, compiled_peer
+from tests.emulated import ran
+from tests.igtl.igtl_bridge import bridge, compiled_peer, peer_lines
 from tests.igtl.igtl_client import IgtlClient
 from tests.registration_sessions import ENDED, begin, kill, matrix_m, registered
 
@@ -90,21 +88,14 @@ def test_a_client_of_header_version_1_cannot_take_a_withdrawn_transform_for_a_pl
     lines: list[str] = []
     with (
         bridge("--header-version", "1", "--registration", str(tmp_path / "session")) as running,
-        subprocess.Popen(
-            [program, str(running.port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        ) as peer,
+        peer_lines(program, running.port) as (_, printed),
     ):
-        # Whatever is not sent must not be waited for until the tests are ended.
-        patience = threading.Timer(120.0, peer.kill)
-        patience.start()
-        for line in peer.stdout:
-            lines.append(line.strip())
+        for line in printed:
+            lines.append(line)
             if line.startswith("STATUS DaVinciRegistration 1 REGISTERED"):
                 record.add(registered(4, decided=False))
             if line.startswith("STATUS DaVinciRegistration 13 WITHDRAWN"):
                 break
-        peer.kill()
-        patience.cancel()
     record.close()
     given, withdrawn = (line.split()[2:] for line in lines if line.startswith("TRANSFORM DaVinciToProbeHome"))
     assert np.array(given, dtype=float).reshape(3, 4) == pytest.approx(in_mm(3)[:3], rel=1e-4, abs=1e-4)
@@ -112,7 +103,6 @@ def test_a_client_of_header_version_1_cannot_take_a_withdrawn_transform_for_a_pl
 
 
 def test_a_folder_without_a_session_ends_with_exit_code_2_and_the_cure(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "markerseek", "igtl", "--port", "0", "--registration", str(tmp_path)]
-    ended = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120)
+    ended = ran("igtl", "--port", 0, "--registration", tmp_path, timeout=120)
     assert ended.returncode == 2
     assert "no session has begun; name the folder of a session" in " ".join(ended.stderr.split())

@@ -1,10 +1,13 @@
-"""What a search shows on OpenIGTLink, without a network."""
+"""What a search shows on OpenIGTLink, without a network, and what the configuration for PLUS makes of it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 from datetime import datetime
+from inspect import signature
+from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
@@ -13,6 +16,7 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges import Outcome
 from markerseek.bridges.igtl import Stream, Streams
+from markerseek.cli.igtl import command as igtl_command
 from markerseek.core import (
     PAPER_RANGE,
     Asked,
@@ -201,3 +205,28 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_time() -> None:
         streams.after(Entry(number=4, written=WRITTEN, clock_s=100.5, event=Swept(angle_deg=6.0, pulses=2)))
     )
     assert set(ended) == {"ProbeToProbeHome", "SearchState"}
+
+
+PLUS = Path(__file__).parents[2] / "examples" / "plus" / "PlusDeviceSet_Server_markerseek.xml"
+
+
+def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() -> None:
+    device = ET.parse(PLUS).find("DataCollection/Device")
+    tool = device.find("DataSources/DataSource").get("Id")
+    streams = Streams()
+    streams.started()
+    streams.after(configuration_of(rigs.simulated(seed=1), SearchPlan(method="ternary")))
+    event = Started(start_deg=1.0, limits=PAPER_RANGE)
+    item = Entry(number=1, written="2026-01-01T00:00:00+00:00", clock_s=0.0, event=event)
+    sent = streams.after(item)
+    names = [stream.device for stream in sent if stream.content.kind == device.get("MessageType")]
+    # PLUS names a transform "<tool>To<reference>".
+    assert names == [f"{tool}To{device.get('ToolReferenceFrame')}"]
+    port = signature(igtl_command).parameters["port"].default
+    assert int(device.get("ServerPort")) == port
+    assert device.get("IgtlMessageCrcCheckEnabled") == "true"
+    # PLUS repeats the last angle with its own time, and drops what comes with an older one, as of an acquisition.
+    assert device.get("UseLastTransformsOnReceiveTimeout") == "true"
+    assert device.get("UseReceivedTimestamps") == "false"
+    server = ET.parse(PLUS).find("PlusOpenIGTLinkServer")
+    assert int(server.get("ListeningPort")) != port

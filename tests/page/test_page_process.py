@@ -18,7 +18,8 @@ from markerseek.bridges.page import Address
 from markerseek.bridges.page.application import UNWATCHED_S
 from markerseek.core import ConfigError
 from markerseek.records.journal import Interrupted, read_journal
-from tests.page.page_browser import START, WAIT_MS, certified, needs_browser, open_tab, served, sync_api
+from tests.emulated import ran
+from tests.page.page_browser import WAIT_MS, certified, needs_browser, open_tab, served, sync_api
 
 pytestmark = pytest.mark.real_time
 
@@ -55,15 +56,8 @@ def test_missing_extra(shell, monkeypatch):
 
 def test_no_browser():
     # A process of its own: Python looks for browsers once.
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", START, "page", "--open"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        env=os.environ | {"PATH": "/nowhere", "DISPLAY": "", "BROWSER": ""},
-        stdin=subprocess.DEVNULL,
-    )
+    nowhere = os.environ | {"PATH": "/nowhere", "DISPLAY": "", "BROWSER": ""}
+    done = ran("page", "--open", timeout=120, env=nowhere, stdin=subprocess.DEVNULL)
     refused((done.returncode, done.stdout, done.stderr), "no browser")
     assert "Traceback" not in done.stderr
 
@@ -109,16 +103,8 @@ def test_killed_page_stops_the_search_and_it_can_be_resumed(browser, tmp_path):
         watched.tab.context.close()
     (journal,) = page.journals()
     assert isinstance(read_journal(journal).entries[-1].event, Interrupted)
-    resumed = subprocess.run(
-        [sys.executable, "-P", "-m", "markerseek", "resume", str(journal), "--arm", "--json"],
-        capture_output=True,
-        check=False,
-    )
-    straight = subprocess.run(
-        [sys.executable, "-P", "-m", "markerseek", "search", "--seed", "4", "--no-journal", "--json"],
-        capture_output=True,
-        check=False,
-    )
+    resumed = ran("resume", journal, "--arm", "--json")
+    straight = ran("search", "--seed", 4, "--no-journal", "--json")
     result, whole = json.loads(resumed.stdout), json.loads(straight.stdout)
     assert result["samples"][:1] == whole["samples"][:1]
     assert abs(result["angle_deg"] - whole["angle_deg"]) < 3 * max(result["sigma_deg"], whole["sigma_deg"])

@@ -67,3 +67,22 @@ def _end(process: subprocess.Popen[str]) -> None:
             process.kill()
             process.communicate()
     process.stdout.close()
+
+
+@pytest.fixture
+def node() -> Iterator[object]:
+    """A client of the nodes of a test."""
+    from markerseek.ros import RosNode
+
+    with RosNode("client") as made:
+        yield made
+
+
+@pytest.fixture
+def bench() -> Iterator[object]:
+    """A stage node with a slow stage, and its client."""
+    from tests.ros2.stage_bench import Bench
+
+    made = Bench()
+    yield made
+    made.close()

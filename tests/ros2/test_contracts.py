@@ -22,7 +22,7 @@ from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, Ro
 from markerseek.ros import RosNode, topics
 from markerseek.testing import LaserContract, ReceiverContract, StageContract
 from tests.ros2.number_stage import NumberStage
-from tests.ros2.simulated_acquisition import acquisition_of, armed_guard
+from tests.ros2.plain_rig import acquisition_of, armed_guard
 
 
 class _OverRos:

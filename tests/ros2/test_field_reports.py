@@ -25,8 +25,8 @@ from markerseek import rigs
 from markerseek.core import Interval
 from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
 from markerseek.ros import RosNode, reach, require_middleware, topics
-from markerseek.ros.quality import Once
-from tests.ros2.simulated_acquisition import acquisition_of, armed_guard
+from markerseek.ros.node import Once
+from tests.ros2.plain_rig import acquisition_of, armed_guard
 from tests.ros2.stage_bench import Bench
 
 HERE = Path(__file__).parent
@@ -49,13 +49,6 @@ def plain_environment(chosen: Mapping[str, str]) -> dict[str, str]:
     """The environment of a lab's own node: nothing that this program has set."""
     ours = ("FASTDDS_BUILTIN_TRANSPORTS", "FASTDDS_DEFAULT_PROFILES_FILE")
     return {key: value for key, value in os.environ.items() if key not in ours} | dict(chosen)
-
-
-@pytest.fixture
-def bench(capfd: pytest.CaptureFixture[str]) -> Iterator[Bench]:
-    made = Bench()
-    yield made
-    made.close()
 
 
 @pytest.fixture
@@ -217,9 +210,6 @@ def test_b6_a_stage_on_this_computer_is_driven_whoever_is_first(peer: Any, first
 
 
 HERE_ONLY = "on this computer only (127.0.0.1 and shared memory); FASTDDS_BUILTIN_TRANSPORTS=DEFAULT opens the network"
-MEMORY_ONLY = (
-    "in shared memory only (FASTDDS_BUILTIN_TRANSPORTS=SHM), where nodes of default settings are not; unset it"
-)
 
 
 def test_b6_both_commands_say_where_nodes_are_looked_for(start: Start, tmp_path: Path) -> None:
@@ -254,5 +244,3 @@ def test_b6_the_middleware_that_is_installed_may_be_named(monkeypatch: pytest.Mo
     monkeypatch.setenv("RMW_IMPLEMENTATION", name)
     require_middleware()
     assert reach().endswith(HERE_ONLY)
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM")
-    assert reach().endswith(MEMORY_ONLY)

@@ -99,18 +99,19 @@ def test_a_search_that_is_asked_for_gives_the_answer_of_the_command(start: Start
     code, alone = answer_of("search", *SEARCH, "--no-journal", "--json")
     assert ended["exit_code"] == code
     assert ended["result"] == alone
-    samples = [json.loads(each.data) for each in listener.heard[topics.SAMPLE]]
-    samples = [each for each in samples if each["time_s"] >= began_s]
-    searched = [each for each in samples if each["role"] == "search"]
-    assert [each["angle_deg"] for each in searched] == [each["angle_deg"] for each in alone["samples"]]
-    assert [each["intensity"] for each in searched] == [each["intensity"] for each in alone["samples"]]
     # Topics are not delivered in the order in which they were published.
     ends_s = time.monotonic() + 60
-    stamps_ns = [time_ns(each["time_s"]) for each in searched]
+    searched: list[dict[str, Any]] = []
     angles_rad: dict[int, float] = {}
-    while not angles_rad.keys() >= set(stamps_ns) and time.monotonic() < ends_s:
+    while len(angles_rad) < len(alone["samples"]) and time.monotonic() < ends_s:
         listener.node.spin(0.05)
-        angles_rad = {stamp_ns(each): each.position[0] for each in listener.heard[topics.MEASURED_JS]}
+        samples = [json.loads(each.data) for each in listener.heard[topics.SAMPLE]]
+        searched = [each for each in samples if each["time_s"] >= began_s and each["role"] == "search"]
+        heard_rad = {stamp_ns(each): each.position[0] for each in listener.heard[topics.MEASURED_JS]}
+        stamps_ns = [time_ns(each["time_s"]) for each in searched]
+        angles_rad = {each: heard_rad[each] for each in stamps_ns if each in heard_rad}
+    assert [each["angle_deg"] for each in searched] == [each["angle_deg"] for each in alone["samples"]]
+    assert [each["intensity"] for each in searched] == [each["intensity"] for each in alone["samples"]]
     expected = [math.radians(each["angle_deg"]) for each in searched]
     assert [angles_rad[each] for each in stamps_ns] == pytest.approx(expected)
     known = json.loads(listener.heard[topics.BANK][-1].data)

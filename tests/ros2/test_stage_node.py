@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import pytest
 
@@ -13,13 +12,6 @@ from markerseek.bridges.ros2 import StepEnded
 from markerseek.guard import State
 from markerseek.ros import messages, topics
 from tests.ros2.stage_bench import Bench
-
-
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    made = Bench()
-    yield made
-    made.close()
 
 
 def test_a_command_is_carried_out_and_the_state_is_busy_and_then_idle(bench: Bench) -> None:

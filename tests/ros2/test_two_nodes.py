@@ -6,12 +6,11 @@ import json
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from tests.ros2.ros_processes import MARKERSEEK, Start, call
+from tests.ros2.ros_processes import MARKERSEEK, Client, Start, call
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
@@ -19,18 +18,11 @@ from markerseek.core import ConfigError, NotConnectedError, Permit
 from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver, SystemClock
 from markerseek.guard import Limits
 from markerseek.ros import RosNode, topics
-from tests.ros2.turning import Client
 
 TEXT = "std_msgs/msg/String"
 SEARCH = (*MARKERSEEK, "ros2", "search", "--method", "ternary", "--acquisitions", "5")
 NOTICED_S = 4.0
 """2 s are promised; the others are for a busy computer."""
-
-
-@pytest.fixture
-def node() -> Iterator[RosNode]:
-    with RosNode("client") as made:
-        yield made
 
 
 def refusal_of(*words: object) -> str:

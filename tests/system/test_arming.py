@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.emulated import emulation, markerseek
+from tests.emulated import emulation, markerseek, ran
 
 pytestmark = pytest.mark.real_time
 
@@ -48,6 +48,13 @@ def said_until(wanted: str, pipe: int) -> str:
         assert data, f"it ended before {wanted!r}: {said}"
         said += data.decode()
     return said
+
+
+def asking(near: int, *words: object) -> tuple[subprocess.Popen[bytes], str]:
+    """A command on a terminal once it has asked for the name of the rig, and what it said."""
+    process = subprocess.Popen(markerseek(*words), stdin=near, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    assert process.stderr is not None
+    return process, said_until("name of the rig: ", process.stderr.fileno())
 
 
 def test_1000_early_keys_arm_nothing_and_the_name_typed_after_the_question_does(terminal: tuple[int, int]) -> None:
@@ -88,11 +95,7 @@ def test_what_was_typed_while_search_starts_arms_nothing(terminal: tuple[int, in
     far, near = terminal
     with emulation(tmp_path) as devices:
         os.write(far, b"y\nrig.toml\n")
-        process = subprocess.Popen(
-            markerseek("search", "--rig", devices.rig, *SEARCH), stdin=near, stderr=subprocess.PIPE
-        )
-        assert process.stderr is not None
-        said = said_until("name of the rig: ", process.stderr.fileno())
+        process, said = asking(near, "search", "--rig", devices.rig, *SEARCH)
         assert re.search(r"asked by: .+, on this terminal\nArm the laser and search\? Only the name", said)
         assert said.count("rig.toml") == 1
         # Nothing typed before has answered it; nor does the letter.
@@ -106,14 +109,7 @@ def test_what_was_typed_while_search_starts_arms_nothing(terminal: tuple[int, in
 def test_the_name_of_the_rig_arms_a_search(terminal: tuple[int, int], tmp_path) -> None:
     far, near = terminal
     with emulation(tmp_path) as devices:
-        process = subprocess.Popen(
-            markerseek("search", "--rig", devices.rig, *SEARCH),
-            stdin=near,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-        )
-        assert process.stderr is not None
-        said_until("name of the rig: ", process.stderr.fileno())
+        process, _ = asking(near, "search", "--rig", devices.rig, *SEARCH)
         os.write(far, b"rig.toml\n")
         process.communicate(timeout=LONGEST_S)
         assert process.returncode in (0, 3)
@@ -124,15 +120,10 @@ def test_what_was_typed_before_resume_asks_continues_nothing(terminal: tuple[int
     far, near = terminal
     path = tmp_path / "run.journal"
     killed = "import os; from markerseek.scan import Scanner; Scanner.measure = lambda *_, **__: os._exit(9)\n"
-    program = killed + "from markerseek.cli import main; main()"
-    subprocess.run([sys.executable, "-P", "-c", program, "search", "--journal", path], check=False)
+    ran("search", "--journal", path, before=killed)
     for answer, code in ((b"\n", 4), (b"simulated rig\n", 0)):
         os.write(far, b"y\nsimulated rig\n")
-        process = subprocess.Popen(
-            markerseek("resume", path), stdin=near, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        )
-        assert process.stderr is not None
-        said_until("name of the rig: ", process.stderr.fileno())
+        process, _ = asking(near, "resume", path)
         os.write(far, answer)
         process.communicate(timeout=LONGEST_S)
         assert process.returncode == code

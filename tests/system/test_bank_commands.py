@@ -7,8 +7,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -22,15 +20,15 @@ from markerseek.cli.signals import StoppedBySignal
 from markerseek.core import Measured, RecordError
 from markerseek.records.banks import read_bank, record_of
 from markerseek.records.journal import read_journal
+from tests.emulated import ran
 
-MARKERSEEK = (sys.executable, "-c", "from markerseek.cli import main; main()")
+SCAN = ("--seed", 3, "--step-deg", 5, "--wavelength-nm", 760)
 
 
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory):
     path = tmp_path_factory.mktemp("scan") / "scan.hdf5"
-    words = ("bank", "scan", str(path), "--seed", "3", "--step-deg", "5", "--wavelength-nm", "760", "--json")
-    ended = subprocess.run((*MARKERSEEK, *words), capture_output=True, text=True, check=False)
+    ended = ran("bank", "scan", path, *SCAN, "--json")
     assert ended.returncode == 0, ended.stderr
     report = json.loads(ended.stdout)
     assert (report["angles"], report["dark_frames"], report["simulated"], report["refused"]) == (15, 3, True, 0)
@@ -146,9 +144,8 @@ def angles_in(path):
 
 def test_a_killed_scan_becomes_a_bank_or_is_continued_to_the_whole_one(shell, scan, tmp_path):
     killed = tmp_path / "killed.hdf5"
-    words = ("bank", "scan", str(killed), "--seed", "3", "--step-deg", "5", "--wavelength-nm", "760")
-    program = KILLED.format(words=["markerseek", *words])
-    ended = subprocess.run((sys.executable, "-c", program), capture_output=True, check=False)
+    words = ("bank", "scan", killed, *SCAN)
+    ended = ran(*words, before=KILLED)
     assert ended.returncode == -signal.SIGKILL, ended.stderr
     record = record_of(killed)
     assert [path.name for path in tmp_path.iterdir()] == [record.name]
@@ -173,11 +170,9 @@ def test_a_killed_scan_becomes_a_bank_or_is_continued_to_the_whole_one(shell, sc
 
 
 KILLED = """
-import os, signal, sys
+import os, signal
 from unittest import mock
 from markerseek import runs
-from markerseek.cli.signals import StoppedBySignal
-from markerseek.cli import main
 from markerseek.core import Measured
 scan = runs.scan_bank
 def killed(*given, **named):
@@ -188,8 +183,6 @@ def killed(*given, **named):
             os.kill(os.getpid(), signal.SIGKILL)
         yield event
 mock.patch.object(runs, "scan_bank", killed).start()
-sys.argv = {words!r}
-main()
 """
 
 

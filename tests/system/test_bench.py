@@ -19,7 +19,6 @@ from tests.emulated import fixed_bench, markerseek
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
-pytest.importorskip("serial", reason="needs the extra devices")
 
 Shell = Callable[..., tuple[int, str, str]]
 

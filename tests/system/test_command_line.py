@@ -209,20 +209,6 @@ def test_the_shell_completes_commands_and_methods(words: str, number: int, compl
     assert done.stdout.decode().split() == [completed]
 
 
-def test_the_doctor_passes(shell: Shell) -> None:
-    code, out, _ = shell("doctor", "--json")
-    findings = json.loads(out)
-    assert (code, findings["ok"]) == (0, True)
-    searched = [finding["what"] for finding in findings["findings"] if finding["what"].startswith("simulated search")]
-    assert searched == ["simulated search, weighted-average", "simulated search, posterior"]
-
-
-def test_the_installed_command_prints_its_version() -> None:
-    command = Path(sys.executable).with_name("markerseek")
-    ran = subprocess.run([command, "--version"], check=True, capture_output=True, text=True)
-    assert ran.stdout.strip().count(".") == 2
-
-
 @pytest.mark.long
 def test_the_first_run_reports_that_it_compiles_and_the_second_does_not(tmp_path: Path) -> None:
     command = [Path(sys.executable).with_name("markerseek"), "frame", tmp_path / "noise.npy", "--probe", "BPL9-5/55"]

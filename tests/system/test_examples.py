@@ -1,7 +1,9 @@
-"""The examples run unchanged, and the committed scan is the output of its script."""
+"""The examples, the Python of the pages and the tutorials run unchanged, and give what is committed or shown."""
 
 from __future__ import annotations
 
+import doctest
+import os
 import re
 import runpy
 import shlex
@@ -55,9 +57,14 @@ def blocks(path: Path, language: str) -> list[str]:
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*/*.md"))]
 
 
+def run_python(page: str, number: int, given: dict[str, object] | None = None) -> None:
+    """Run one block of a page as it stands there."""
+    exec(compile(blocks(ROOT / page, "python")[number], page, "exec"), given or {})
+
+
 def test_the_python_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    for block in blocks(ROOT / "README.md", "python"):
-        exec(compile(block, "README.md", "exec"), {})
+    for number in range(len(blocks(ROOT / "README.md", "python"))):
+        run_python("README.md", number)
     assert "Found(mean_deg=" in capsys.readouterr().out
 
 
@@ -65,34 +72,24 @@ def test_the_python_that_finds_a_laser_spot_runs(capsys: pytest.CaptureFixture[s
     """The page's own block, on simulated images of a spot at a known pixel."""
     looks = {"size_px": (320, 240), "settings": EndoscopeSettings(), "rng": np.random.default_rng(1)}
     given = {"frames": spot_images(np.array([150.0, 100.0]), **looks), "dark": spot_images(None, **looks)}
-    _, block = blocks(ROOT / "docs" / "how-to" / "register-the-robot.md", "python")
-    exec(compile(block, "register-the-robot.md", "exec"), given)
+    run_python("docs/how-to/register-the-robot.md", 1, given)
     x_px, y_px, sigma_px = map(float, capsys.readouterr().out.split())
     assert np.hypot(x_px - 150, y_px - 100) < max(5 * sigma_px, 0.5)
 
 
-def test_the_python_that_reads_a_journal_reads_one(
+def test_the_python_that_reads_a_journal_and_its_events_reads_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole_run(tmp_path / "run.journal", acquisitions=3, counts_of=lambda index: counts(seed=index))
     monkeypatch.chdir(tmp_path)
-    (block,) = blocks(ROOT / "docs" / "reference" / "journal-format.md", "python")
-    exec(compile(block, "journal-format.md", "exec"), {})
+    run_python("docs/reference/journal-format.md", 0)
     printed = [tuple(map(float, line.split())) for line in capsys.readouterr().out.splitlines()]
     samples = [each.event.sample for each in read_journal(Path("run.journal")).entries if hasattr(each.event, "sample")]
     assert printed == [(each.angle_deg, each.reading.intensity, each.frame.samples.std()) for each in samples]
     assert len(printed) == 3
-
-
-def test_the_python_that_lists_events_lists_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    whole_run(tmp_path / "run.journal", acquisitions=3, counts_of=lambda index: counts(seed=index))
-    monkeypatch.chdir(tmp_path)
-    (block,) = blocks(ROOT / "docs" / "reference" / "events.md", "python")
-    exec(compile(block, "events.md", "exec"), {})
-    printed = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
-    assert (printed[0], printed[-1], printed.count("Measured")) == ("Started", "Finished", 3)
+    run_python("docs/reference/events.md", 0)
+    kinds = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
+    assert (kinds[0], kinds[-1], kinds.count("Measured")) == ("Started", "Finished", 3)
 
 
 def test_no_other_python_of_the_pages_is_left_unread() -> None:
@@ -133,3 +130,66 @@ def test_the_commands_of_the_pages_are_understood(line: str) -> None:
         assert name in command.commands, f"{name} is no command"
         command = command.commands[name]
     command.make_context(command.name, words)
+
+
+TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+ENDINGS = {0, 3}  # found, and any other answer
+
+
+def shown(page: Path) -> list[tuple[str, str]]:
+    """Commands of a page's console blocks in their order, each with what the page shows of its output."""
+    blocks = re.findall(r"^```console\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return [
+        (command, output)
+        for block in blocks
+        for command, output in re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", block, re.MULTILINE)
+    ]
+
+
+@pytest.mark.parametrize("page", [page for page in TUTORIALS if shown(page)], ids=lambda page: page.stem)
+def test_a_tutorial_shows_what_its_commands_print(page: Path, tmp_path: Path) -> None:
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "COLUMNS": "120", "XDG_STATE_HOME": str(tmp_path / "state")}
+    for command, expected in shown(page):
+        ended = subprocess.run(
+            ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert ended.returncode in ENDINGS, f"{command}\n{ended.stderr}"
+        as_shown = doctest.OutputChecker().check_output(
+            expected, ended.stdout, doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+        )
+        assert as_shown, f"{page.name}: {command}\nshown:\n{expected}\nprinted:\n{ended.stdout}\n{ended.stderr}"
+
+
+def test_a_scan_of_ones_own_is_searched_in_python(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / "docs" / "tutorials" / "replay-your-scan.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(ROOT)
+    names: dict[str, object] = {}
+    for block in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        exec(compile(block, "replay-your-scan.md", "exec"), names)
+        assert getattr(names["result"], "answer", None) == "found"
+    assert capsys.readouterr().out.startswith("recording of 141 angles\nanswer: found\n")
+
+
+def test_the_method_of_the_tutorial_searches(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = (ROOT / "docs" / "tutorials" / "own-policy.md").read_text(encoding="utf-8")
+    searching = re.findall(r"^```python\n(import markerseek\n.*?)^```", text, re.MULTILINE | re.DOTALL)[0]
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    exec(compile(searching, "own-policy.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("Found(mean_deg=")
+
+
+def test_the_method_of_the_tutorial_keeps_the_contract(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "tutorials" / "own-policy.md").read_text(encoding="utf-8")
+    (saved,) = re.findall(r"`(test_\w+\.py)` beside.*?^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    (tmp_path / saved[0]).write_text(saved[1], encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "examples")}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", saved[0]]
+    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout
+    assert re.search(r"^[5-9] passed|^\d\d passed", ended.stdout, re.MULTILINE), ended.stdout

@@ -11,15 +11,14 @@ from pathlib import Path
 import pytest
 
 from markerseek.cli.signals import StoppedBySignal, stopped_by_signals
-
-PROGRAM = "from markerseek.cli import main; main()"
+from tests.emulated import markerseek, ran
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_a_search_in_the_background_stops_and_says_how_to_continue(tmp_path: Path) -> None:
     """A shell without job control starts a command with & so that it ignores SIGINT."""
     journal = tmp_path / "run.journal"
-    command = [sys.executable, "-c", PROGRAM, "search", "--seed", "1", "--pace", "0.2", "--journal", str(journal)]
+    command = markerseek("search", "--seed", 1, "--pace", 0.2, "--journal", journal)
     process = subprocess.Popen(
         command,
         stderr=subprocess.PIPE,
@@ -72,14 +71,12 @@ INTERRUPTED = """
 import os, signal, sys
 class CtrlC:
     def find_spec(self, name, path=None, target=None):
-        if name == {name!r}:
+        if name == "numba":
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, CtrlC())
 """
 
 
 def test_ctrl_c_during_an_import_gives_one_sentence() -> None:
-    program = INTERRUPTED.format(name="numba") + PROGRAM
-    command = [sys.executable, "-c", program, "search", "--seed", "1", "--no-journal"]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    ended = ran("search", "--seed", 1, "--no-journal", before=INTERRUPTED)
     assert (ended.returncode, ended.stderr) == (130, "error: stopped by the user\n")

@@ -6,7 +6,6 @@ import json
 import re
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
@@ -16,6 +15,7 @@ import pytest
 
 from markerseek.core import Measured
 from markerseek.records.journal import read_journal, run_state
+from tests.emulated import ran
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -26,15 +26,10 @@ def journals(folder: Path) -> list[Path]:
     return sorted((folder / "data" / "markerseek" / "journals").glob("*.journal"))
 
 
-def command(*words: object) -> list[str]:
-    return [sys.executable, "-c", "from markerseek.cli import main; main()", *map(str, words)]
-
-
 def killed_search(path: Path, number: signal.Signals, *, after: int) -> subprocess.CompletedProcess[str]:
     """`markerseek search` in a process of its own, which sends itself a signal at its n-th acquisition."""
-    program = (
-        "import os, sys\n"
-        "from markerseek.cli import main\n"
+    before = (
+        "import os\n"
         "from markerseek.runs import RunView\n"
         "add = RunView.add\n"
         "def add_and_kill(self, event, **clock):\n"
@@ -43,10 +38,8 @@ def killed_search(path: Path, number: signal.Signals, *, after: int) -> subproce
         f"        os.kill(os.getpid(), {int(number)})\n"
         "    return view\n"
         "RunView.add = add_and_kill\n"
-        "main()\n"
     )
-    words = [*map(str, SEARCH), "--journal", str(path)]
-    return subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=False)
+    return ran(*SEARCH, "--journal", path, before=before)
 
 
 def test_a_search_keeps_a_journal_in_the_users_data_folder(shell: Shell, tmp_path: Path) -> None:

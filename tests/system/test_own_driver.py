@@ -7,12 +7,11 @@ import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
-from tests.emulated import markerseek
+from tests.emulated import emulation, ran
 
 PLUGIN = Path(__file__).parents[2] / "examples" / "plugin"
 PAGE = Path(__file__).parents[2] / "docs" / "tutorials" / "own-stage.md"
@@ -53,41 +52,21 @@ def test_installed_drivers_are_found_by_their_names_and_a_receiver_finds_the_mar
     tables = '[laser]\ndriver = "simulated"\n[receiver]\ndriver = "simulated"\n'
     toy.write_text(f'kind = "bench"\n[stage]\ndriver = "toy"\nport = "{tmp_path}/none"\n{tables}')
     # Its keys are those of the class.
-    done = subprocess.run(
-        markerseek("doctor", "--rig", toy), env=installed, capture_output=True, text=True, check=False
-    )
+    done = ran("doctor", "--rig", toy, env=installed)
     refused = " ".join((done.stdout + done.stderr).split())
     assert "the key stage.zero_deg is missing; add it: toy needs it" in refused
-    bench, journal = tmp_path / "bench", tmp_path / "run.journal"
-    emulator = subprocess.Popen(
-        markerseek("emulate", "bench", "--dir", bench, "--seed", 3, "--pace", 0.05, "--receiver", "vantage"),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        rig, ends_s = bench / "rig.toml", time.monotonic() + 60
-        while not rig.exists():
-            assert time.monotonic() < ends_s
-            time.sleep(0.05)
-        text = rig.read_text(encoding="utf-8")
+    with emulation(tmp_path, "--receiver", "vantage", seed=3, pace=0.05) as devices:
+        text = devices.rig.read_text(encoding="utf-8")
         ours = re.sub(
             r'driver = "vantage"\nprobe = "\w+"\nport = (\d+)\nquiet_s = 0.5',
             r'driver = "toy-receiver"\nport = \1\nemulated = true',
             text,
         )
         assert ours != text
-        rig.write_text(ours, encoding="utf-8")
-        told = subprocess.run(
-            markerseek("search", "--rig", rig, "--arm", "--single", "--json", "--journal", journal),
-            env=installed,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    finally:
-        emulator.send_signal(2)
-        said = emulator.communicate()[1]
+        devices.rig.write_text(ours, encoding="utf-8")
+        words = ("--arm", "--single", "--json", "--journal", tmp_path / "run.journal")
+        told = ran("search", "--rig", devices.rig, *words, env=installed)
+        said = devices.ended()
     assert told.returncode == 0, told.stderr
     result = json.loads(told.stdout)
     assert result["answer"] == "found"

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from tests.emulated import markerseek
+from tests.emulated import markerseek, ran
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -73,26 +73,14 @@ def changed(lab: Path, name: str, old: str, new: str) -> None:
 def test_the_stage_of_the_page_passes_doctor_and_finds_the_marker(lab: Path) -> None:
     assert set(blocks()) == {"toy_stage.py", "toy_device.py", "rig.toml", "test_toy_stage.py"}
     with pretended(lab):
-        told = subprocess.run(
-            markerseek("doctor", "--rig", "rig.toml", "--json"),
-            cwd=lab,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        told = ran("doctor", "--rig", "rig.toml", "--json", cwd=lab)
         findings = {each["what"]: each for each in json.loads(told.stdout)["findings"]}
         assert findings["rig.toml"]["state"] == "ok", findings["rig.toml"]
         rules = findings["contract of stage toy_stage:Stage"]
         assert rules["state"] == "ok"
         assert "Its readback at rest is a finite number of degrees inside its limits" in rules["detail"]
         journal = lab / "run.journal"
-        searched = subprocess.run(
-            markerseek("search", "--rig", "rig.toml", "--arm", "--single", "--json", "--journal", journal),
-            cwd=lab,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        searched = ran("search", "--rig", "rig.toml", "--arm", "--single", "--json", "--journal", journal, cwd=lab)
         assert searched.returncode == 0, searched.stderr
         for said in (
             f"FOREIGN DRIVER of the stage: toy_stage:Stage, of {lab}/toy_stage.py; when the search dies, the",

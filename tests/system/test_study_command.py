@@ -1,4 +1,4 @@
-"""``markerseek study`` as a user types it, and stopped while its processes begin."""
+"""``markerseek study`` as a user types it, drawn, and stopped while its processes begin."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from markerseek import cli
+from tests.emulated import markerseek
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -32,6 +33,21 @@ as_published = true
 [curve]
 family = "sech"
 fwhm_deg = 12.0
+"""
+
+PICTURED = """
+version = 1
+trials = 2
+level = "frames"
+drawn = "everything"
+stay = true
+marks = [2, 4]
+[[policies]]
+method = "golden-section"
+acquisitions = 6
+as_published = true
+[rig]
+start_deg = -35.0
 """
 
 
@@ -100,11 +116,22 @@ def test_wrong_usage_ends_with_2_and_the_cure(
     assert message in " ".join(err.split())
 
 
+def test_a_study_is_drawn(tmp_path: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("one.toml").write_text(PICTURED, encoding="utf-8")
+    code, out, _ = shell("study", "one.toml", "--workers", 1, "--plot")
+    assert (code, "picture: out/one/error.png" in out) == (0, True)
+    assert "<svg" in Path("out/one/error.svg").read_text(encoding="utf-8")[:500]
+    assert Path("out/one/error.png").read_bytes().startswith(b"\x89PNG")
+    code, out, _ = shell("study", "one.toml", "--workers", 1, "--json")
+    (policy,) = json.loads(out)["policies"]
+    assert (code, policy["any_error_deg"]["count"], len(policy["marks_deg"])) == (0, 2, 2)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the processes of the study from /proc")
 def test_ctrl_c_ends_a_study_and_its_processes_with_one_sentence(study: Path, tmp_path: Path) -> None:
     """The signal goes to all processes, as from a terminal, while the workers are still importing."""
-    program = "from markerseek.cli import main; main()"
-    command = [sys.executable, "-c", program, "study", str(study), "--workers", "2", "--out", str(tmp_path / "out")]
+    command = markerseek("study", study, "--workers", 2, "--out", tmp_path / "out")
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
     # two workers, and the process in which multiprocessing tracks shared resources

@@ -1,7 +1,6 @@
 from .asked import OPTIONS, AskedSearch
-from .child import ChildRun, Outcome
+from .child import ChildRun, Outcome, Searches, SearchOptions
 from .followed import FollowedSession, RegistrationSource, open_registration
-from .searches import Searches, SearchOptions
 
 __all__ = [
     "OPTIONS",

@@ -1,13 +1,18 @@
-"""The Typer application with all commands, and the exit codes of expected errors."""
+"""The Typer application: all commands, their help, and the exit codes of expected errors.
+
+The help of a command has its examples before its options, the most used options first, and the others in panels.
+"""
 
 from __future__ import annotations
 
+import inspect
 import io
 import sys
 import warnings
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import typer
 
@@ -31,10 +36,9 @@ from markerseek.cli import (
     study,
     tooltip,
 )
-from markerseek.cli.help import add_command, arranged
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_error, print_warning
-from markerseek.core import ConfigError, MarkerseekError
+from markerseek.core import ConfigError, MarkerseekError, SearchPlan, SimulationOptions, options_of
 
 app = typer.Typer(
     name="markerseek",
@@ -47,18 +51,71 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-_COMMANDS: dict[str, dict[str, Any]] = {
-    "Search": {"search": search, "resume": resume, "page": page, "igtl": igtl, "ros2": ros2.app},
-    "Recordings": {"replay": replay, "frame": frame, "tooltip": tooltip, "bank": bank.app, "journal": journal.app},
-    "Rig and robot": {"doctor": doctor, "calibrate": calibrate, "register": register},
-    "Simulation and studies": {"emulate": emulate, "reproduce": reproduce, "study": study},
-}
-for panel, commands in _COMMANDS.items():
+
+
+_Commands: TypeAlias = dict[str, Callable[..., None] | typer.Typer]
+"""Commands by their names, and groups of commands."""
+
+
+def _add(app: typer.Typer, commands: _Commands, *, panel: str | None = None) -> None:
+    """Add commands; the help of one is its docstring, with the section of examples as command lines."""
     for name, command in commands.items():
         if isinstance(command, typer.Typer):
-            app.add_typer(command, rich_help_panel=panel)
-        else:
-            add_command(app, name, command.command, command.EXAMPLES, panel=panel)
+            app.add_typer(command, name=name, rich_help_panel=panel)
+            continue
+        text, _, examples = inspect.cleandoc(command.__doc__ or "").partition("\n\nExamples\n--------\n")
+        # Two spaces at the end break a line in Markdown.
+        lines = "  \n".join([f"{text}\n\nExamples:", *examples.splitlines()])
+        app.command(name=name, help=lines, rich_help_panel=panel)(command)
+
+
+def _group(help_text: str, commands: _Commands, **options: Any) -> typer.Typer:
+    """A command that has commands below it."""
+    group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode="markdown", **options)
+    _add(group, commands)
+    return group
+
+
+_ROS2 = _group(
+    "Run a search, a stage, an acquisition or a simulated rig as ROS 2 nodes. What follows `--ros-args` is for the "
+    "node: `--ros-args -r __ns:=/left`.",
+    {"search": ros2.search, "stage": ros2.stage, "acquire": ros2.acquire, "sim": ros2.sim},
+    cls=ros2.RosGroup,
+)
+_BANK = _group(
+    "Make, look at and convert banks: scans of many angles.",
+    {"scan": bank.scan, "info": bank.info, "import": bank.import_bank, "export": bank.export_bank},
+)
+_JOURNAL = _group(
+    "List, print, follow, check and compute again the journals of runs.",
+    {
+        "list": journal.list_journals,
+        "show": journal.show,
+        "follow": journal.follow,
+        "verify": journal.verify,
+        "replay": journal.replay,
+    },
+)
+_COMMANDS: dict[str, _Commands] = {
+    "Search": {
+        "search": search.command,
+        "resume": resume.command,
+        "page": page.command,
+        "igtl": igtl.command,
+        "ros2": _ROS2,
+    },
+    "Recordings": {
+        "replay": replay.command,
+        "frame": frame.command,
+        "tooltip": tooltip.command,
+        "bank": _BANK,
+        "journal": _JOURNAL,
+    },
+    "Rig and robot": {"doctor": doctor.command, "calibrate": calibrate.command, "register": register.command},
+    "Simulation and studies": {"emulate": emulate.command, "reproduce": reproduce.command, "study": study.command},
+}
+for _panel, _below in _COMMANDS.items():
+    _add(app, _below, panel=_panel)
 
 
 def _print_version(asked: bool) -> None:
@@ -79,7 +136,71 @@ def _top(
 @cache
 def _built() -> Any:
     """All commands, built once: it takes 40 ms, and a test runs many of them in one process."""
-    return arranged(typer.main.get_command(app))
+    return _arranged(typer.main.get_command(app))
+
+
+FIRST = (
+    *("--method", "--rig", "--arm", "--sweep", "--single", "--tolerance-mm", "--seed"),
+    # Of other commands than search.
+    *("--probe", "--number", "--angles", "--first-deg", "--step-deg", "--reference-deg", "--cameras", "--frames"),
+    *("--simulate", "--continue", "--once"),
+    *("--journal", "--plot", "--json"),
+)
+"""Options that most people need; they stand in the first panel of a command with many options, in this order."""
+
+PANELS = {
+    "Search": (*(each.flag for each in options_of(SearchPlan)), "--prior", "--compare", "--registration"),
+    "Rig": ("--wavelength-nm", "--pulse-energy-mj"),
+    "Session": ("--images", "--tre-mm", "--markers", "--again", "--record", "--wait-s"),
+    "Points": ("--target-mm", "--without", "--calibration-sigma-px"),
+    "Arrays and sequences": (
+        *("--axes", "--first-frame", "--without-channel", "--angle-field", "--sampling-mhz"),
+        "--face-radius-mm",
+    ),
+    "Images": ("--roi", "--pixel-mm"),
+    "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
+    "Simulation": (*(each.flag for each in options_of(SimulationOptions)),),
+    "Output": ("--out", "--force", "--no-journal", "--events"),
+}
+"""Panels of the other options; "More" has those that no panel names."""
+
+MANY = 10
+"""Number of options from which on a command has panels."""
+
+
+def _arranged(group: Any) -> Any:
+    """The group, with the options of all its commands in their panels."""
+    for command in _every_command(group):
+        options = [each for each in command.params if each.param_type_name == "option"]
+        for each in [*options, command.get_help_option(typer.Context(command))]:
+            if getattr(each, "is_flag", False):
+                # Not "<bool>": a flag takes no value.
+                each.metavar = ""
+        for each in command.params:
+            if each not in options:
+                each.metavar = each.metavar or each.name.upper()
+        if len(options) > MANY:
+            for each in options:
+                option = each.opts[-1]
+                each.rich_help_panel = None if option in FIRST else _PANEL_OF.get(option, "More")
+            command.params.sort(key=lambda each: _rank(each.opts[-1]))
+    return group
+
+
+def _every_command(command: Any) -> Iterator[Any]:
+    """A command, and all that it has below it where it is a group."""
+    yield command
+    for each in getattr(command, "commands", {}).values():
+        yield from _every_command(each)
+
+
+_PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
+
+
+def _rank(option: str) -> int:
+    """Place of an option in the help; arguments, and options of the later panels, keep their order."""
+    order = [*FIRST, *_PANEL_OF]
+    return order.index(option) if option in order else len(order) if option.startswith("--") else -1
 
 
 _UsageError: Any = typer.BadParameter.__bases__[0]

@@ -1,10 +1,14 @@
-"""``markerseek calibrate``: geometry, timing, sound speed and noise of a rig, from one scan of a point source."""
+"""``markerseek calibrate``: geometry, timing, sound speed and noise of a rig, from one scan of a point source.
+
+With ``--delay``: delay of the laser's stamps and backlash of the stage, from sweeps over a marker.
+"""
 
 from __future__ import annotations
 
 import math
 import statistics
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -15,21 +19,16 @@ from rich.table import Table
 from rich.text import Text
 
 from markerseek import rigs, runs, signals
-from markerseek.cli.direction import steadiness
+from markerseek.cli.doctor import steadiness
+from markerseek.cli.open_rig import arm_rig, open_rig
 from markerseek.cli.options import Arm, AsJson, ProbeName, RigFile
 from markerseek.cli.report import Output, Report, table, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar
-from markerseek.core import ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
+from markerseek.core import Asked, ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
 
 if TYPE_CHECKING:
     from markerseek.calibration import Fitted
     from markerseek.records.banks import FrameBank
-
-EXAMPLES = """
-    markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5
-    markerseek calibrate point.hdf5 --source-deg 12.5
-    markerseek calibrate --delay --rig examples/rigs/prm1z8-limits.toml
-"""
 
 
 NUMBERS = {
@@ -76,6 +75,12 @@ def command(
     Scan a small absorber (a black thread across the plane, a pencil lead) in water or gel, at angles well beyond both
     sides of the strongest. Then prove the sense of rotation with a second source: markerseek doctor --rig RIG.toml
     --source-deg ANGLE. The element height is fitted as well, because without it off-plane sound seems to arrive late.
+
+    Examples
+    --------
+    markerseek bank scan point.hdf5 --rig examples/rigs/simulated.toml --step-deg 0.5
+    markerseek calibrate point.hdf5 --source-deg 12.5
+    markerseek calibrate --delay --rig examples/rigs/prm1z8-limits.toml
     """
     from markerseek.records.banks import FrameBank
 
@@ -84,9 +89,8 @@ def command(
     if bank is None:
         if (probe, source_deg, zero_deg, direction, pickup_us) != (None, 0.0, 0.0, "forward", None):
             raise ConfigError("--delay takes --rig, --arm and --json; leave the options of a scan out")
-        from markerseek.cli.delay import measure_delay
 
-        measure_delay(rig, arm=arm, as_json=as_json)
+        _measure_delay(rig, arm=arm, as_json=as_json)
         return
     if rig is not None or arm:
         raise ConfigError("--rig and --arm belong to --delay; a scan names no rig")
@@ -204,3 +208,48 @@ def _row(title: str, scale: float, unit: str, number: Fitted) -> dict[str, str |
         "95 % interval": f"{low:.{digits}f} to {high:.{digits}f}",
         " ": unit,
     }
+
+
+def _measure_delay(rig: Path | None, *, arm: bool, as_json: bool) -> None:
+    """Sweep a rig there and back over one marker, and print the lines for its rig file."""
+    output = Output(as_json=as_json)
+    with open_rig(rig, sweeps=True) as (assembled, _):
+        run = runs.DelayRun(assembled)
+        announce_compilation()
+        arm_rig(assembled, file=rig, arm=arm, what="sweep", as_json=as_json)
+        with progress_bar(run.sweeps, what="sweeping there and back") as progress, closing(run.events()) as events:
+            for event in events:
+                if isinstance(event, Asked):
+                    progress.advance(progress.task_ids[0])
+    found = run.result()
+    rig_toml = _delay_toml(found)
+    output.show(
+        Report(
+            values=with_version(**asdict(found), rig_toml=rig_toml),
+            shown=[
+                table(_delay_rows(found), left=("", " ")),
+                f"[dim]from {found.ways} ways over the marker; ± is one standard deviation[/]\n",
+                "For the rig file of devices:\n",
+                escape(rig_toml),
+            ],
+        )
+    )
+
+
+def _delay_rows(found: runs.MeasuredDelay) -> list[dict[str, str]]:
+    names = (
+        ("delay from stamp to light", found.stamp_delay_s, found.stamp_delay_sigma_s, 1e3, "ms"),
+        ("backlash", found.backlash_deg, found.backlash_sigma_deg, 1.0, "°"),
+    )
+    return [
+        {"": name, "value": f"{scale * value:.3g}", "±": f"{scale * sigma:.2g}", " ": unit}
+        for name, value, sigma, scale, unit in names
+    ]
+
+
+def _delay_toml(found: runs.MeasuredDelay) -> str:
+    """Lines for the rig file of devices."""
+    return (
+        f"[laser]\nstamp_delay_s = {found.stamp_delay_s:.5f}\nstamp_delay_sigma_s = {found.stamp_delay_sigma_s:.5f}\n\n"
+        f"[stage]\nplay_deg = {found.backlash_deg:.3f}\n"
+    )

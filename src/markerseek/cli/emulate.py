@@ -22,15 +22,6 @@ from markerseek.files import quoted, replace_file
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek emulate bench --dir /tmp/bench\n\n"
-    "  markerseek emulate bench --dir /tmp/bench --seed 3 --pace 0.1\n\n"
-    "  markerseek emulate bench --dir /tmp/bench --receiver plus\n\n"
-    "  markerseek emulate bench --dir /tmp/bench --receiver vantage\n\n"
-    "  markerseek emulate bench --dir /tmp/bench --endoscope"
-)
-
 
 def command(
     _device: Annotated[
@@ -60,7 +51,16 @@ def command(
         typer.Option("--endoscope", help="Write images of a stereo endoscope too; typing moves the spot."),
     ] = False,
 ) -> None:
-    """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then print the true state."""
+    """Emulate a rig's devices on pseudo-terminals and in a folder, until Ctrl-C; then print the true state.
+
+    Examples
+    --------
+    markerseek emulate bench --dir /tmp/bench
+    markerseek emulate bench --dir /tmp/bench --seed 3 --pace 0.1
+    markerseek emulate bench --dir /tmp/bench --receiver plus
+    markerseek emulate bench --dir /tmp/bench --receiver vantage
+    markerseek emulate bench --dir /tmp/bench --endoscope
+    """
     import numpy as np
 
     require_range("--pace", pace, low=0.01, high=1)

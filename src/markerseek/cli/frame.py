@@ -30,13 +30,6 @@ from markerseek.files import quoted
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-EXAMPLES = """
-    markerseek frame waterbath_20170419-171121.mat --plot
-    markerseek frame frame.npy --probe examples/probes/linear-64.toml
-    markerseek frame scan.hdf5 --number 3 --json
-    markerseek frame pa.rf --plot
-"""
-
 
 def command(
     file: Annotated[
@@ -58,7 +51,15 @@ def command(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the sources in one frame of channel data, or say that there is none."""
+    """Find the sources in one frame of channel data, or say that there is none.
+
+    Examples
+    --------
+    markerseek frame waterbath_20170419-171121.mat --plot
+    markerseek frame frame.npy --probe examples/probes/linear-64.toml
+    markerseek frame scan.hdf5 --number 3 --json
+    markerseek frame pa.rf --plot
+    """
     from markerseek.records.banks import HDF5_SUFFIXES
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)

@@ -15,14 +15,6 @@ from markerseek.cli.signals import Stopped, heeded
 from markerseek.cli.terminal import printable
 from markerseek.core import ConfigError
 
-EXAMPLES = """
-    markerseek igtl
-    markerseek igtl --rig examples/rigs/bench.toml
-    markerseek igtl --registration registration.json
-    markerseek igtl --registration SESSION
-    markerseek igtl --host 192.0.2.10 --allow 192.0.2.7
-"""
-
 
 def command(
     rig: RigFile = None,
@@ -52,6 +44,14 @@ def command(
 
     A search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
     armed, each time; no message arms, resets or homes it.
+
+    Examples
+    --------
+    markerseek igtl
+    markerseek igtl --rig examples/rigs/bench.toml
+    markerseek igtl --registration registration.json
+    markerseek igtl --registration SESSION
+    markerseek igtl --host 192.0.2.10 --allow 192.0.2.7
     """
     # Not above: to import it takes 25 ms.
     import asyncio

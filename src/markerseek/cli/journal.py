@@ -15,7 +15,6 @@ import typer
 from rich.markup import escape
 
 from markerseek import runs
-from markerseek.cli.help import add_command
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, facts
 from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
@@ -41,6 +40,10 @@ def list_journals(
     """List the journals of a folder, the newest first, with local time, method, result, size, tissue and seed.
 
     Journals are never deleted: each is a file, and rm deletes it.
+
+    Examples
+    --------
+    markerseek journal list /data/runs --last 100 --json
     """
     from markerseek.records.journal import journals_folder, journals_in, size_bytes_of, summary
 
@@ -61,7 +64,12 @@ def list_journals(
 
 
 def show(journal: _File, as_json: AsJson = False) -> None:
-    """Print all entries; of a damaged journal those before the damage, then the error."""
+    """Print all entries; of a damaged journal those before the damage, then the error.
+
+    Examples
+    --------
+    markerseek journal show run.journal
+    """
     from markerseek.records.journal import run_state, salvage
 
     objects: list[dict[str, object]] = []
@@ -89,6 +97,10 @@ def follow(journal: _File) -> None:
     """Print each entry as a JSON line as soon as it is written, to the end of the run; the first has its configuration.
 
     A search never waits for this command, and no entry is lost, however slowly the lines are read.
+
+    Examples
+    --------
+    markerseek journal follow run.journal | jq 'select(.kind == "measured").body.sample'
     """
     from markerseek.records.journal import Configuration
     from markerseek.records.journal import follow as follow_journal
@@ -101,7 +113,12 @@ def follow(journal: _File) -> None:
 
 
 def verify(journal: _File, as_json: AsJson = False) -> None:
-    """Check that all entries can be read and agree with their checksums; exit code 1 if anything is wrong."""
+    """Check that all entries can be read and agree with their checksums; exit code 1 if anything is wrong.
+
+    Examples
+    --------
+    markerseek journal verify run.journal
+    """
     from markerseek.records.journal import salvage
 
     recorded, damage = salvage(journal, frames=False)
@@ -120,7 +137,12 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
 
 
 def replay(journal: _File, as_json: AsJson = False) -> None:
-    """Compute the answer again, from the samples and from the frames, and print both beside the recorded one."""
+    """Compute the answer again, from the samples and from the frames, and print both beside the recorded one.
+
+    Examples
+    --------
+    markerseek journal replay run.journal
+    """
     from markerseek.records import Answer
     from markerseek.records.journal import read_journal, run_state
 
@@ -191,20 +213,3 @@ def _local(begun: str) -> str:
     # The file may come from somebody else and hold any text.
     except (ValueError, OverflowError, OSError):
         return begun
-
-
-app = typer.Typer(
-    name="journal", help="List, print, follow, check and compute again the journals of runs.", no_args_is_help=True
-)
-for _name, _command, _example in (
-    ("list", list_journals, "markerseek journal list /data/runs --last 100 --json"),
-    ("show", show, "markerseek journal show run.journal"),
-    (
-        "follow",
-        follow,
-        "markerseek journal follow run.journal | jq 'select(.kind == \"measured\").body.sample'",
-    ),
-    ("verify", verify, "markerseek journal verify run.journal"),
-    ("replay", replay, "markerseek journal replay run.journal"),
-):
-    add_command(app, _name, _command, _example)

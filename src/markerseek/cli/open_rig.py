@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 from rich.markup import escape
@@ -18,6 +19,9 @@ from rich.markup import escape
 from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
 from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, SimulationOptions
+
+if TYPE_CHECKING:
+    from markerseek.sim import SimulatedSettings
 
 NOT_ARMED = 4
 """Exit code if the rig was not armed: nothing moved, nothing was fired."""
@@ -40,14 +44,13 @@ def open_rig(
     then streams its frames, and the gain of a simulated one leaves room for the noise of single pulses. Raises
     `DeviceError` if a device does not answer, or is not ready.
     """
-    from markerseek.sim import STREAMING, SimulatedSettings, with_options
+    from markerseek.sim import STREAMING
 
-    usual = STREAMING if sweeps else SimulatedSettings()
-    settings = usual if path is None else rigs.read_rig_file(path)
+    settings = None if path is None else rigs.read_rig_file(path)
     if sweeps and path is None:
         stderr.print(
-            f"[dim]simulated: a PRM1Z8 at its limits ({usual.stage.speed_deg_s:g} deg/s), and a receiver that streams "
-            f"{1 / usual.receiver.frame_period_s:g} frames a second[/]"
+            f"[dim]simulated: a PRM1Z8 at its limits ({STREAMING.stage.speed_deg_s:g} deg/s), and a receiver that "
+            f"streams {1 / STREAMING.receiver.frame_period_s:g} frames a second[/]"
         )
     if isinstance(settings, drivers.BenchSettings):
         if options.given():
@@ -58,11 +61,21 @@ def open_rig(
         with rigs.bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
-    settings = with_options(settings, options)
-    if sweeps:
-        settings = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
+    settings = simulated_settings(settings, options, sweeps=sweeps)
     seed = USUAL_SEED if options.seed is None else options.seed
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
+
+
+def simulated_settings(
+    settings: SimulatedSettings | None, options: SimulationOptions, *, sweeps: bool
+) -> SimulatedSettings:
+    """Settings of a simulated rig with a user's options; ``settings``: of its file, None for the defaults."""
+    from markerseek.sim import STREAMING, SimulatedSettings, with_options
+
+    usual = STREAMING if sweeps else SimulatedSettings()
+    chosen = with_options(usual if settings is None else settings, options)
+    single = sweeps or chosen.receiver.single_pulses
+    return replace(chosen, receiver=replace(chosen.receiver, single_pulses=single))
 
 
 def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float, stay: bool) -> None:

@@ -206,15 +206,13 @@ class TableOptions:
                     f"--columns is {self.columns!r}, two names or numbers with a comma are needed: ANGLE,INTENSITY"
                 )
             named = (angle, intensity)
-        first_and_step_deg = None
-        if self.first_deg is not None and self.step_deg is not None:
-            first_and_step_deg = (self.first_deg, self.step_deg)
+        stepped = None if self.first_deg is None or self.step_deg is None else (self.first_deg, self.step_deg)
         return TableFormat(
             columns=named,
             unit=self.unit,
             db=self.db,
             skip_invalid=self.skip_invalid,
-            first_and_step_deg=first_and_step_deg,
+            first_and_step_deg=stepped,
             angles_deg=None if self.angles is None else angles_in(self.angles),
             axes=None if self.axes is None else tuple(each.strip() for each in self.axes.split(",")),
             first_frame=self.first_frame,

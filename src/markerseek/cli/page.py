@@ -16,11 +16,6 @@ from markerseek.cli.options import RigFile
 from markerseek.cli.terminal import announce_compilation, stdout
 from markerseek.core import ConfigError
 
-EXAMPLES = """
-    markerseek page
-    markerseek page --rig examples/rigs/bench.toml
-"""
-
 
 def command(
     rig: RigFile = None,
@@ -52,6 +47,11 @@ def command(
     `markerseek search` as children, so that its results are those of the commands. A rig of devices is armed here in
     the terminal, never in the browser. When this program ends, or nobody has the page open for 5 seconds, a search that
     runs is stopped.
+
+    Examples
+    --------
+    markerseek page
+    markerseek page --rig examples/rigs/bench.toml
     """
     import webbrowser
 

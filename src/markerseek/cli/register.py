@@ -20,15 +20,6 @@ from markerseek.core import ConfigError, RecordError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-EXAMPLES = """
-    markerseek register --simulate --sweep --seed 1 --plot
-    markerseek register --rig rig.toml --cameras stereo.toml --images 'left right' --sweep
-    markerseek register examples/points.csv
-    markerseek register pixels.csv --cameras a.toml --journal a.journal --journal b.journal --journal c.journal
-    markerseek register --frames left right --cameras a.ini --journal a.journal --journal b.journal --journal c.journal
-"""
-
-
 SHOWN_SHARE = 0.7
 """An error shared by all points is printed if the points reduce its standard deviation to less than this share."""
 
@@ -113,6 +104,14 @@ def command(
     `markerseek igtl --registration` and `markerseek ros2 search --registration` read it. Exit code 3 if the points do
     not fit: their residuals are larger than their sigmas explain (a chi-squared test at 1e-3; without sigmas 1 mm is
     assumed), or a mirror image fits better.
+
+    Examples
+    --------
+    markerseek register --simulate --sweep --seed 1 --plot
+    markerseek register --rig rig.toml --cameras stereo.toml --images 'left right' --sweep
+    markerseek register examples/points.csv
+    markerseek register pixels.csv --cameras a.toml --journal a.journal --journal b.journal --journal c.journal
+    markerseek register --frames left right --cameras a.ini --journal a.journal --journal b.journal --journal c.journal
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)

@@ -6,22 +6,21 @@ import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.markup import escape
 
 from markerseek import drivers, registration, rigs
-from markerseek.cli.open_rig import arm_rig, open_rig, person
+from markerseek.cli.open_rig import arm_rig, open_rig, person, simulated_settings
 from markerseek.cli.options import Arm
 from markerseek.cli.report import file_line
-from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
+from markerseek.cli.signals import Heartbeat, StoppedBySignal, WatchOptions, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_warning, progress_bar, show_view, stderr
-from markerseek.cli.watched import Heartbeat, WatchOptions
 from markerseek.core import (
     ConfigError,
     MarkerseekError,
@@ -31,9 +30,6 @@ from markerseek.core import (
     require_pace,
     require_range,
 )
-
-if TYPE_CHECKING:
-    from markerseek.sim import SimulatedSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,8 +171,10 @@ def _room(
             if given:
                 raise ConfigError(f"{name} is for a rig of devices; the simulated rig has a simulated endoscope")
         announce_compilation()
+        simulation = SimulationOptions(readout_s=options.readout_s)
+        rig_settings = simulated_settings(settings, simulation, sweeps=options.sweep)
         yield registration.SimulatedRoom(
-            registration.SimulatedRoomSettings(rig=_simulated(options, settings), pace=options.pace), seed=options.seed
+            registration.SimulatedRoomSettings(rig=rig_settings, pace=options.pace), seed=options.seed
         )
         return
     if not cameras or options.images is None:
@@ -186,7 +184,7 @@ def _room(
     stereo = registration.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
     with (
         closing(drivers.open_stereo_images(options.images, left=stereo.left, right=stereo.right)) as images,
-        open_rig(options.rig, SimulationOptions(), sweeps=options.sweep) as (rig, _),
+        open_rig(options.rig, sweeps=options.sweep) as (rig, _),
     ):
         if rig.facts.face_radius_m is None:
             raise ConfigError(
@@ -195,16 +193,6 @@ def _room(
             )
         arm_rig(rig, file=options.rig, arm=options.arm, what="register", as_json=as_json)
         yield registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person(), wait_s=options.wait_s)
-
-
-def _simulated(options: SessionOptions, settings: SimulatedSettings | None) -> SimulatedSettings:
-    """Settings of the simulated rig."""
-    from markerseek.sim import STREAMING, SimulatedSettings, with_options
-
-    usual = STREAMING if options.sweep else SimulatedSettings()
-    chosen = with_options(usual if settings is None else settings, SimulationOptions(readout_s=options.readout_s))
-    single = options.sweep or chosen.receiver.single_pulses
-    return replace(chosen, receiver=replace(chosen.receiver, single_pulses=single))
 
 
 def _begun(room: registration.Room, plan: registration.SessionPlan, options: SessionOptions) -> registration.Begun:

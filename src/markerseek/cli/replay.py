@@ -10,19 +10,14 @@ import typer
 from markerseek import rigs, runs
 from markerseek.cli.options import AsJson, Out, ProbeName, Single, TableOptions, single_source, with_values
 from markerseek.cli.report import Output
+from markerseek.cli.signals import WatchOptions
 from markerseek.cli.terminal import announce_compilation, stderr
-from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ConfigError, SearchPlan
-
-EXAMPLES = """
-    markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot
-    markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad
-    markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5
-"""
 
 
 @with_values
 def command(
+    *,
     bank: Annotated[
         Path,
         typer.Argument(
@@ -42,8 +37,7 @@ def command(
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Write replay.png and replay.html into --out.")] = False,
     out: Out = None,
-    events: Events = None,
-    heartbeat: Heartbeat = None,
+    watch: WatchOptions,
     as_json: AsJson = False,
 ) -> None:
     """Find the marker in a recorded scan: the answer is from all its angles.
@@ -51,12 +45,16 @@ def command(
     Below it, for comparison, stands what a search by --method would have taken and said: it gets the data of the
     nearest recorded angle, as if the scan were a rig. With --as-published, the answer is that of the method itself, on
     intensities interpolated between recorded angles, as in the paper's offline analysis.
+
+    Examples
+    --------
+    markerseek replay examples/simulated_scan.csv --method posterior --reference-deg -8.25 --plot
+    markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad
+    markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5
     """
-    from markerseek.cli.session import run_new_session
-    from markerseek.cli.show_result import conclude
+    from markerseek.cli.session import conclude, run_new_session
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    watch = WatchOptions(events=events, heartbeat=heartbeat)
     form = table.format()
     announce_compilation()
     # Only the paper's form gets data that nobody recorded: its section 2.5 interpolates between angles.

@@ -21,13 +21,6 @@ from markerseek.core import ConfigError, counted
 if TYPE_CHECKING:
     from markerseek.studies.paper import Section
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek reproduce all --out paper\n\n"
-    "  markerseek reproduce fig5 --markers 200 --out paper\n\n"
-    "  markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg -8.25 --out mine"
-)
-
 
 def command(
     what: Annotated[str, typer.Argument(help="Figure or table, or all; an unknown name lists them all.")],
@@ -45,7 +38,14 @@ def command(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make the paper's figures and tables again, and one report with its numbers beside ours."""
+    """Make the paper's figures and tables again, and one report with its numbers beside ours.
+
+    Examples
+    --------
+    markerseek reproduce all --out paper
+    markerseek reproduce fig5 --markers 200 --out paper
+    markerseek reproduce fig6 --bank examples/simulated_scan.csv --reference-deg -8.25 --out mine
+    """
     from markerseek.studies import paper
 
     if bank is None and reference_deg is not None:

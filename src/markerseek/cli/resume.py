@@ -12,18 +12,12 @@ from markerseek import drivers, rigs, runs
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output
+from markerseek.cli.signals import Heartbeat, WatchOptions
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
-from markerseek.cli.watched import Heartbeat, WatchOptions
 from markerseek.core import ConfigError, counted
 
 if TYPE_CHECKING:
     from markerseek.records.journal import RecordedRun
-
-EXAMPLES = """
-    markerseek resume run.journal
-    markerseek resume run.journal --arm --json
-    markerseek resume run.journal --rig examples/rigs/bench.toml --arm
-"""
 
 
 def command(
@@ -48,8 +42,14 @@ def command(
     measured again. If it has changed by more than noise, the search says so and starts again. A simulated rig is made
     from the journal. For devices, --rig is needed: limits, budgets and start_command are taken from the rig file, never
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
+
+    Examples
+    --------
+    markerseek resume run.journal
+    markerseek resume run.journal --arm --json
+    markerseek resume run.journal --rig examples/rigs/bench.toml --arm
     """
-    from markerseek.cli.show_result import conclude
+    from markerseek.cli.session import conclude
     from markerseek.records.journal import read_journal, run_state, since_started
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
@@ -130,20 +130,12 @@ def _resume(
 
 def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> bool:
     """Print the state of the run, and ask on a terminal whether to continue; with --json nothing is asked."""
-    rig_file_needed = rig is None and recorded.configuration.facts.kind == "bench"
-    _print_state(recorded, as_json=as_json, rig_file_needed=rig_file_needed)
-    if as_json or rig_file_needed:
-        return False
-    name = recorded.configuration.facts.rig_name if rig is None else rig.name
-    return confirmed("Arm the laser and continue?", name=name)
-
-
-def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool) -> None:
-    """Print the state of the run, and how to continue."""
     from markerseek.cli.session import resume_command
     from markerseek.records.journal import run_state
 
     state = run_state(recorded.entries)
+    plan, facts = recorded.configuration.plan, recorded.configuration.facts
+    rig_file_needed = rig is None and facts.kind == "bench"
     if as_json:
         print_json(
             {
@@ -154,11 +146,12 @@ def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool)
                 "rig_file_needed": rig_file_needed,
             }
         )
-        return
+        return False
     kept = counted(state.acquisitions, "acquisition is", "acquisitions are")
-    plan, facts = recorded.configuration.plan, recorded.configuration.facts
     stdout.print(escape(f"{plan.method} on a {facts.rig_name}: {kept} kept, the strongest is measured again"))
     if rig_file_needed:
         cure = f"{resume_command(recorded.path, Path('RIG.toml'))} --arm"
         said = f"not armed: nothing moved and nothing was fired; the rig file is needed; continue with: {cure}"
         stdout.print(escape(said))
+        return False
+    return confirmed("Arm the laser and continue?", name=facts.rig_name if rig is None else rig.name)

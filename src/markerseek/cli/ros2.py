@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperGroup
 
-from markerseek import bridges, drivers, rigs
+from markerseek import bridges, drivers, rigs, ros
 from markerseek.bridges import ros2
-from markerseek.cli import ros2_devices
-from markerseek.cli.help import add_command
+from markerseek.cli.emulate import true_marker, world_text, write_rig_file
+from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.options import RigFile, with_values
-from markerseek.cli.ros2_devices import ros_node
 from markerseek.cli.signals import Stopped, noted_signals
-from markerseek.cli.terminal import print_json, stderr
-from markerseek.core import SearchPlan, SimulationOptions
+from markerseek.cli.terminal import print_json, stderr, stdout
+from markerseek.core import ConfigError, SearchPlan, SimulationOptions
+from markerseek.files import quoted
 from markerseek.ros import topics
 
-_SEARCH_EXAMPLES = """
-    markerseek ros2 search
-    markerseek ros2 search --registration SESSION
-    markerseek ros2 search --once --rig ros2-rig.toml --json
-"""
+if TYPE_CHECKING:
+    from markerseek.sim import SimulatedSettings
 
 
 @with_values
@@ -49,6 +48,12 @@ def search(
 
     The search is the ordinary command in a process of its own. A rig of devices asks on this terminal whether it may be
     armed, each time; no message arms it.
+
+    Examples
+    --------
+    markerseek ros2 search
+    markerseek ros2 search --registration SESSION
+    markerseek ros2 search --once --rig ros2-rig.toml --json
     """
     asked = bridges.AskedSearch(plan=plan, simulation=simulation)
     if rig is not None:
@@ -88,10 +93,11 @@ def _is_over_ros(rig: Path | None) -> bool:
     return isinstance(settings, drivers.BenchSettings) and isinstance(settings.stage, drivers.Ros2StageSettings)
 
 
-class _RosGroup(TyperGroup):
+class RosGroup(TyperGroup):
     """Keeps what follows ``--ros-args`` (until ``--``, or the end) for the node, as every program of ROS 2 does."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The arguments without those of the node, which are the object of the context."""
         own, ctx.obj = args, []
         if "--ros-args" in args:
             begin = args.index("--ros-args")
@@ -100,18 +106,166 @@ class _RosGroup(TyperGroup):
         return super().parse_args(ctx, own)
 
 
-app = typer.Typer(
-    name="ros2",
-    cls=_RosGroup,
-    help="Run a search, a stage, an acquisition or a simulated rig as ROS 2 nodes. What follows `--ros-args` is for "
-    "the node: `--ros-args -r __ns:=/left`.",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-)
-for _name, _command, _examples in (
-    ("search", search, _SEARCH_EXAMPLES),
-    ("stage", ros2_devices.stage, "markerseek ros2 stage --rig examples/rigs/bench.toml"),
-    ("acquire", ros2_devices.acquire, "markerseek ros2 acquire --rig examples/rigs/bench.toml"),
-    ("sim", ros2_devices.sim, ros2_devices.SIM_EXAMPLES),
-):
-    add_command(app, _name, _command, _examples)
+_STAGE, _ACQUISITION = ("trus_stage", topics.STATE), ("trus_acquisition", topics.ACQUIRED)
+"""Names of the two nodes, and a topic that only nodes of their kind publish."""
+
+
+@contextmanager
+def ros_node(
+    name: str,
+    *,
+    publishes: str,
+    arguments: Sequence[str],
+    network: ros.Network | None = None,
+) -> Iterator[ros.RosNode]:
+    """A node as of `markerseek.ros.RosNode`, if there is no second one that does the same work.
+
+    ``publishes``: topic that only nodes of this kind publish. ``arguments``: those of the user after ``--ros-args``.
+    """
+    if network is None:
+        network = ros.Network(arguments=arguments)
+        stderr.print(ros.reach(), markup=False)
+    with ros.RosNode(name, network=network) as node:
+        node.require_alone(publishes)
+        yield node
+
+
+def _serve_until_stopped(pump: ros2.MessagePump, *served: ros2.Served, ready: str) -> None:
+    """Serve the devices until a signal comes, then make them safe."""
+    pump.served = list(served)
+    stdout.print(ready)
+    sys.stdout.flush()
+    with noted_signals() as stopped:
+        try:
+            ros2.serve(served, until=lambda: bool(stopped))
+        except ros2.StepEnded:
+            # Between two steps there is nothing to interrupt.
+            pass
+        finally:
+            pump.served = []
+            for each in served:
+                each.close()
+
+
+_Bench = Annotated[Path, typer.Option(help="Rig file (TOML, kind bench) of the devices.")]
+_Arm = Annotated[bool, typer.Option("--arm", help="Arm the node without being asked on the terminal.")]
+
+
+def stage(ctx: typer.Context, rig: _Bench, arm: _Arm = False) -> None:
+    """Serve the stage of a rig to any client, under limits and a guard of its own.
+
+    Examples
+    --------
+    markerseek ros2 stage --rig examples/rigs/bench.toml
+    """
+    _serve_part("stage", rig, arm=arm, arguments=ctx.obj)
+
+
+def acquire(ctx: typer.Context, rig: _Bench, arm: _Arm = False) -> None:
+    """Serve laser and receiver of a rig: fire and record when asked, under budgets and a guard of its own.
+
+    Examples
+    --------
+    markerseek ros2 acquire --rig examples/rigs/bench.toml
+    """
+    _serve_part("acquisition", rig, arm=arm, arguments=ctx.obj)
+
+
+def _serve_part(
+    part: Literal["stage", "acquisition"],
+    rig: Path,
+    *,
+    arm: bool,
+    arguments: list[str],
+) -> None:
+    """Connect to one part of a bench, have it armed by a person here, and serve it until stopped."""
+    settings = rigs.read_rig_file(rig)
+    if not isinstance(settings, drivers.BenchSettings):
+        raise ConfigError(f"{rig}: its kind is simulated; serve it with: markerseek ros2 sim --rig {quoted(rig)}")
+    pump = ros2.MessagePump()
+    with ExitStack() as opened:
+        held = rigs.bench_part(settings, part, beat=pump)
+        opened.callback(held.devices.close)
+        stderr.print(held.description, markup=False)
+        print_permissions(settings)
+        # No message arms anything.
+        if not arm and not confirmed(f"Arm the {part} and let programs on this network use it?", name=rig.name):
+            raise typer.Exit(NOT_ARMED)
+        name, publishes = _STAGE if part == "stage" else _ACQUISITION
+        node = opened.enter_context(ros_node(name, publishes=publishes, arguments=arguments))
+        held.arm(by=person())
+        serving = ros2.Serving(node=node, guard=held.guard, by=person(), watchdog=held.devices.supervisor)
+        served: ros2.Served
+        if isinstance(held.part, tuple):
+            laser, receiver = held.part
+            served = ros2.AcquisitionNode(serving, laser=laser, receiver=receiver, clock=held.clock)
+        else:
+            served = ros2.StageNode(serving, stage=held.part)
+        _serve_until_stopped(pump, served, ready=f"the {part} is armed and served; Ctrl-C ends it")
+
+
+def sim(
+    ctx: typer.Context,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file (TOML, kind simulated); without one, its defaults.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1,
+    pace: Annotated[float, typer.Option(help="Real seconds per virtual second: 0 does not wait.")] = 0,
+    write_rig: Annotated[
+        Path | None, typer.Option(help="Write a rig file for `markerseek search --rig` that uses these nodes.")
+    ] = None,
+) -> None:
+    """Serve a simulated stage and acquisition in one simulated world, until Ctrl-C; nothing turns, and no light.
+
+    Examples
+    --------
+    markerseek ros2 sim --seed 3 --write-rig ros2-rig.toml
+    """
+    from markerseek.guard import Admission, FiringLimits, Guard
+
+    cure = "serve it with: markerseek ros2 stage, markerseek ros2 acquire"
+    settings = rigs.read_simulated(rig, cure=cure)
+    pump = ros2.MessagePump()
+    world = rigs.simulated(seed=seed, settings=settings, pace=pace, beat=pump)
+    if write_rig is not None:
+        write_rig_file(write_rig, _rig_text(settings))
+    served: list[ros2.Serving] = []
+    with ExitStack() as opened:
+        for name, topic in (_STAGE, _ACQUISITION):
+            network = served[0].node.network if served else None
+            made = ros_node(name, publishes=topic, arguments=ctx.obj, network=network)
+            # Nothing here emits light or turns, so that no person is needed.
+            guard = Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission())
+            guard.arm(by="a simulated rig")
+            node = opened.enter_context(made)
+            served.append(ros2.Serving(node=node, guard=guard, by="a simulated rig", simulated=True))
+        stage_serving, acquisition_serving = served
+        _serve_until_stopped(
+            pump,
+            ros2.StageNode(stage_serving, stage=world.stage),
+            ros2.AcquisitionNode(
+                acquisition_serving, laser=world.laser, receiver=world.receiver, clock=world.scanner.clock
+            ),
+            ready="simulated stage and acquisition are ready; nothing turns, and no light; Ctrl-C ends it",
+        )
+    stderr.print(true_marker(world.facts.truth_deg))
+
+
+def _rig_text(settings: SimulatedSettings) -> str:
+    """Text of a rig file for a search on the simulated nodes."""
+    return f"""# Simulated ROS 2 nodes (markerseek ros2 sim): no light, nothing turns.
+kind = "bench"
+
+[stage]
+driver = "ros2"
+
+[laser]
+driver = "ros2"
+pulses = {settings.laser.pulses}
+rate_hz = {settings.laser.rate_hz}
+
+[receiver]
+driver = "ros2"
+sampling_hz = {settings.receiver.sampling_hz}
+
+{world_text(settings)}"""

@@ -15,23 +15,14 @@ from markerseek import rigs, runs
 from markerseek.cli.open_rig import announce_sweeps, arm_rig, open_rig
 from markerseek.cli.options import Arm, AsJson, Out, RigFile, Single, single_source, with_values
 from markerseek.cli.report import Output, Report, drawn, table
+from markerseek.cli.signals import WatchOptions
 from markerseek.cli.terminal import announce_compilation
-from markerseek.cli.watched import Events, Heartbeat, WatchOptions
 from markerseek.core import ConfigError, SearchPlan, SimulationOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from markerseek.records import SearchResult
-
-EXAMPLES = """
-    markerseek search --seed 1 --plot
-    markerseek search --sweep --single --readout-s 0.05
-    markerseek search --method ternary --acquisitions 16 --as-published
-    markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
-    markerseek search --compare posterior,golden-section,ternary --plot
-    markerseek search --rig examples/rigs/bench.toml --arm
-"""
 
 
 @with_values
@@ -66,22 +57,28 @@ def command(
         bool, typer.Option("--plot", help="Write search.png and search.html into --out; of --compare compare.png.")
     ] = False,
     out: Out = None,
-    events: Events = None,
-    heartbeat: Heartbeat = None,
+    watch: WatchOptions,
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this search.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find the marker on a rig: rotate, fire, measure, decide; then rotate to it and confirm.
 
     In a result, ± is one standard deviation.
+
+    Examples
+    --------
+    markerseek search --seed 1 --plot
+    markerseek search --sweep --single --readout-s 0.05
+    markerseek search --method ternary --acquisitions 16 --as-published
+    markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
+    markerseek search --compare posterior,golden-section,ternary --plot
+    markerseek search --rig examples/rigs/bench.toml --arm
     """
-    from markerseek.cli.session import require_journal_options, run_new_session
-    from markerseek.cli.show_result import conclude
+    from markerseek.cli.session import conclude, require_journal_options, run_new_session
     from markerseek.search import require_plan
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    watch = WatchOptions(events=events, heartbeat=heartbeat)
     plan = replace(single_source(plan, single=single), prior=None if prior is None else runs.former_curve(prior))
     require_plan(plan)
     if compare is not None:
@@ -122,8 +119,7 @@ def _compare(
 
     ``methods``: names of the methods, with commas between them.
     """
-    from markerseek.cli.session import run_session
-    from markerseek.cli.show_result import FOUND, OTHER_ANSWER
+    from markerseek.cli.session import FOUND, OTHER_ANSWER, run_session
     from markerseek.search import method_named
 
     names = [name.strip() for name in methods.split(",")]

@@ -23,13 +23,6 @@ from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_json, stages_bar, stderr
 from markerseek.core import ConfigError, counted
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek study examples/studies/quick.toml\n\n"
-    "  markerseek study examples/studies/quick.toml --row 17 --json\n\n"
-    "  markerseek study STUDY.toml --workers 4 --out results"
-)
-
 
 def command(
     study: Annotated[Path, typer.Argument(help="Study file (TOML).")],
@@ -48,7 +41,14 @@ def command(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run a study, or continue one that was interrupted, and print its summary."""
+    """Run a study, or continue one that was interrupted, and print its summary.
+
+    Examples
+    --------
+    markerseek study examples/studies/quick.toml
+    markerseek study examples/studies/quick.toml --row 17 --json
+    markerseek study STUDY.toml --workers 4 --out results
+    """
     settings = studies.read_study(study)
     if row is not None:
         for name, value in {"out": out, "workers": workers, "plot": plot}.items():

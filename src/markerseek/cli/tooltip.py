@@ -27,14 +27,6 @@ if TYPE_CHECKING:
 
     from markerseek.records import ImageSeries
 
-EXAMPLES = (
-    "Examples:\n\n"
-    "  markerseek tooltip scan --step-deg 1 --plot\n\n"
-    "  markerseek tooltip scan --angles angles.csv --roi 120,80,60,70 --json\n\n"
-    "  markerseek tooltip scan.b8 --pixel-mm 0.12\n\n"
-    "  markerseek tooltip scan.igs.mha --angle-field ProbeRotation"
-)
-
 _PIXEL_MM = 0.1
 """Size of a pixel if neither the files nor the user state it."""
 
@@ -77,7 +69,15 @@ def command(
     out: Out = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen."""
+    """Find the tip of an instrument in B-mode images, and the range of angles in which it is seen.
+
+    Examples
+    --------
+    markerseek tooltip scan --step-deg 1 --plot
+    markerseek tooltip scan --angles angles.csv --roi 120,80,60,70 --json
+    markerseek tooltip scan.b8 --pixel-mm 0.12
+    markerseek tooltip scan.igs.mha --angle-field ProbeRotation
+    """
     import numpy as np
 
     from markerseek.records import read_image_sequence, read_images

@@ -1,7 +1,5 @@
 """Figures and HTML pages of searches, banks and frames. Matplotlib and Jinja2 are imported when they are needed."""
 
-from markerseek.pictures.bank_picture import bank_figure
-from markerseek.pictures.comparison import ComparedSearch, comparison_figure
 from markerseek.pictures.files import (
     PICTURE_SUFFIXES,
     new_picture,
@@ -10,9 +8,9 @@ from markerseek.pictures.files import (
     save_figure,
     write_page,
 )
-from markerseek.pictures.images import frame_figure
+from markerseek.pictures.images import bank_figure, frame_figure
 from markerseek.pictures.registration_picture import registration_figure
-from markerseek.pictures.search_picture import Curve, pictured_sample, search_figure
+from markerseek.pictures.search_picture import ComparedSearch, Curve, comparison_figure, pictured_sample, search_figure
 from markerseek.pictures.style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from markerseek.pictures.tip_picture import tip_figure
 

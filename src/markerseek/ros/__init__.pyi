@@ -1,7 +1,6 @@
 from . import messages, topics
-from .node import Network, RosNode
-from .stamps import MAX_AGE_S, MAX_AHEAD_S, StampedCommands, degrees, joint_angle_deg
-from .transport import reach, require_middleware
+from .messages import MAX_AGE_S, MAX_AHEAD_S, StampedCommands, degrees, joint_angle_deg
+from .node import Network, RosNode, reach, require_middleware
 
 __all__ = [
     "MAX_AGE_S",

@@ -1,26 +1,17 @@
-"""ROS 2 messages of a rig and of one acquisition, made and read."""
+"""ROS 2 messages of a rig and of one acquisition, made and read; which commands are accepted."""
 
 from __future__ import annotations
 
 import array
 import importlib
 import math
-from collections.abc import Mapping
 from functools import cache
 from typing import Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
 
-from markerseek.core import (
-    Float32,
-    Int16,
-    MissingExtraError,
-    PaImage,
-    ScanGeometry,
-    UInt8,
-    needs_package,
-)
+from markerseek.core import Float32, Int16, MissingExtraError, PaImage, ScanGeometry, UInt8, is_finite, needs_package
 from markerseek.geometry import RigidTransform
 
 JOINT = "trus_roll"
@@ -94,35 +85,18 @@ def joint_state(*, time_s: float, angle_deg: float) -> Any:
     )
 
 
-def transforms(
-    *,
-    time_s: float,
-    angle_deg: float,
-    images: Mapping[str, ScanGeometry],
-    face_radius_m: float | None,
-) -> list[Any]:
-    """Transforms of the probe in its home frame, and of images in the probe's frame if the face radius is known.
-
-    A list of geometry_msgs/TransformStamped; ``images`` names the frame of each image.
-    """
-    turned = _transform(time_s, (HOME, PROBE), quaternion=_turned(angle_deg), place_m=(0.0, 0.0, 0.0))
-    if face_radius_m is None:
-        return [turned]
-    places_m = {
-        frame: (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
-        for frame, geometry in images.items()
-    }
-    mounted = [
-        _transform(time_s, (PROBE, frame), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
-        for frame, place_m in places_m.items()
-    ]
-    return [turned, *mounted]
-
-
-def _turned(angle_deg: float) -> tuple[float, float, float, float]:
-    """Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w."""
+def turned(*, time_s: float, angle_deg: float) -> Any:
+    """Transform of the probe in its home frame, as a geometry_msgs/TransformStamped."""
+    # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
     half = math.radians(angle_deg) / 2
-    return 0.0, math.sin(half), 0.0, math.cos(half)
+    quaternion = (0.0, math.sin(half), 0.0, math.cos(half))
+    return _transform(time_s, (HOME, PROBE), quaternion=quaternion, place_m=(0.0, 0.0, 0.0))
+
+
+def mounted(geometry: ScanGeometry, *, time_s: float, face_radius_m: float) -> Any:
+    """Transform of an image in the frame of the probe, as a geometry_msgs/TransformStamped."""
+    place_m = (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
+    return _transform(time_s, (PROBE, IMAGE), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
 
 
 def registered(davinci_to_trus: RigidTransform | None, *, time_s: float, simulated: bool) -> Any:
@@ -311,3 +285,53 @@ def _transform(
         child_frame_id=child,
         transform=made("geometry_msgs/msg/Transform", translation=place, rotation=rotation),
     )
+
+
+MAX_AGE_S = 0.3
+"""Oldest command that is carried out, in seconds: one that waited on the network is not what is wanted now."""
+
+MAX_AHEAD_S = 0.05
+"""Most by which a stamp may lie in the future, in seconds: clocks of two computers differ by some milliseconds."""
+
+
+class StampedCommands:
+    """Accepts commands whose stamp is fresh and later than the last."""
+
+    def __init__(self) -> None:
+        self._last_ns = 0
+
+    def refusal(self, stamp_ns: int, *, now_s: float) -> str | None:
+        """Why a command is dropped; None if it is accepted.
+
+        ``stamp_ns``: its stamp in nanoseconds; 0 is none.
+        """
+        age_s = now_s - stamp_ns * 1e-9
+        if self._last_ns * 1e-9 > now_s + MAX_AHEAD_S:
+            # The clock was set back: what came before it says nothing of what is new.
+            self._last_ns = 0
+        if stamp_ns == 0:
+            return "it carries no stamp; set header.stamp to the time at which it is sent"
+        if age_s > MAX_AGE_S:
+            return f"it is {age_s:.2f} s old, at most {MAX_AGE_S} s are accepted"
+        if not age_s >= -MAX_AHEAD_S:
+            return f"it is stamped {-age_s:.2f} s ahead; compare the computers' clocks"
+        if stamp_ns <= self._last_ns:
+            return "its stamp is not later than that of the command before; it is a repetition"
+        self._last_ns = stamp_ns
+        return None
+
+
+def joint_angle_deg(message: Any) -> float | None:
+    """Angle in degrees of a JointState of the one joint; None if it holds anything else, or no finite number.
+
+    ``message``: a sensor_msgs/JointState; its name may be left out.
+    """
+    names = list(message.name)
+    if names not in ([], [JOINT]) or len(message.position) != 1 or not is_finite(message.position[0]):
+        return None
+    return degrees(message.position[0])
+
+
+def degrees(angle_rad: float) -> float:
+    """An angle in degrees, to 1e-9 degrees: the end of a range stays in the range on its way over radians."""
+    return round(math.degrees(angle_rad), 9)

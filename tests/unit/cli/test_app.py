@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -68,6 +69,9 @@ def test_the_traceback_is_shown_where_it_is_asked_for(
     assert "in run" in err
 
 
-def test_the_package_is_a_program() -> None:
-    done = subprocess.run([sys.executable, "-m", "markerseek", "--version"], capture_output=True, text=True, check=True)
+@pytest.mark.parametrize(
+    "program", [[Path(sys.executable).with_name("markerseek")], [sys.executable, "-m", "markerseek"]]
+)
+def test_the_installed_command_and_the_package_are_a_program(program: list[str | Path]) -> None:
+    done = subprocess.run([*program, "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"{cli.__version__}\n"

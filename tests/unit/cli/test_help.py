@@ -7,8 +7,7 @@ import sys
 
 import pytest
 
-from markerseek.cli.app import _built
-from markerseek.cli.help import FIRST, MANY, PANELS
+from markerseek.cli.app import FIRST, MANY, PANELS, _built
 
 
 def printed(*words: str) -> list[str]:

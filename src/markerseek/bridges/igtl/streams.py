@@ -21,8 +21,8 @@ import msgspec
 import numpy as np
 
 from markerseek.bridges.child import Outcome
-from markerseek.bridges.run_images import RunImages, since_fired_s
-from markerseek.core import Measured, Sample, ScanGeometry, UInt8
+from markerseek.bridges.followed import RunImages, since_fired_s
+from markerseek.core import Measured, Sample
 from markerseek.records.exports import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Configuration, JournalItem
 from markerseek.registration import KnownRegistration, RegistrationState
@@ -138,21 +138,14 @@ class Streams:
         return [replace(each, time_s=time_s) for each in [*streams, self._said()]]
 
     def _pictured(self, sample: Sample) -> list[Stream]:
-        """The image of an acquisition at its place, in shades of decibels."""
-        if self._images is None or (image := self._images.of(sample)) is None:
-            return []
-        shades = messages.grey(image.envelope, brightest=self._images.brightest)
-        return self._placed("PA_ProbeHome", shades, image.geometry, sample.angle_deg)
-
-    def _placed(
-        self, device: str, pixels: UInt8[np.ndarray, "rows columns"], geometry: ScanGeometry, angle_deg: float
-    ) -> list[Stream]:
-        """An image in ProbeHome; nothing if its place there is unknown."""
+        """The image of an acquisition in ProbeHome, in shades of decibels; nothing if its place there is unknown."""
+        image = None if self._images is None else self._images.of(sample)
         radius_m = None if self._view is None else self._view.facts.face_radius_m
-        if radius_m is None:
+        if image is None or self._images is None or radius_m is None:
             return []
-        matrix = probe_to_probe_home(angle_deg) @ image_to_probe(geometry, face_radius_m=radius_m)
-        return [Stream(device=device, content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
+        pixels = messages.grey(image.envelope, brightest=self._images.brightest)
+        matrix = probe_to_probe_home(sample.angle_deg) @ image_to_probe(image.geometry, face_radius_m=radius_m)
+        return [Stream(device="PA_ProbeHome", content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
 
     def ended(self, outcome: Outcome) -> list[Stream]:
         """The search has ended."""

@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from markerseek.bridges.asked import AnyAsked, AskedRegistration, AskedSearch
-from markerseek.bridges.page.children import ChildSearch
+from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.core import ConfigError, SimulationOptions
 from markerseek.records import with_minus

@@ -1,22 +1,185 @@
-"""What all viewers of the page share: the search and the registration, and what may be started now."""
+"""What the page starts: a search or a registration session as a child whose events become what is drawn.
+
+All viewers share both; only one runs at a time.
+"""
 
 from __future__ import annotations
 
+import shlex
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from markerseek.bridges.asked import AnyAsked, AskedSearch
-from markerseek.bridges.child import ChildRun
-from markerseek.bridges.page.children import ChildRegistration, ChildSearch
+from markerseek.bridges.child import ChildRun, FollowedChild, Outcome
+from markerseek.bridges.page.run_history import RunHistory
+from markerseek.bridges.page.session_state import SessionState
 from markerseek.core import Interval, SearchError
 from markerseek.drivers import BenchSettings
-from markerseek.records.journal import default_journal, make_folder
-from markerseek.registration import default_folder
+from markerseek.records.journal import Configuration, JournalItem, default_journal, follow, make_folder
+from markerseek.registration import CAMERA_IMAGES, SpotSeen, default_folder, follow_session
+from markerseek.runs import STOPPED, RunView, Verdict, verdict_of
 from markerseek.sim import SimulatedSettings
+
+SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
+"""What laser and stage do if the search was killed, and could not see to them itself."""
+
+
+class ChildSearch:
+    """A search, followed by a thread of its own until it ends.
+
+    ``asked``: what a person chose on the page. ``journal``: the journal of the command. ``goes_on``: the command that
+    continues it here; empty if a person must continue it in the terminal. ``simulated``: whether no hardware is
+    involved.
+    """
+
+    def __init__(
+        self,
+        child: ChildRun,
+        *,
+        asked: AnyAsked,
+        journal: Path,
+        goes_on: Sequence[str] = (),
+        simulated: bool = True,
+    ) -> None:
+        self.asked, self.journal, self.goes_on, self._simulated = asked, journal, goes_on, simulated
+        self.run: RunHistory | None = None
+        self.outcome: Outcome | None = None
+        """How it ended; None before."""
+        self._stopping = False
+        self._followed = FollowedChild(child, take=self._take, on_end=self._end)
+
+    @property
+    def _has_begun(self) -> bool:
+        return self.run is not None
+
+    @property
+    def message(self) -> str:
+        """One sentence on how it ended; empty before."""
+        return "" if self.outcome is None else self._end_of(self.outcome)
+
+    def _end_of(self, outcome: Outcome) -> str:
+        if outcome.stopped:
+            return STOPPED
+        # A search of devices that was killed could not see to laser and stage itself.
+        killed = outcome.failed and outcome.answer is None and not self._simulated
+        return outcome.message + (f"; {SUPERVISED_END}" if killed else "")
+
+    @property
+    def can_go_on(self) -> bool:
+        """Whether it was broken off, and can go on here."""
+        if self.outcome is None or self.outcome.answered or not self.goes_on or not self.journal.exists():
+            return False
+        return self.run is None or self.run.last.phase not in {"finished", "fault"}
+
+    @property
+    def next_step(self) -> str:
+        """What a person can do next; empty while it runs, but for devices that a person must arm."""
+        if self.outcome is None:
+            asks = not (self._simulated or self._has_begun or self._stopping)
+            return "answer in the terminal where the page was started" if asks else ""
+        if self.can_go_on:
+            return "Go on continues it; Start begins a new search"
+        if self._simulated or self.run is None:
+            return "Start begins a new search"
+        # As the terminal says it: a fault that the journal holds is reset by a person who has looked at the rig.
+        is_fault = self.run.last.phase == "fault"
+        resume = "once the fault is repaired, markerseek resume --reset-fault" if is_fault else "markerseek resume"
+        return f"Start begins a new search; {resume}, in the terminal, goes on with this one"
+
+    def verdict(self, view: RunView | None) -> Verdict:
+        """What it says in large letters; ``view``: the event that is shown."""
+        if self.outcome is None and (view is None or self._stopping):
+            word = "STOPPING" if self._stopping else "STARTING"
+            return Verdict(word=word, kind="busy", next_step=self.next_step)
+        if view is not None:
+            return verdict_of(view, next_step=self.next_step)
+        if self.outcome is not None and self.outcome.failed:
+            return Verdict(word="FAULT", kind="fault", problem=self.message, next_step=self.next_step)
+        word, _, reason = self.message.partition(": ")
+        return Verdict(word=word.upper(), kind="stopped", reason=reason, next_step=self.next_step)
+
+    def stop(self) -> None:
+        """Stop it; allowed at any time, also twice."""
+        self._stopping = True
+        self._followed.child.stop()
+
+    def end(self, timeout_s: float) -> None:
+        """Wait until it has ended, and kill it if it has not by then."""
+        if not self._followed.join(timeout_s):
+            self._followed.child.kill()
+
+    def _take(self, child: ChildRun) -> None:
+        """Take what the child writes, until it ends."""
+        self._add(child.items(), pictures=True)
+
+    def _add(self, items: Iterable[JournalItem], *, pictures: bool) -> None:
+        """Take the items of a search; ``pictures``: whether the images of its acquisitions are shown."""
+        for item in items:
+            if isinstance(item, Configuration):
+                self.run = RunHistory(item, pictures=pictures)
+            elif self.run is not None:
+                self.run.add(item.event, clock_s=item.clock_s)
+
+    def _end(self, outcome: Outcome) -> None:
+        if self.run is not None and not self.run.last.over:
+            self.run.cut_off(self._end_of(outcome), problem=outcome.message if outcome.failed else "")
+        self.outcome = outcome
+
+
+class ChildRegistration(ChildSearch):
+    """A session; its journal is the folder of its record, and its run the search that goes on, or the last one."""
+
+    state = SessionState()
+    """What its steps say together."""
+    images_ns = 0
+    """When the newest camera images were written; 0 before the first."""
+
+    @property
+    def _has_begun(self) -> bool:
+        return self.state.begun is not None
+
+    @property
+    def can_go_on(self) -> bool:
+        """Whether it was broken off after its beginning."""
+        return self.outcome is not None and self._has_begun and self.state.ended is None
+
+    @property
+    def next_step(self) -> str:
+        """What a person can do next; empty while it runs, but for devices that a person must arm."""
+        if self.outcome is None:
+            return super().next_step
+        if self.state.ended is not None and not self.outcome.failed:
+            return f"recorded in {self.journal}"
+        goes_on = f"markerseek {shlex.join(self.goes_on)}"
+        return f"Start begins a new session, Go on continues this one; in a terminal: {goes_on}"
+
+    @property
+    def said(self) -> Verdict:
+        """What the session says in large letters, and what a person has to do."""
+        goes_on = self.outcome is None and self._has_begun and not self._stopping
+        if goes_on or (self.outcome is not None and self.state.ended is not None and not self.outcome.failed):
+            return self.state.verdict(next_step=self.next_step)
+        return self.verdict(None)
+
+    def _take(self, child: ChildRun) -> None:
+        def is_searched() -> bool:
+            return not child.running or (self.run is not None and self.run.last.over)
+
+        folder = self.journal
+        for step in child.beating(follow_session(folder, is_over=lambda: not child.running, wait=child.wait)):
+            with suppress(FileNotFoundError):
+                # The right one is the last to be written.
+                self.images_ns = (folder / CAMERA_IMAGES[1]).stat().st_mtime_ns
+            self.state = self.state.add(step)
+            if isinstance(step, SpotSeen) and step.journal is not None:
+                self.run = None
+                search = follow(folder / step.journal, is_over=is_searched, wait=child.wait)
+                self._add(child.beating(search), pictures=False)
+
 
 END_S, DEVICES_END_S = 2.5, 10.0
 """Time for a search to end with the page, in seconds, on a simulated rig and on one of devices, which must stop too."""

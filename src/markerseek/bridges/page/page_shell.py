@@ -1,4 +1,4 @@
-"""What every page has: navigation, the banner that says what is simulated, STOP, and the beat."""
+"""What every page has: its own elements, navigation, the banner that says what is simulated, STOP, and the beat."""
 
 from __future__ import annotations
 
@@ -6,14 +6,51 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from nicegui import ui
+from nicegui.elements.mixins.text_element import TextElement
 from nicegui.events import GenericEventArguments
 
-from markerseek.bridges.page.elements import Heading, Heartbeat
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.core import MarkerseekError, listed
+
+
+class Slider(ui.slider):
+    """A slider that moves at once: if values came back from the server, the next key would start from an old one."""
+
+    LOOPBACK: bool | None = False
+
+
+class Heading(TextElement):
+    """A heading; ``level``: 1 for the page, 2 for a panel."""
+
+    def __init__(self, text: str, *, level: int) -> None:
+        super().__init__(tag=f"h{level}", text=text)
+
+
+class Drawn(ui.element):
+    """An element that the browser draws from values; each is sent only if it has changed."""
+
+    def show(self, **values: Any) -> None:
+        """Send other values."""
+        for name, value in values.items():
+            if self._props.get(name) != value:
+                self._props[name] = value
+
+
+class Fan(Drawn, component="static/fan.js"):
+    """The probe from its end, with the probability of the marker over the angle."""
+
+
+class Image(Drawn, component="static/image.js"):
+    """The photoacoustic image."""
+
+
+class Heartbeat(Drawn, component="static/beat.js"):
+    """Reports to the browser that the program lives; if no beat comes for a second, the browser says so."""
+
 
 TICK_S = 0.1
 """Time between two updates of one viewer, in seconds."""

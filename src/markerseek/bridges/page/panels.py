@@ -9,10 +9,8 @@ from html import escape
 
 from nicegui import ui
 
-from markerseek.bridges.page.elements import Fan, Heading, Image, Slider
-from markerseek.bridges.page.image_bytes import Picture
-from markerseek.bridges.page.models import fan_model, image_model, image_texts
-from markerseek.bridges.page.run_history import RunHistory, is_image_of
+from markerseek.bridges.page.page_shell import Fan, Heading, Image, Slider
+from markerseek.bridges.page.run_history import Picture, RunHistory, fan_model, image_model, image_texts, is_image_of
 from markerseek.core import Interval, RigFacts, SearchPlan
 from markerseek.runs import RunView, Verdict, curve_of, numbers_of
 

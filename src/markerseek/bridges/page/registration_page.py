@@ -6,9 +6,8 @@ from collections.abc import Mapping
 
 from nicegui import ui
 
-from markerseek.bridges.page.children import ChildRegistration
 from markerseek.bridges.page.controls import USUAL_REGISTRATION, RunControls
-from markerseek.bridges.page.page_searches import PageSearches
+from markerseek.bridges.page.page_searches import ChildRegistration, PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import RunCharts, VerdictPanel, add_legend, panel, show_hints
 from markerseek.bridges.page.session_state import SessionState, Side

@@ -1,18 +1,21 @@
-"""One run as all viewers see it: its views so far and its images."""
+"""One run as all viewers see it: its views so far and its images, and the plain values that their browsers are sent."""
 
 from __future__ import annotations
 
+import base64
 import gc
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import msgspec
 import numpy as np
 
-from markerseek.bridges.page.image_bytes import Picture, picture_of
-from markerseek.bridges.run_images import RunImages
-from markerseek.core import NO_HEADER, ChannelFrame, Measured, ReadingFrame, Sample
+from markerseek.bridges.followed import RunImages
+from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, ReadingFrame, Sample, UInt8
+from markerseek.records import with_minus
 from markerseek.records.journal import Configuration, JournalEvent
-from markerseek.runs import RunView
+from markerseek.ros import messages
+from markerseek.runs import RunView, mark_of, mean_deg, others_deg
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 
 SAME_ANGLE_DEG = 0.02
@@ -93,3 +96,128 @@ def warm_up() -> None:
     # in a command (decision 35). What has been loaded by now is passed over, so that this costs little.
     gc.freeze()
     gc.set_threshold(700)
+
+
+RANGE_DB = 40
+"""From the brightest level to black, in dB."""
+
+BRIGHT_SIGMAS = 100.0
+"""Brightest level over σ where the frame has nothing stronger: noise alone must look like noise."""
+
+MAX_ROWS = 200
+"""Rows of a photoacoustic image that is sent: a screen shows no more."""
+
+
+# eq=False: two images are compared often, and never equal unless they are the same.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Picture:
+    """The image of an acquisition as it is sent."""
+
+    angle_deg: float
+    """Angle of the probe, in degrees."""
+    intensity: float
+    """Intensity of the reading."""
+    drawn: dict[str, Any]
+    """What the browser draws: ``pixels``, levels from 0 to 255, row after row, base64, where level 0 is `RANGE_DB`
+    below the brightest, or less; numbers of ``rows`` and ``columns``; outer edges ``lateral_mm`` and ``depth_mm``."""
+    peak_mm: tuple[float, float] | None
+    """Lateral position and depth of the largest envelope; None if the reading has none."""
+
+
+def picture_of(sample: Sample, image: PaImage) -> Picture:
+    """The image of an acquisition as it is sent."""
+    reading = sample.reading
+    brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
+    together, geometry = _rows_together(image), image.geometry
+    pooled = replace(
+        geometry,
+        first_depth_m=geometry.position_m(row=(together - 1) / 2, column=0)[1],
+        depth_step_m=together * geometry.depth_step_m,
+    )
+    levels = pooled_levels(image, brightest=brightest)
+    rows, columns = levels.shape
+    left, right, bottom, top = pooled.edges_mm(rows, columns)
+    placed = reading.lateral_m is not None and reading.depth_m is not None
+    return Picture(
+        angle_deg=sample.angle_deg,
+        intensity=reading.intensity,
+        drawn={
+            "pixels": base64.b64encode(levels.tobytes()).decode("ascii"),
+            "rows": rows,
+            "columns": columns,
+            "lateral_mm": (left, right),
+            "depth_mm": (top, bottom),
+        },
+        peak_mm=(1e3 * (reading.lateral_m or 0.0), 1e3 * (reading.depth_m or 0.0)) if placed else None,
+    )
+
+
+def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
+    """Levels of an image; several rows become one that holds their largest value, so that peaks are kept.
+
+    ``brightest``: envelope of level 255, in the image's unit.
+    """
+    starts = np.arange(0, image.envelope.shape[0], _rows_together(image))
+    return messages.grey(np.maximum.reduceat(image.envelope, starts, axis=0), brightest=brightest, range_db=RANGE_DB)
+
+
+def _rows_together(image: PaImage) -> int:
+    """How many rows of an image become one."""
+    return int(-(-image.envelope.shape[0] // MAX_ROWS))
+
+
+def fan_model(view: RunView) -> dict[str, Any]:
+    """The fan: limits, density, acquisitions, needle, answer, and at the end the true or reference angle."""
+    belief, most = view.belief, view.strongest
+    return {
+        "low": view.facts.search.low_deg,
+        "high": view.facts.search.high_deg,
+        "probe": view.probe_deg,
+        "said": probe_text(view),
+        "target": view.target_deg,
+        "angles": belief.angles_deg if belief else (),
+        "density": belief.density_per_deg if belief else (),
+        "points": [
+            {
+                "deg": round(point.angle_deg, 3),
+                "share": round(point.intensity / most, 4) if most > 0 else 0.0,
+                "text": mark_of(point, view),
+                "role": point.role,
+            }
+            for point in view.points
+        ],
+        "mean": mean_deg(view),
+        "others": others_deg(view),
+        "interval": belief.interval95_deg if belief else None,
+        "bracket": belief.bracket_deg if belief else None,
+        "truth": view.facts.known_deg if view.phase == "finished" else None,
+        "choice_deg": belief.choice_deg if belief else (),
+        "choice_sigma": belief.choice_sigma_deg if belief else (),
+    }
+
+
+def probe_text(view: RunView) -> str:
+    """Where the probe is, and whether that was measured."""
+    if view.probe_deg is None:
+        return ""
+    if view.target_deg is not None:
+        return with_minus(f"expected, on its way to {view.target_deg:.2f}°")
+    # A move that was cut short has ended anywhere.
+    last = "last " if view.phase in {"stopped", "fault", "cut off", "checking"} else ""
+    return with_minus(f"{last}read back: {view.probe_deg:.2f}°")
+
+
+def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, Any]:
+    """The image, if there is one; its peak is marked only above the detection threshold, if that is known."""
+    if picture is None:
+        return {"pixels": ""}
+    peak = picture.peak_mm if floor is None or picture.intensity > floor else None
+    return picture.drawn | {"deg": picture.angle_deg, "peak": peak}
+
+
+def image_texts(picture: Picture | None, *, elsewhere: bool) -> tuple[str, str]:
+    """Title and note of the image: the angle of the probe, and what is drawn."""
+    if picture is None:
+        return "photoacoustic image", ""
+    title = with_minus(f"{'last image:' if elsewhere else 'image of'} {picture.angle_deg:.2f}°")
+    return title, f"photoacoustic, {RANGE_DB} dB; ring: its peak"

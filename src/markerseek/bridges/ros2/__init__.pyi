@@ -1,5 +1,5 @@
 from .acquisition_node import AcquisitionNode
-from .registration_topics import RegistrationTopics
+from .sample_topics import RegistrationTopics
 from .search_node import SearchNode
 from .serving import MessagePump, Served, Serving, StepEnded, serve
 from .stage_node import StageNode

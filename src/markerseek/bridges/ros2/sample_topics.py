@@ -1,12 +1,20 @@
-"""Publishes acquisitions: angle, transforms, images, intensity."""
+"""Publishes acquisitions (angle, transforms, images, intensity), and a registration.
+
+The registration of a file is published once, that of a session as long as it holds. What tf2 has received as static it
+keeps for ever, so that only the transform of a finished file is static. That of a session goes to ``/tf`` with the time
+of day, again and again: a lookup at the time of an image fails once it is withdrawn. Subscribers to the latched topics
+get a transform of NaN then, and a state that is not decided.
+"""
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
-from markerseek.bridges.run_images import RunImages, since_fired_s
+from markerseek.bridges.followed import RegistrationSource, RunImages, since_fired_s
 from markerseek.core import Measured
 from markerseek.records.journal import Configuration, Entry
+from markerseek.registration import KnownRegistration
 from markerseek.ros import RosNode, messages, topics
 from markerseek.runs import RunView
 
@@ -63,12 +71,11 @@ class SampleTopics:
         image = self._images.of(sample)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
-        images = {} if image is None else {messages.IMAGE: image.geometry}
-        turned = messages.transforms(
-            time_s=time_s, angle_deg=angle_deg, images=images, face_radius_m=view.facts.face_radius_m
-        )
-        # A stage node publishes itself how the probe is turned: then only the places of the images are left.
-        publish_frames(node, topics.FRAMES, turned if self._publishes_angle else turned[1:])
+        # A stage node publishes itself how the probe is turned: then only the place of the image is left.
+        frames = [messages.turned(time_s=time_s, angle_deg=angle_deg)] if self._publishes_angle else []
+        if image is not None and (radius_m := view.facts.face_radius_m) is not None:
+            frames.append(messages.mounted(image.geometry, time_s=time_s, face_radius_m=radius_m))
+        publish_frames(node, topics.FRAMES, frames)
         if image is not None:
             node.publish(topics.ENVELOPE, messages.envelope(image, time_s=time_s))
             picture = messages.picture(image, time_s=time_s, brightest=self._images.brightest)
@@ -82,7 +89,7 @@ class SampleTopics:
             "time_s": time_s,
             "pulses": None if sample.frame is None else sample.frame.header.pulses,
             # sensor_msgs/Image has no place for the distances of pixels, and neither has a transform.
-            "images": {name: geometry.grid for name, geometry in images.items()},
+            "images": {} if image is None else {messages.IMAGE: image.geometry.grid},
         }
         node.publish(topics.SAMPLE, messages.text(said))
         if not sample.dark:  # a dark frame has no intensity to be plotted
@@ -95,3 +102,43 @@ def publish_frames(node: RosNode, topic: str, transforms: list[Any]) -> None:
     together = kind == messages.FRAMES_KIND and bool(transforms)
     for message in [messages.made(kind, transforms=transforms)] if together else transforms:
         node.publish(topic, message)
+
+
+FRAME_S = 0.1
+"""Time from one transform of a session to the next on ``/tf``, in seconds."""
+
+
+class RegistrationTopics:
+    """The topics of a registration; the node must have advertised ``/tf``."""
+
+    def __init__(self, *, node: RosNode, source: RegistrationSource) -> None:
+        self._node, self._source = node, source
+        node.advertise(topics.REGISTRATION, "geometry_msgs/msg/TransformStamped", latched=True)
+        node.advertise(topics.REGISTRATION_STATE, "std_msgs/msg/String", latched=True)
+        self._state = source.state
+        self._known = self._state.registration
+        self._next_s = 0.0
+        if self._state.session is None and self._known is not None:
+            node.advertise(topics.STATIC_FRAMES, messages.frames_kind(), latched=True)
+            publish_frames(node, topics.STATIC_FRAMES, [self._message(self._known)])
+        if self._known is not None:
+            node.publish(topics.REGISTRATION, self._message(self._known))
+        node.publish(topics.REGISTRATION_STATE, messages.text(self._state.known))
+
+    def step(self) -> str | None:
+        """Publish what is due; returns a sentence where the state has changed."""
+        state, said = self._source.state, None
+        if state is not self._state:
+            self._state, said = state, state.sentence
+            if state.registration is not self._known:
+                self._known, self._next_s = state.registration, 0.0
+                self._node.publish(topics.REGISTRATION, self._message(self._known))
+            self._node.publish(topics.REGISTRATION_STATE, messages.text(state.known))
+        if state.session is not None and self._known is not None and time.monotonic() >= self._next_s:
+            self._next_s = time.monotonic() + FRAME_S
+            publish_frames(self._node, topics.FRAMES, [self._message(self._known)])
+        return said
+
+    def _message(self, known: KnownRegistration | None) -> object:
+        transform = None if known is None else known.davinci_to_trus
+        return messages.registered(transform, time_s=self._node.now_s(), simulated=self._state.simulated)

@@ -6,9 +6,8 @@ import queue
 from typing import Any
 
 from markerseek.bridges.asked import AskedSearch
-from markerseek.bridges.child import Outcome
+from markerseek.bridges.child import Outcome, Searches, SearchOptions
 from markerseek.bridges.ros2.sample_topics import SampleTopics
-from markerseek.bridges.searches import Searches, SearchOptions
 from markerseek.core import SearchError
 from markerseek.records.journal import Configuration, JournalItem
 from markerseek.ros import RosNode, messages, topics

@@ -53,10 +53,6 @@ class Served(ABC):
         """Carry out what was asked for, and publish what is due."""
 
     @abstractmethod
-    def stop(self) -> None:
-        """End what the device does; what was asked for and not begun is forgotten."""
-
-    @abstractmethod
     def _make_safe(self) -> None:
         """Stop the device, or switch it off; an error is a fault of the guard."""
 

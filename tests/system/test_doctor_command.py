@@ -1,4 +1,4 @@
-"""The check of the sense of rotation; the drivers' own is tested with them."""
+"""`markerseek doctor`: the installation, packages that are missing, and the sense of rotation of a rig."""
 
 from __future__ import annotations
 
@@ -9,10 +9,28 @@ from types import SimpleNamespace
 
 import pytest
 
-from markerseek.cli import direction, doctor
-from markerseek.cli.direction import verdict_of
+from markerseek.cli import doctor
+from markerseek.cli.doctor import verdict_of
 
 Shell = Callable[..., tuple[int, str, str]]
+
+
+def test_the_doctor_passes(shell: Shell) -> None:
+    code, out, _ = shell("doctor", "--json")
+    findings = json.loads(out)
+    assert (code, findings["ok"]) == (0, True)
+    searched = [finding["what"] for finding in findings["findings"] if finding["what"].startswith("simulated search")]
+    assert searched == ["simulated search, weighted-average", "simulated search, posterior"]
+
+
+def test_a_package_that_is_not_needed_is_called_optional(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(doctor, "EXTRAS", {"plot": ("no_such_package", "a picture")})
+    finding = doctor._packages()[-1]
+    assert (finding.state, finding.needed) == ("absent", False)
+    assert finding.detail == "not installed; a picture needs it: pip install 'markerseek[plot]'"
+    assert "optional" in doctor._STATES[finding.state, finding.needed]
 
 
 @pytest.mark.parametrize(
@@ -65,6 +83,6 @@ def test_a_source_needs_a_rig_and_an_angle_before_anything_is_searched(
 
 def test_a_light_meter_says_what_a_usual_pulse_is(monkeypatch: pytest.MonkeyPatch) -> None:
     meter = SimpleNamespace(usual=19_876.0)
-    monkeypatch.setattr(direction.drivers, "EnergyMeter", SimpleNamespace)
-    said = direction._usual_energy(SimpleNamespace(receiver=meter))
+    monkeypatch.setattr(doctor.drivers, "EnergyMeter", SimpleNamespace)
+    said = doctor._usual_energy(SimpleNamespace(receiver=meter))
     assert said == ", and its meter says 19880 of a usual pulse (laser.usual_energy)"

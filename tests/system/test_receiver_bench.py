@@ -1,4 +1,4 @@
-"""A rig with an emulated Vantage as its receiver, its frames sent by the real sender in GNU Octave, in real time."""
+"""A rig whose receiver is an emulated PLUS server or Vantage, or the real sender of a Vantage in GNU Octave."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from tests.emulated import emulation
 from tests.octave import NO_OCTAVE, has_octave_sockets
 
 pytestmark = pytest.mark.real_time
-pytest.importorskip("serial", reason="needs the extra devices")
+for needed in ("serial", "pyigtl"):
+    pytest.importorskip(needed, reason="needs the extras devices and igtl")
 
 Shell = Callable[..., tuple[int, str, str]]
 SEARCH = ("--method", "weighted-average", "--as-published", "--acquisitions", "8", "--no-journal", "--json")
@@ -24,13 +25,20 @@ SEARCH = ("--method", "weighted-average", "--as-published", "--acquisitions", "8
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    "by_octave",
-    [False, pytest.param(True, marks=pytest.mark.skipif(not has_octave_sockets(), reason=NO_OCTAVE))],
+    ("receiver", "by_octave"),
+    [
+        ("plus", False),
+        ("vantage", False),
+        pytest.param("vantage", True, marks=pytest.mark.skipif(not has_octave_sockets(), reason=NO_OCTAVE)),
+    ],
 )
-def test_a_search_over_a_vantage_finds_the_marker(shell: Shell, tmp_path: Path, by_octave: bool) -> None:
-    with emulation(tmp_path, "--receiver", "vantage", seed=3, pace=1) as devices:
+def test_a_search_over_a_receiver_finds_the_marker(
+    shell: Shell, tmp_path: Path, receiver: str, by_octave: bool
+) -> None:
+    with emulation(tmp_path, "--receiver", receiver, seed=3, pace=1) as devices:
         rig = devices.rig.read_text().replace("quiet_s = 0.5", "quiet_s = 0.2")
-        emulated_port = re.search(r"Vantage: sends to 127.0.0.1, port (\d+)", devices.said)[1]
+        said = "PLUS server: 127.0.0.1" if receiver == "plus" else "Vantage: sends to 127.0.0.1"
+        emulated_port = re.search(rf"{said}, port (\d+)", devices.said)[1]
         octave = None
         if by_octave:
             with socket.create_server(("127.0.0.1", 0)) as taken:

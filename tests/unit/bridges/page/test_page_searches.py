@@ -11,9 +11,8 @@ import pytest
 
 from markerseek import rigs
 from markerseek.bridges.child import Outcome
-from markerseek.bridges.page.children import ChildSearch
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
-from markerseek.bridges.page.page_searches import PageRig, PageSearches
+from markerseek.bridges.page.page_searches import ChildSearch, PageRig, PageSearches
 from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry, Interrupted
 from markerseek.rigs import read_rig_file

@@ -1,10 +1,9 @@
-"""A client's StopSearch while the probe of a bench turns and its laser fires."""
+"""A bench that a client starts: armed by what is typed after the question, and stopped while it turns and fires."""
 
 from __future__ import annotations
 
 import json
 import os
-import re
 import time
 
 import pytest
@@ -13,7 +12,7 @@ from markerseek.drivers import LaserBox, LaserBoxSettings, SerialPort, SystemClo
 from markerseek.drivers.kdc101 import AptLine
 from markerseek.wire import apt, igtl
 from tests.emulated import WORLD, emulation
-from tests.igtl.igtl_bridge import on_terminal
+from tests.igtl.igtl_bridge import OnTerminal
 from tests.igtl.igtl_client import IgtlClient
 
 pytestmark = pytest.mark.real_time
@@ -29,20 +28,28 @@ def said_by(message: igtl.Message) -> dict[str, object]:
     return json.loads(message.content.text) if is_said else {}
 
 
+def test_keys_typed_before_a_client_asks_arm_nothing_and_the_question_names_it(tmp_path) -> None:
+    with emulation(tmp_path) as devices:
+        with (
+            OnTerminal(devices.rig, typed=b"y\nrig.toml\n") as running,
+            IgtlClient(running.port) as client,
+        ):
+            address = client.socket.getsockname()
+            assert "SUCCESS" in client.ask('<Command Name="StartSearch" />')
+            running.until("name of the rig: ")
+            assert f"asked by: an OpenIGTLink client, {address[0]}:{address[1]}\n" in running.said
+            os.write(running.far, b"y\n")
+            client.until(lambda message: isinstance(message.content, igtl.Text) and "not armed" in message.content.text)
+        assert devices.end() == (0.0, 0.0, 0)
+
+
 @pytest.mark.long
 def test_a_sweep_is_stopped_by_a_command(tmp_path) -> None:
-    far, near = os.openpty()
     with emulation(tmp_path, seed=3, text=WORLD + "[receiver]\nsingle_pulses = true\n") as devices:
-        process = on_terminal(devices.rig, near)
-        assert process.stderr is not None
-        said = b""
-        while (found := re.search(rb"connect to 127\.0\.0\.1, port (\d+)", said)) is None:
-            said += os.read(process.stderr.fileno(), 4096)
-        with IgtlClient(int(found[1])) as client:
+        with OnTerminal(devices.rig) as running, IgtlClient(running.port) as client:
             assert "SUCCESS" in client.ask('<Command Name="StartSearch" Sweep="true" />')
-            while b"name of the rig: " not in said:
-                said += os.read(process.stderr.fileno(), 4096)
-            os.write(far, b"rig.toml\n")
+            running.until("name of the rig: ")
+            os.write(running.far, b"rig.toml\n")
             # It turns to the nearer end in 3.5 s, and sweeps from there for 6 s.
             client.until(lambda message: said_by(message).get("role") == "search")
             time.sleep(5.5)
@@ -62,8 +69,4 @@ def test_a_sweep_is_stopped_by_a_command(tmp_path) -> None:
             assert -35 < rest_deg < 20
             # Of the 140 that the permit allowed, and none after the stop.
             assert 0 < fired <= 100
-        process.terminate()
-        process.communicate(timeout=60)
         assert devices.end()[2] == fired
-    os.close(far)
-    os.close(near)

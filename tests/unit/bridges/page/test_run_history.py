@@ -1,7 +1,8 @@
-"""What the page shows of a run, compared with the result of the run itself."""
+"""What the page shows of a run, compared with the result of the run itself; its images, and where their pixels are."""
 
 from __future__ import annotations
 
+import base64
 from dataclasses import replace
 
 import msgspec
@@ -9,9 +10,19 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.page.models import fan_model, probe_text
-from markerseek.bridges.page.results import is_claimed
-from markerseek.bridges.page.run_history import RunHistory, is_image_of
+from markerseek.bridges.page.run_history import (
+    BRIGHT_SIGMAS,
+    RANGE_DB,
+    RunHistory,
+    fan_model,
+    image_model,
+    image_texts,
+    is_image_of,
+    picture_of,
+    pooled_levels,
+    probe_text,
+)
+from markerseek.bridges.page.search_page import is_claimed
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -25,6 +36,7 @@ from markerseek.core import (
     MoveError,
     NotFound,
     OtherSource,
+    PaImage,
     Refused,
     RigFacts,
     SearchPlan,
@@ -349,3 +361,51 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
     run.cut_off("killed", problem="killed")
     verdict = verdict_of(run.last, next_step="Start begins a new search")
     assert (verdict.word, verdict.problem, verdict.next_step) == ("FAULT", "killed", "Start begins a new search")
+
+
+def test_image_keeps_its_peak_and_noise_looks_like_noise():
+    rng = np.random.default_rng(1)
+    envelope = rng.rayleigh(1.0, (990, 12)).astype(np.float32)
+    envelope[517, 7] = 300.0
+    image = PaImage(envelope=envelope, lateral_m=np.linspace(-0.02, 0.02, 12), depth_m=np.linspace(0.004, 0.08, 990))
+    levels = pooled_levels(image, brightest=300.0)
+    assert levels.shape == (198, 12)
+    assert np.unravel_index(levels.argmax(), levels.shape) == (517 // 5, 7)
+    assert levels.max() == 255
+    # Brute force, pixel by pixel.
+    for row, column in ((0, 0), (100, 3), (197, 11)):
+        relative = envelope[5 * row : 5 * row + 5, column].max() / 300.0
+        expected = 255 * max(0.0, 1 + 20 * np.log10(relative) / RANGE_DB)
+        assert levels[row, column] == pytest.approx(expected, abs=0.5)
+    assert pooled_levels(image, brightest=BRIGHT_SIGMAS)[:50].max() < 255 * (
+        1 + 20 * np.log10(6 / BRIGHT_SIGMAS) / RANGE_DB
+    )
+
+
+def centre_mm(drawn, row, column):
+    """Lateral position and depth of a pixel's centre, from the edges between which the browser draws it."""
+    (left, right), (top, bottom) = drawn["lateral_mm"], drawn["depth_mm"]
+    return (
+        left + (right - left) * (column + 0.5) / drawn["columns"],
+        top + (bottom - top) * (row + 0.5) / drawn["rows"],
+    )
+
+
+def test_picture_of_a_simulated_frame_has_its_peak_where_the_reading_has_it():
+    rig = rigs.simulated(seed=1, marker_deg=2.0)
+    sample = rig.scanner.measure(2.0)
+    picture = picture_of(sample, rig.imaging.picture(sample.frame))
+    levels = np.frombuffer(base64.b64decode(picture.drawn["pixels"]), dtype=np.uint8)
+    lateral_mm, depth_mm = centre_mm(picture.drawn, *np.unravel_index(levels.argmax(), (198, 128)))
+    # A pixel is 0.43 mm wide and 0.39 mm deep; the reading has found the peak between its pixels.
+    assert (lateral_mm, depth_mm) == pytest.approx(picture.peak_mm, abs=0.25)
+    for elsewhere, title in (
+        (False, f"image of {sample.angle_deg:.2f}°"),
+        (True, f"last image: {sample.angle_deg:.2f}°"),
+    ):
+        assert image_texts(picture, elsewhere=elsewhere) == (title, "photoacoustic, 40 dB; ring: its peak")
+    assert image_model(picture, floor=None)["deg"] == sample.angle_deg
+    assert image_model(None, floor=None)["pixels"] == ""
+    # The largest envelope of noise is no marker.
+    below, above = (image_model(picture, floor=share * sample.reading.intensity) for share in (0.9, 1.0))
+    assert (below["peak"], above["peak"]) == (picture.peak_mm, None)
