@@ -14,8 +14,7 @@ from markerseek.files import open_input, read_input, read_toml, replace_file, re
 from markerseek.pictures import write_page
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.arrays import read_arrays
-from markerseek.records.banks.frames import load_frame
-from markerseek.records.banks.ultrasonix import open_ultrasonix
+from markerseek.records.banks.frames import load_frame, open_ultrasonix
 from markerseek.records.journal import read_journal
 from markerseek.studies import read_study
 

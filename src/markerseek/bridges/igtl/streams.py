@@ -23,7 +23,7 @@ import numpy as np
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.run_images import RunImages, since_fired_s
 from markerseek.core import Measured, Sample, ScanGeometry, UInt8
-from markerseek.records.exports import image_to_probe, probe_to_probe_home
+from markerseek.records.banks import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Configuration, JournalItem
 from markerseek.registration import KnownRegistration, RegistrationState
 from markerseek.ros import messages

@@ -22,6 +22,7 @@ import numpy as np
 from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Int16, RecordError
 from markerseek.files import as_read_error
 from markerseek.records.banks.bank import (
+    AXES,
     NUMERIC_FACTS,
     USUAL_SAMPLING_HZ,
     BankFacts,
@@ -30,8 +31,7 @@ from markerseek.records.banks.bank import (
     first_of,
     rising,
 )
-from markerseek.records.banks.counts import as_counts, scaling_of
-from markerseek.records.banks.layout import AXES, turned, without_channels_of
+from markerseek.records.banks.foreign_frames import as_counts, scaling_of, turned, without_channels_of
 from markerseek.records.banks.table import (
     DEFAULT_FORMAT,
     TableFormat,

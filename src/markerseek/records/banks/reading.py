@@ -13,8 +13,9 @@ from markerseek.files import as_read_error, quoted, require_input
 from markerseek.records.banks.arrays import bank_of_arrays, read_arrays
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank, record_of, without_channels
 from markerseek.records.banks.frames import read_folder
-from markerseek.records.banks.ipasc.fields import ANGLES, FRAMES
-from markerseek.records.banks.ipasc.reading import (
+from markerseek.records.banks.ipasc import (
+    ANGLES,
+    FRAMES,
     IpascBank,
     arrays_of_others,
     as_bank_error,

@@ -2,8 +2,8 @@
 
 An `ImageSequence` is the header; frames are read one at a time, so that memory is needed for one only. The angle of a
 frame is in a field in degrees, or in a transform, whose twist about one axis of its coordinates is taken: the axis that
-moves least. For ``ProbeToProbeHome`` this is y, and the angle is that of `markerseek.records.exports.sequence`; for
-``ProbeToStepperHome`` of PLUS it is z.
+moves least. For ``ProbeToProbeHome`` this is y, and the angle is that of `sequence_writer`; for ``ProbeToStepperHome``
+of PLUS it is z.
 
 The intensity of an image is its largest pixel, that of radio-frequency lines the largest value of their envelope. A
 machine has beamformed such lines: they are not channel data, so that their bank holds intensities.

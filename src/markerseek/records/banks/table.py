@@ -15,9 +15,16 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
-from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file
-from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, first_of, require_angles, unwrapped
-from markerseek.records.banks.layout import AXES
+from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, is_number, may_be_number, read_text, replace_file
+from markerseek.records.banks.bank import (
+    AXES,
+    MAX_DEG,
+    MIN_STEP_DEG,
+    IntensityBank,
+    first_of,
+    require_angles,
+    unwrapped,
+)
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
@@ -100,6 +107,18 @@ class TableFormat:
 
 DEFAULT_FORMAT = TableFormat()
 """The format of the tables that we write."""
+
+
+def angles_in(path: Path) -> tuple[float, ...]:
+    """Angles in degrees of a text file with one on each line, below a name or not; `RecordError` if it is none."""
+    cure = "write one angle in degrees on each line"
+    text = read_text(path, most_bytes=MIB, what="a list of angles", cure=cure, also=("cp1252",))
+    # A comma can only be the sign of the decimals.
+    texts = [line.strip().replace(",", ".").replace("\u2212", "-") for line in text.split("\n") if line.strip()]
+    try:
+        return tuple(float(text) for text in texts[1 if texts and not is_number(texts[0]) else 0 :])
+    except ValueError as problem:
+        raise RecordError(f"{path}: {problem}; {cure}") from problem
 
 
 def write_bank(bank: IntensityBank, path: Path) -> None:

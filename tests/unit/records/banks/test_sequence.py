@@ -15,10 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from markerseek.core import RecordError
 from markerseek.records import read_image_sequence
-from markerseek.records.banks import read_bank, read_sequence
+from markerseek.records.banks import read_bank, read_sequence, write_sequence
 from markerseek.records.banks.sequence import angles_of, open_sequence
-from markerseek.records.exports import write_sequence
-from tests.unit.records.exports.exported import ANGLES, FACTS, SERIES, TIMES, images
+from tests.unit.records.banks.exported import ANGLES, FACTS, SERIES, TIMES, images
 
 TURNED = (-10.0, -2.5, 0.0, 7.25, 20.0)
 AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.records.banks.ultrasonix import open_ultrasonix
+from markerseek.records.banks.frames import open_ultrasonix
 
 RNG = np.random.default_rng(3)
 CORNERS = (82, 5, 545, 5, 545, 448, 82, 448)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - the name that its users give it
 
-from markerseek.records.exports import write_sequence
-from markerseek.records.exports.sequence import (
+from markerseek.records.banks import write_sequence
+from markerseek.records.banks.sequence_writer import (
     IMAGE_ORIENTATION,
     image_to_probe,
 )
-from tests.unit.records.exports.exported import ANGLES, FACTS, SERIES, UNPLACED, images, place_mm
+from tests.unit.records.banks.exported import ANGLES, FACTS, SERIES, UNPLACED, images, place_mm
 
 
 @pytest.fixture

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import RecordError
-from markerseek.records.banks import FrameBank, read_bank
-from markerseek.records.banks.ipasc import whole_bank
-from markerseek.records.banks.ipasc.reading import read_probed
-from markerseek.records.banks.ipasc.writer import probe_poses
+from markerseek.records.banks import FrameBank, read_bank, whole_bank
+from markerseek.records.banks.ipasc import read_probed
+from markerseek.records.banks.ipasc_writer import probe_poses
 from tests.sizes import examples
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, counts, sample, write
 

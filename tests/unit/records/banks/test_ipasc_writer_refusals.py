@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from markerseek.core import ChannelFrame, ConfigError, RecordError
-from markerseek.records.banks import read_bank
-from markerseek.records.banks.ipasc import whole_bank
-from markerseek.records.banks.ipasc.reading import read_probed
+from markerseek.records.banks import read_bank, whole_bank
+from markerseek.records.banks.ipasc import read_probed
 from tests.unit.core.damaged import damaged
 from tests.unit.records.banks.synthetic_banks import FACTS, changed, counts, put, sample, write
 

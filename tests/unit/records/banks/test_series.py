@@ -9,9 +9,8 @@ import pytest
 import SimpleITK as sitk  # noqa: N813 - the name that its users give it
 
 from markerseek.core import PaImage, RecordError
-from markerseek.records.banks import FrameBank, IntensityBank, read_bank, write_bank
-from markerseek.records.exports import series_of, write_sequence
-from tests.unit.records.exports.exported import ANGLES, DEPTH, FACTS, LATERAL, SERIES, images
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank, series_of, write_bank, write_sequence
+from tests.unit.records.banks.exported import ANGLES, DEPTH, FACTS, LATERAL, SERIES, images
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,10 +13,9 @@ import pacfish
 import pytest
 
 from markerseek.core import Permit, RecordError
-from markerseek.records.banks import IntensityBank, read_bank
-from markerseek.records.banks.ipasc import whole_bank
-from markerseek.records.banks.ipasc.reading import IpascBank
-from markerseek.records.banks.ipasc.writer import DEVICE_IDENTIFIERS
+from markerseek.records.banks import IntensityBank, read_bank, whole_bank
+from markerseek.records.banks.ipasc import IpascBank
+from markerseek.records.banks.ipasc_writer import DEVICE_IDENTIFIERS
 from markerseek.records.replay import ReplayReceiver, ReplayStage
 from markerseek.signals.presets import PRESET_NAMES
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, counts, sample, write

@@ -12,8 +12,7 @@ import pacfish
 import pytest
 
 from markerseek.core import RecordError
-from markerseek.records.banks import BankFacts, FrameBank, read_bank
-from markerseek.records.banks.ipasc import whole_bank
+from markerseek.records.banks import BankFacts, FrameBank, read_bank, whole_bank
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample
 
 

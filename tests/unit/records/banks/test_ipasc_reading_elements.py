@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import RecordError
 from markerseek.records.banks import FrameBank
-from markerseek.records.banks.ipasc.reading import TOLERANCE, element_row, read_probed
+from markerseek.records.banks.ipasc import TOLERANCE, element_row, read_probed
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, changed, counts, write
 
 PITCH_M = FACTS.pitch_m
