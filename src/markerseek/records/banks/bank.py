@@ -102,6 +102,8 @@ class Bank:
     started_s: tuple[float, ...] = field(repr=False, default=())
     """When the acquisition at each angle began, in seconds on a clock that read 0 at `BankFacts.clock_zero_unix_s`; NaN
     where it is not known, empty if none is."""
+    dark_frames: int = 0
+    """Number of frames that were taken without laser; none of intensities."""
 
     def to_xarray(self) -> xr.Dataset:
         """The bank as a data set of xarray: ``intensity`` over ``angle_deg`` where it is known, and the facts.
@@ -127,18 +129,11 @@ class IntensityBank(Bank):
     intensities: tuple[float, ...] = field(repr=False)
     """Peak of the photoacoustic image at each angle."""
 
-    @property
-    def dark_frames(self) -> int:
-        """Number of frames that were taken without laser: none, as there are no frames."""
-        return 0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameBank(Bank, ABC):
     """One frame of channel data for each angle, read from disk on demand."""
 
-    dark_frames: int = 0
-    """Number of frames that were taken without laser."""
     pulses: tuple[int, ...] = field(repr=False, default=())
     """Laser pulses averaged at each angle; empty if it is not known."""
     energies: tuple[float, ...] = field(repr=False, default=())
@@ -222,10 +217,10 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
     inner = cut < rising.size - 1 and gaps[-1] >= 0
     if not inner or gaps[cut] <= 2 * np.sort(gaps)[-2]:
         if gaps[-1] <= np.diff(rising).max() + MIN_STEP_DEG:
-            warnings.warn(
-                f"{path}: the angles cover the full circle, and a marker near {rising[0]:g} or {rising[-1]:g} deg is "
+            warn(
+                path,
+                f"the angles cover the full circle, and a marker near {rising[0]:g} or {rising[-1]:g} deg is "
                 "seen at both ends; if it is there, leave out angles on the other side, so that a gap remains",
-                stacklevel=3,
             )
         return angles_deg
     last_deg, first_deg = rising[cut], rising[cut + 1]
@@ -235,11 +230,11 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
     # Rounded, because 359.9 - 360 has more digits than 359.9.
     turned = np.where(moved, np.round(angles_deg + turn_deg, 9), angles_deg)
     old, new = angles_deg[moved], turned[moved]
-    warnings.warn(
-        f"{path}: the angles jump by a full turn, so that {old.min():g} to {old.max():g} deg are read as "
+    warn(
+        path,
+        f"the angles jump by a full turn, so that {old.min():g} to {old.max():g} deg are read as "
         f"{new.min():g} to {new.max():g} deg; it runs from {np.nanmin(turned):g} to {np.nanmax(turned):g} deg, and "
         "all angles of the answer count so",
-        stacklevel=3,
     )
     return turned
 
@@ -248,6 +243,11 @@ def silenced(samples: np.ndarray, left_out: Sequence[int]) -> np.ndarray:
     """Samples of (…, channels, samples) with zeros in the channels that are left out, counted from 0."""
     chosen = np.isin(np.arange(samples.shape[-2]), left_out)
     return np.where(chosen[:, None], samples.dtype.type(0), samples) if chosen.any() else samples
+
+
+def warn(path: Path, message: str) -> None:
+    """Warn of what was assumed, changed or left out when a file was read."""
+    warnings.warn(f"{path}: {message}", stacklevel=4)
 
 
 def first_of(names: Sequence[str]) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +26,7 @@ from markerseek.records.banks.bank import (
     chosen_channels,
     rising,
     silenced,
+    warn,
 )
 from markerseek.records.banks.foreign_frames import (
     EXACT,
@@ -247,7 +247,7 @@ def _left_out(path: Path, places: list[Path], stated: tuple[int, ...]) -> tuple[
         broken = broken_channels(map(npy_samples, places), left_out)
         left_out |= broken
         if broken.any():
-            warnings.warn(f"{path}: {'; '.join(said_of_broken(broken))}", stacklevel=3)
+            warn(path, f"{'; '.join(said_of_broken(broken))}")
     return tuple(np.flatnonzero(left_out).tolist())
 
 

@@ -6,15 +6,15 @@ The names of its fields are the standard ones, and our own under ``meta_data``; 
 from __future__ import annotations
 
 import math
-import warnings
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
-from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced
+from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced, warn
 from markerseek.records.banks.table import amplitudes
 from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
 
@@ -50,6 +50,28 @@ SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
 WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
 DEVICE = "meta_data_device"
 DETECTORS = f"{DEVICE}/detectors"
+
+TEXTS = {
+    "description": DESCRIPTION,
+    "probe": PROBE,
+    "probe_settings": PROBE_SETTINGS,
+    "configuration": CONFIGURATION,
+    "made_with": MADE_WITH,
+}
+"""Fields of the facts that are texts."""
+
+NUMBERS = {
+    "sampling_hz": SAMPLING,
+    "first_sample_s": FIRST_SAMPLE,
+    "sound_speed_m_s": SOUND_SPEED,
+    "face_radius_m": FACE_RADIUS,
+    "reference_angle_deg": REFERENCE,
+    "clock_zero_unix_s": CLOCK_ZERO,
+}
+"""Fields of the facts that are numbers."""
+
+_RANGES = {SAMPLING: (1e5, 1e9), FIRST_SAMPLE: (0.0, 1e-3), SOUND_SPEED: (300.0, 7000.0), FACE_RADIUS: (0.0, 1.0)}
+"""Physical ranges of such numbers, in SI units."""
 
 # In digits: int() of a longer text takes time with the square of its length.
 _LONGEST_SEED = 100
@@ -160,44 +182,24 @@ def _read_facts(file: CheckedHdf5, *, pitch_m: float | None) -> BankFacts:
 
     Raises `ValueError` if a field does not hold what it should.
     """
-    simulated = file.number(SIMULATED)
-    return BankFacts(
-        description=file.text(DESCRIPTION) or "",
-        probe=file.text(PROBE),
-        probe_settings=file.text(PROBE_SETTINGS),
-        sampling_hz=_between(file, SAMPLING, 1e5, 1e9),
-        first_sample_s=_between(file, FIRST_SAMPLE, 0.0, 1e-3),
-        sound_speed_m_s=_between(file, SOUND_SPEED, 300.0, 7000.0),
-        pitch_m=pitch_m,
-        wavelength_m=_wavelength_m(file),
-        pulse_energy_j=_usual_energy_j(file),
-        face_radius_m=_between(file, FACE_RADIUS, 0.0, 1.0),
-        reference_angle_deg=file.number(REFERENCE),
-        clock_zero_unix_s=file.number(CLOCK_ZERO),
-        simulated=None if simulated is None else simulated != 0,
-        configuration=file.text(CONFIGURATION),
-        seed=_seed(file.text(SEED)),
-        made_with=file.text(MADE_WITH),
-    )
-
-
-def _wavelength_m(file: CheckedHdf5) -> float | None:
-    """The first wavelength in metres; some programs write nanometres."""
-    written = _first(file, WAVELENGTH)
-    return None if written is None else written * 1e-9 if written >= 1.0 else written
-
-
-def _seed(text: str | None) -> int | None:
-    return int(text) if text is not None and text.isdecimal() and len(text) <= _LONGEST_SEED else None
-
-
-def _between(file: CheckedHdf5, name: str, low: float, high: float) -> float | None:
-    """A number in SI units within its physical range; None if it is missing."""
-    value = file.number(name)
-    if value is not None and not low <= value <= high:
-        # A value far out is a flipped bit or a wrong unit, such as km/s.
-        raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
-    return value
+    known: dict[str, object] = {fact: file.text(name) for fact, name in TEXTS.items()}
+    for fact, name in NUMBERS.items():
+        known[fact] = value = file.number(name)
+        low, high = _RANGES.get(name, (-math.inf, math.inf))
+        if value is not None and not low <= value <= high:
+            # A value far out is a flipped bit or a wrong unit, such as km/s.
+            raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
+    simulated, seed, wavelength_m = file.number(SIMULATED), file.text(SEED), _first(file, WAVELENGTH)
+    known |= {
+        "description": known["description"] or "",
+        "pitch_m": pitch_m,
+        # Some programs write nanometres.
+        "wavelength_m": wavelength_m and wavelength_m * (1e-9 if wavelength_m >= 1.0 else 1.0),
+        "pulse_energy_j": _usual_energy_j(file),
+        "simulated": None if simulated is None else simulated != 0,
+        "seed": int(seed) if seed is not None and seed.isdecimal() and len(seed) <= _LONGEST_SEED else None,
+    }
+    return msgspec.convert(known, BankFacts)
 
 
 def _usual_energy_j(file: CheckedHdf5) -> float | None:
@@ -263,10 +265,10 @@ def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:
     if not known.size or np.ptp(known) == 0:
         return {"pulse_energy_j": known[0] if known.size else None}
     if joules.size != count:
-        warnings.warn(
-            f"{path}: {PULSE_ENERGY} holds {joules.size} energies for {count} measurements, and only their mean "
+        warn(
+            path,
+            f"{PULSE_ENERGY} holds {joules.size} energies for {count} measurements, and only their mean "
             "is used; give one for each",
-            stacklevel=4,
         )
     return {"pulse_energy_j": known.mean(), "energy": joules if joules.size == count else None}
 

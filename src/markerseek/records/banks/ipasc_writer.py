@@ -182,9 +182,9 @@ class BankWriter:
             "meta_data/dimensionality": "time and space",
             "meta_data/photoacoustic_imaging_device_reference": device,
             ipasc.SIZES: np.array([*shape, 1, len(angles_deg)]),
+            **{name: getattr(facts, fact) or None for fact, name in ipasc.TEXTS.items()},
+            **{name: getattr(facts, fact) for fact, name in ipasc.NUMBERS.items()},
             ipasc.SAMPLING: facts.sampling_hz if first is None else first.sampling_hz,
-            ipasc.FIRST_SAMPLE: facts.first_sample_s,
-            ipasc.SOUND_SPEED: facts.sound_speed_m_s,
             # PATATO does not open a file without this field: NaN where it is not known.
             ipasc.WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
             ipasc.PULSE_ENERGY: None
@@ -202,13 +202,7 @@ class BankWriter:
             ipasc.CLOCK_ZERO: math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s,
             ipasc.PULSES: np.array([each.pulses for each in headers], np.int64),
             ipasc.ENERGY: energies,
-            ipasc.REFERENCE: facts.reference_angle_deg,
-            ipasc.FACE_RADIUS: facts.face_radius_m,
-            ipasc.PROBE: facts.probe,
-            ipasc.PROBE_SETTINGS: facts.probe_settings,
-            ipasc.DESCRIPTION: facts.description or None,
             ipasc.SIMULATED: None if facts.simulated is None else int(facts.simulated),
-            ipasc.CONFIGURATION: facts.configuration,
             # As text: a seed may be larger than any number of HDF5.
             ipasc.SEED: None if facts.seed is None else str(facts.seed),
             ipasc.MADE_WITH: facts.made_with or f"markerseek {__version__}",

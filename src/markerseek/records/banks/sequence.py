@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,7 +25,7 @@ import numpy as np
 
 from markerseek.core import Float64, RecordError
 from markerseek.files import MIB, as_read_error, open_input, quoted
-from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, require_angles, unwrapped
+from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, require_angles, unwrapped, warn
 from markerseek.records.banks.table import amplitudes, averaged
 
 SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
@@ -222,8 +221,7 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
         else:
             kept[number] = values
     if left_out:
-        named = first_of(left_out)
-        warnings.warn(f"{path}: {len(left_out)} of {len(frames)} frames are left out: {named}", stacklevel=2)
+        warn(path, f"{len(left_out)} of {len(frames)} frames are left out: {first_of(left_out)}")
     if not kept:
         raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: --angle-field")
     stacked = np.stack(list(kept.values()))

@@ -6,7 +6,6 @@ import csv
 import math
 import re
 import shlex
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ from markerseek.records.banks.bank import (
     first_of,
     require_angles,
     unwrapped,
+    warn,
 )
 
 COLUMNS = ("angle_deg", "intensity")
@@ -168,7 +168,7 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
         energy, name = values[:, 2], rows.names[columns[2]]
         for index in np.flatnonzero(energy <= 0)[:1]:
             raise RecordError(f"{path}, line {kept[index]}: {name} is {energy[index]:g}, it must be positive")
-        warnings.warn(f"{path}: the intensities are divided by {name} over its mean", stacklevel=2)
+        warn(path, f"the intensities are divided by {name} over its mean")
         read = read * energy.mean() / energy
     unit = unit_of(path, table.unit, angle_name, values[:, 0])
     turned = unwrapped(path, in_degrees(values[:, 0], unit))
@@ -189,9 +189,9 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, ...]:
         first, second = (_column_index(path, rows, column) for column in table.columns)
         return first, second
     if not names and rows.width == 2:
-        warnings.warn(
-            f"{path}: its columns have no names; the first is taken as the angle, the second as the intensity",
-            stacklevel=3,
+        warn(
+            path,
+            "its columns have no names; the first is taken as the angle, the second as the intensity",
         )
         return 0, 1
     plain = _plain(names)
@@ -272,9 +272,9 @@ def amplitudes(
 def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
     """Say which rows were left out; ``what``: line, or number of an angle."""
     if names:
-        warnings.warn(
-            f"{path}: {len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}",
-            stacklevel=3,
+        warn(
+            path,
+            f"{len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}",
         )
 
 
@@ -340,7 +340,7 @@ def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray)
     if small and named is None:
         raise RecordError(f"{path}: {question} Say so: --unit rad, or --unit deg if they are degrees")
     if small and named == "deg":
-        warnings.warn(f"{path}: {question} They are taken as degrees (--unit rad, --unit deg)", stacklevel=3)
+        warn(path, f"{question} They are taken as degrees (--unit rad, --unit deg)")
     return named or "deg"
 
 
@@ -354,8 +354,8 @@ def averaged(
     if first.size == angles_deg.size:
         return angles_deg, values
     counts = np.diff(first, append=angles_deg.size)
-    warnings.warn(
-        f"{path}: {counted(int((counts > 1).sum()), 'repeated angle')}; the intensities of each are averaged",
-        stacklevel=3,
+    warn(
+        path,
+        f"{counted(int((counts > 1).sum()), 'repeated angle')}; the intensities of each are averaged",
     )
     return angles_deg[first], np.add.reduceat(values, first, axis=0) / counts[:, None]

@@ -207,7 +207,8 @@ class EntryReader:
         whole = len(data) == size and (not size or data[-1:] == b"\n")
         if size and not (whole and f"{zlib.crc32(data[:-1]):08x}" == found.block_crc):
             # A loss of power can leave the end of the last entry missing, or zero.
-            if len(data) < size or (data[-1:] == b"\0" and self._is_last(self.end + len(line) + size)):
+            is_last = os.fstat(self.descriptor).st_size <= self.end + len(line) + size
+            if len(data) < size or (data[-1:] == b"\0" and is_last):
                 return None
             self._require_changed(line, "its frame does not agree with its checksum")
             return None
@@ -242,9 +243,6 @@ class EntryReader:
     def _agrees(line: bytes) -> bool:
         """Whether a line agrees with its checksum."""
         return line[:_PREFIX_BYTES] == MAGIC + b'%08x",' % zlib.crc32(line[_PREFIX_BYTES:])
-
-    def _is_last(self, end: int) -> bool:
-        return os.fstat(self.descriptor).st_size <= end
 
     def _require_changed(self, line: bytes, reason: str) -> None:
         """`RecordError`, unless the writer has cut an unfinished entry off and writes another in its place."""

@@ -1,4 +1,4 @@
-"""IPASC HDF5 banks: round trips, also by pacfish."""
+"""Writing banks in IPASC HDF5: round trips, also by pacfish; whole or absent; what no bank can hold is refused."""
 
 from __future__ import annotations
 
@@ -11,14 +11,19 @@ import h5py
 import numpy as np
 import pacfish
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from markerseek.core import Permit, RecordError
-from markerseek.records.banks import IntensityBank, read_bank, whole_bank
-from markerseek.records.banks.ipasc import IpascBank
-from markerseek.records.banks.ipasc_writer import DEVICE_IDENTIFIERS
+from markerseek.core import ChannelFrame, ConfigError, Permit, RecordError
+from markerseek.records.banks import FrameBank, IntensityBank, read_bank, whole_bank
+from markerseek.records.banks.ipasc import IpascBank, read_probed
+from markerseek.records.banks.ipasc_writer import DEVICE_IDENTIFIERS, probe_poses
 from markerseek.records.replay import ReplayReceiver, ReplayStage
 from markerseek.signals.presets import PRESET_NAMES
-from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, counts, sample, write
+from tests.sizes import examples
+from tests.unit.core.damaged import damaged
+from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, changed, counts, put, sample, write
 
 
 def test_what_was_written_comes_back_in_the_order_of_the_angles(tmp_path):
@@ -142,3 +147,209 @@ def test_a_bank_of_intensities_has_no_frames(tmp_path):
     data = pacfish.load_data(str(tmp_path / "a.hdf5"))
     assert (data.binary_time_series_data.size, data.get_number_of_detectors()) == (0, 0)
     assert data.get_detector_position() is None
+
+
+def every_frame(bank):
+    if isinstance(bank, FrameBank):
+        for index in range(len(bank.angles_deg)):
+            bank.frame(index)
+        for index in range(bank.dark_frames):
+            bank.dark_frame(index)
+
+
+@settings(max_examples=examples(30))
+@given(seed=st.sampled_from((0, 1, 2, 3, 8, 9)), first=st.integers(0, 795), flips=st.binary(min_size=1, max_size=2))
+def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, seed, first, flips):
+    path = write(tmp_path_factory.mktemp("a") / "a.hdf5")
+    raw = bytearray(path.read_bytes())
+    start = raw.find(counts(seed).tobytes())
+    assert start > 0
+    if not any(flips):
+        return
+    # In one word at the most: sums of Fletcher cannot tell 0 from 65535 in a word.
+    place = start + (first // 2) * 2
+    before = bytes(raw[place : place + 2])
+    for offset, bits in enumerate(flips):
+        raw[place + offset] ^= bits
+    if {before, bytes(raw[place : place + 2])} == {b"\0\0", b"\xff\xff"}:
+        return
+    path.write_bytes(raw)
+    bank = read_probed(path)
+    what = f"dark frame {seed - 7}" if seed >= 8 else f"frame at {ANGLES[seed]:g} deg"
+    with pytest.raises(
+        RecordError,
+        match=f"no {what} that can be read: .*; it has changed since it was written",
+    ):
+        every_frame(bank)
+
+
+@given(
+    angles=st.tuples(*[st.floats(-360, 360)] * 2),
+    radius_m=st.floats(1e-3, 0.1),
+    point_m=st.tuples(*[st.floats(-0.1, 0.1)] * 3),
+)
+def test_a_pose_moves_points_as_the_probe_turns(angles, radius_m, point_m):
+    """A point of the array's own coordinates, at both angles, in the TRUS home frame: turned about y by SciPy."""
+    angle_deg, first_deg = angles
+    pose = probe_poses((first_deg, angle_deg), radius_m)[1]
+    moved_m = Rotation.from_euler("xyz", pose[3:]).apply(point_m) + pose[:3]
+
+    def home_m(of_array_m, at_deg):
+        along_m, across_m, out_m = of_array_m
+        return Rotation.from_euler("y", at_deg, degrees=True).apply((-across_m, along_m, radius_m + out_m))
+
+    np.testing.assert_allclose(home_m(moved_m, first_deg), home_m(point_m, angle_deg), atol=1e-15)
+
+
+def test_poses_are_those_of_the_rows_and_there_where_the_radius_is_known(tmp_path):
+    path = write(tmp_path / "a.hdf5", taken=3)
+    poses = pacfish.load_data(str(path)).get_measurement_spatial_poses()
+    turned = np.radians(ANGLES[0] - np.array(ANGLES[:3]))
+    np.testing.assert_allclose(poses[:, 3], -turned)
+    np.testing.assert_allclose(poses[:, 1], 10e-3 * np.sin(turned))
+    np.testing.assert_allclose(poses[:, 2], 10e-3 * (np.cos(turned) - 1), atol=1e-18)
+    assert not poses[:, (0, 4, 5)].any()
+    path = write(tmp_path / "b.hdf5", facts=replace(FACTS, face_radius_m=None))
+    assert pacfish.load_data(str(path)).get_measurement_spatial_poses() is None
+
+
+def imported(path, *, then=lambda: None):
+    with whole_bank(path, facts=FACTS) as writer:
+        for angle in (1.0, 2.0, 3.0):
+            writer.add(sample(angle))
+        then()
+
+
+def test_an_import_that_fails_leaves_nothing_and_can_be_made_again(tmp_path):
+    path = tmp_path / "new" / "a.hdf5"
+    path.parent.mkdir()
+    during = []
+
+    def fail():
+        during.extend(each.name for each in path.parent.iterdir())
+        raise RecordError("gone")
+
+    with pytest.raises(RecordError, match="gone"):
+        imported(path, then=fail)
+    assert [each.startswith(".a.hdf5.") for each in during] == [True]
+    assert list(path.parent.iterdir()) == []
+    imported(path)
+    assert list(path.parent.iterdir()) == [path]
+    assert read_bank(path).angles_deg == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("call", ["h5py.File", "h5py.File.close", "os.fsync", "os.link"])
+def test_a_disk_that_fails_at_any_step_is_reported_as_one(tmp_path, monkeypatch, call):
+    made = h5py.File.close
+
+    def full(*names, **_modes):
+        if call == "h5py.File.close":
+            made(*names)
+        raise OSError(28, "No space left on device")
+
+    if call == "os.link":
+        # A disk without hard links is no fault: only what replaces them is.
+        monkeypatch.setattr("pathlib.Path.replace", full)
+    monkeypatch.setattr(call, full)
+    with pytest.raises(
+        RecordError, match=r"a\.hdf5: the bank cannot be written: .*No space left on device; nothing was"
+    ):
+        imported(tmp_path / "a.hdf5")
+    monkeypatch.undo()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda file: file.pop("meta_data/trus_angle_deg"), "trus_angle_deg is missing"),
+        (put("meta_data/trus_angle_deg", np.zeros(4)), "0 deg appears twice"),
+        (put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, np.inf])), "inf deg, it must be finite"),
+        (
+            put("meta_data/trus_angle_deg", np.array([1.0, 2.0, 3.0, 4e9])),
+            "4e.09 deg, it must be finite and within one turn",
+        ),
+        (put("meta_data/trus_angle_deg", "many"), "numbers are expected"),
+        (put("meta_data/intensity", np.array([1.0, 2.0, 3.0])), "intensity holds 3 numbers for 4 angles"),
+        (put("meta_data/intensity", np.array([1.0, 2.0, 3.0, -4.0])), "negative"),
+        (put("binary_time_series_data", np.zeros((8, 50, 2, 4), np.int16)), "one wavelength"),
+        (put("meta_data/ad_sampling_rate", -1.0), "it must lie between 100000"),
+    ],
+)
+def test_a_bank_with_a_fault_is_refused(tmp_path, change, message):
+    with pytest.raises(RecordError, match=message):
+        read_probed(changed(write(tmp_path / "a.hdf5"), change))
+
+
+def of_another_program(path, frames):
+    """The same bank without what says that it is ours."""
+
+    def change(file):
+        del file["meta_data/markerseek_bank_version"]
+        put("binary_time_series_data", frames)(file)
+
+    return changed(write(path), change)
+
+
+def test_frames_that_are_no_counts_are_refused(tmp_path):
+    value = np.full((8, 50, 1, 4), np.nan)
+    with pytest.raises(RecordError, match="4 of 4 angles hold a number that is not finite"):
+        read_bank(of_another_program(tmp_path / "a.hdf5", value))
+    with pytest.raises(RecordError, match="int16 is expected"):
+        read_probed(changed(write(tmp_path / "b.hdf5"), put("binary_time_series_data", value))).frame(0)
+
+
+def test_a_writer_refuses_what_it_cannot_keep(tmp_path):
+    path = write(tmp_path / "a.hdf5")
+    with pytest.raises(RecordError, match="there is a file already"), whole_bank(path, facts=FACTS):
+        raise AssertionError
+    with (
+        pytest.raises(ConfigError, match=r"must end in \.hdf5 or \.h5"),
+        whole_bank(tmp_path / "a.txt", facts=FACTS),
+    ):
+        raise AssertionError
+
+
+def invalid(**changes):
+    taken = sample(1.0, seed=1)
+    return replace(taken, **changes)
+
+
+@pytest.mark.parametrize(
+    ("taken", "message"),
+    [
+        (sample(1.0, shape=(8, 51)), "keep one probe"),
+        (sample(1.0, shape=(8, 51), dark=True), "keep one probe"),
+        (sample(1.0, frame=False), "keep one probe"),
+        (invalid(frame=ChannelFrame(header=sample(1.0).frame.header, samples=counts(0), sampling_hz=20e6)), "2e.07 Hz"),
+        (invalid(angle_deg=math.nan), "the angle is nan deg, it must be finite and within one turn, -360 to 360 deg"),
+        (invalid(angle_deg=-360.1), "the angle is -360.1 deg"),
+        (invalid(reading=damaged(intensity=-1.0)), "the intensity at 1 deg is -1, it must be finite and not negative"),
+        (invalid(reading=damaged(intensity=math.inf)), "is inf"),
+    ],
+)
+def test_an_acquisition_that_could_not_be_read_again_is_refused_and_the_others_kept(tmp_path, taken, message):
+    path = tmp_path / "a.hdf5"
+    with whole_bank(path, facts=FACTS) as writer:
+        writer.add(sample(0.0))
+        with pytest.raises(RecordError, match=message):
+            writer.add(taken)
+        if taken.dark:
+            writer.add(sample(0.0, seed=8, dark=True))
+        for angle in (2.0, 3.0, 4.0):
+            writer.add(sample(angle))
+    assert read_bank(path).angles_deg == (0.0, 2.0, 3.0, 4.0)
+
+
+def test_an_unknown_intensity_is_kept_with_a_frame_and_refused_without_one(tmp_path):
+    unknown = damaged(intensity=math.nan)
+    with whole_bank(tmp_path / "a.hdf5", facts=FACTS) as writer:
+        for angle in (0.0, 2.0, 3.0):
+            writer.add(replace(sample(angle), reading=unknown))
+    assert read_bank(tmp_path / "a.hdf5").intensities == ()
+    with (
+        pytest.raises(RecordError, match="the intensity at 0 deg is nan"),
+        whole_bank(tmp_path / "b.hdf5", facts=FACTS) as writer,
+    ):
+        writer.add(replace(sample(0.0, frame=False), reading=unknown))
+    assert not (tmp_path / "b.hdf5").exists()
