@@ -20,8 +20,7 @@ from markerseek.core import (
     SearchPlan,
     Started,
 )
-from markerseek.records.journal import Configuration, Interrupted, Journal
-from markerseek.records.journal.events import JournalEvent
+from markerseek.records.journal import Configuration, Interrupted, Journal, JournalEvent
 from markerseek.runs import configuration_of
 from tests.unit.records.journal.synthetic_journals import changed
 

@@ -106,10 +106,7 @@ def read_image_sequence(
     placed = angles_of(sequence, angle_field=angle_field) if angles else {}
     firsts = {angle_deg: number for number, angle_deg in reversed(placed.items())}
     if len(firsts) < len(placed):
-        warn(
-            path,
-            f"{len(placed) - len(firsts)} images repeat an angle; the first at each angle is taken",
-        )
+        warn(path, f"{len(placed) - len(firsts)} images repeat an angle; the first at each angle is taken")
     numbers = set(firsts.values()) if angles else set(filter(sequence.valid_image, range(count)))
     found = {number: image for number, image in enumerate(sequence.frames()) if number in numbers}
     if not found:

@@ -109,7 +109,7 @@ class _Workspace:
     path: Path
     file: CheckedHdf5 = field(repr=False)
 
-    def refuse(self, problem: str, cure: str) -> NoReturn:
+    def refuse(self, problem: str, cure: str = "save the workspace again") -> NoReturn:
         raise RecordError(f"{self.path}: {problem}; {cure}")
 
     def receives(self) -> _Receives:
@@ -148,7 +148,7 @@ class _Workspace:
         first_sample_s = (2e-6 * first_depth - 1e-6 * lens) / (frequency_mhz or 1.0)
         common = int(self._same("Receive.endSample - Receive.startSample", samples[chosen]))
         if common < 1 or start.min() < 1:
-            self.refuse(f"a receive begins at sample {start.min()} and has {common}", "save the workspace again")
+            self.refuse(f"a receive begins at sample {start.min()} and has {common}")
         return _Receives(
             frame=whole["framenum"][chosen],
             start=start[chosen],
@@ -262,7 +262,7 @@ class _Workspace:
             return None
         values = self._values(items[0], name=name)
         if len(items) != 1 or values.size != 1:
-            self.refuse(f"{name} holds {values.size} numbers, one is expected", "save the workspace again")
+            self.refuse(f"{name} holds {values.size} numbers, one is expected")
         return float(values.flat[0])
 
     def _each(
@@ -283,7 +283,7 @@ class _Workspace:
             )
         values = [self._values(item, name=name) for item in items]
         if any(each.size != 1 for each in values):
-            self.refuse(f"{name} is not one number for each", "save the workspace again")
+            self.refuse(f"{name} is not one number for each")
         return np.array([each.flat[0] for each in values])
 
     def _whole(
@@ -293,7 +293,7 @@ class _Workspace:
 
     def _as_whole(self, values: Float64[np.ndarray, " items"], *, name: str) -> Int64[np.ndarray, " items"]:
         if not (np.abs(values) < 2**31).all() or not (values == np.rint(values)).all():
-            self.refuse(f"{name} holds {values.tolist()[:4]}, whole numbers are expected", "save the workspace again")
+            self.refuse(f"{name} holds {values.tolist()[:4]}, whole numbers are expected")
         return values.astype(np.int64)
 
     def _texts(self, name: str, *, count: int, chosen: Int64[np.ndarray, " receives"]) -> set[str]:
@@ -317,12 +317,10 @@ class _Workspace:
 
     def _values(self, item: h5py.Dataset, *, name: str) -> Float64[np.ndarray, ...]:
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8 or not 0 < item.size <= MAX_ITEMS:
-            self.refuse(
-                f"{name} is {item.dtype} of shape {item.shape}, numbers are expected", "save the workspace again"
-            )
+            self.refuse(f"{name} is {item.dtype} of shape {item.shape}, numbers are expected")
         values = np.asarray(item[()], dtype=np.float64)
         if not np.isfinite(values).all():
-            self.refuse(f"{name} holds a number that is not finite", "save the workspace again")
+            self.refuse(f"{name} holds a number that is not finite")
         return values
 
     def _scalars(self, name: str) -> Float64[np.ndarray, " items"] | None:

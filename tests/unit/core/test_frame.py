@@ -22,7 +22,7 @@ from markerseek.core import (
     ScanGeometry,
 )
 from markerseek.records.journal import Checked, Journal, JournalEvent, read_journal
-from markerseek.records.journal.encoding import decode, encode
+from markerseek.records.journal.entries import decode, encode
 from tests.unit.records.journal.synthetic_journals import FULL_READING, HEADER, configuration
 
 GEOMETRY = ScanGeometry(first_lateral_m=-0.02, lateral_step_m=1e-4, first_depth_m=0.01, depth_step_m=2e-4)

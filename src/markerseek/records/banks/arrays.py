@@ -75,12 +75,7 @@ def read_arrays(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int
 
 
 def bank_of_arrays(
-    path: Path,
-    found: Mapping[str, np.ndarray],
-    table: TableFormat = DEFAULT_FORMAT,
-    *,
-    ordered: bool = False,
-    blanked: int = 0,
+    path: Path, found: Mapping[str, np.ndarray], table: TableFormat, *, ordered: bool, blanked: int
 ) -> IntensityBank | ArrayBank:
     """Bank of arrays by their names, as `read_arrays`.
 

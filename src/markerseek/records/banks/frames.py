@@ -196,7 +196,7 @@ class FolderBank(FrameBank):
         )
 
 
-def read_folder(path: Path, *, blanked: int = 0, without_channels: tuple[int, ...] = ()) -> FolderBank:
+def read_folder(path: Path, *, blanked: int, without_channels: tuple[int, ...]) -> FolderBank:
     """Bank in a folder, from the names of its sub-folders and files of channel data.
 
     A name is the angle in degrees, such as ``-12.5``, optionally with a word before it, the same in the whole folder,

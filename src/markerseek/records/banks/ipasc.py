@@ -16,7 +16,7 @@ import numpy as np
 from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced, warn
 from markerseek.records.banks.table import amplitudes
-from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
+from markerseek.records.hdf5 import CheckedHdf5, as_record_error
 
 BANK_VERSION = 1
 """Version of our own fields; a reader refuses a newer one."""
@@ -275,8 +275,6 @@ def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:
 
 def walk_bank(path: Path) -> None:
     """Read a bank's metadata, the index of its chunks and its first frame."""
-    # A missing library must not be reported as damage of the file.
-    require_h5py()
     bank = read_probed(path)
     if isinstance(bank, IpascBank):
         with as_bank_error(path), CheckedHdf5(path) as file:

@@ -25,7 +25,7 @@ import numpy as np
 
 from markerseek.core import Float64, RecordError
 from markerseek.files import MIB, as_read_error, open_input, quoted
-from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, require_angles, unwrapped, warn
+from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, unwrapped, warn
 from markerseek.records.banks.table import amplitudes, averaged
 
 SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
@@ -276,7 +276,6 @@ def read_sequence(path: Path, *, angle_field: str | None = None) -> IntensityBan
     facts, first_s = _facts(path, sequence.fields)
     times_s = [first_s + _number(sequence.frame_fields[number].get("Timestamp", "nan")) for number in numbers]
     angles_deg, held = averaged(path, np.array(list(angles.values())), np.column_stack([values, times_s]))
-    require_angles(path, angles_deg.tolist())
     intensities, started_s = held.T.tolist()
     known = any(map(math.isfinite, started_s))
     return IntensityBank(

@@ -136,7 +136,7 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
         ) from problem
 
 
-def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:
+def read_table(path: Path, table: TableFormat) -> IntensityBank:
     """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
     Columns are separated by commas, semicolons, tabs or spaces. The numbers themselves tell which sign separates
@@ -173,7 +173,6 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
     unit = unit_of(path, table.unit, angle_name, values[:, 0])
     turned = unwrapped(path, in_degrees(values[:, 0], unit))
     angles_deg, intensities = averaged(path, turned, read[:, None])
-    require_angles(path, angles_deg.tolist())
     return IntensityBank(angles_deg=tuple(angles_deg.tolist()), intensities=tuple(intensities[:, 0].tolist()))
 
 
@@ -189,10 +188,7 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, ...]:
         first, second = (_column_index(path, rows, column) for column in table.columns)
         return first, second
     if not names and rows.width == 2:
-        warn(
-            path,
-            "its columns have no names; the first is taken as the angle, the second as the intensity",
-        )
+        warn(path, "its columns have no names; the first is taken as the angle, the second as the intensity")
         return 0, 1
     plain = _plain(names)
     angle = next((plain[each] for each in (f"angle_{unit}" for unit in _UNIT_OF_WORD) if each in plain), None)
@@ -272,10 +268,7 @@ def amplitudes(
 def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
     """Say which rows were left out; ``what``: line, or number of an angle."""
     if names:
-        warn(
-            path,
-            f"{len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}",
-        )
+        warn(path, f"{len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}")
 
 
 def _row(
@@ -347,15 +340,16 @@ def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray)
 def averaged(
     path: Path, angles_deg: Float64[np.ndarray, " n"], values: Float64[np.ndarray, "n columns"]
 ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, "angles columns"]]:
-    """Angles in rising order without repeats, and the means of their rows; a warning says what was averaged."""
+    """Angles in rising order without repeats, and the means of their rows; a warning says what was averaged.
+
+    Refused where a search cannot use the angles.
+    """
     order = np.argsort(angles_deg, kind="stable")
     angles_deg, values = angles_deg[order], values[order]
     first = np.flatnonzero(np.diff(angles_deg, prepend=-np.inf) >= MIN_STEP_DEG)
+    require_angles(path, angles_deg[first].tolist())
     if first.size == angles_deg.size:
         return angles_deg, values
     counts = np.diff(first, append=angles_deg.size)
-    warn(
-        path,
-        f"{counted(int((counts > 1).sum()), 'repeated angle')}; the intensities of each are averaged",
-    )
+    warn(path, f"{counted(int((counts > 1).sum()), 'repeated angle')}; the intensities of each are averaged")
     return angles_deg[first], np.add.reduceat(values, first, axis=0) / counts[:, None]

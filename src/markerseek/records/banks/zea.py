@@ -21,7 +21,7 @@ from markerseek._version import __version__
 from markerseek.core import ChannelFrame, Float64, LinearArray, RecordError
 from markerseek.files import new_file
 from markerseek.records.banks.bank import Series
-from markerseek.records.banks.ipasc import as_bank_error, row_of
+from markerseek.records.banks.ipasc import row_of
 from markerseek.records.banks.ipasc_writer import probe_poses
 from markerseek.records.hdf5 import CheckedHdf5, require_h5py
 
@@ -44,16 +44,11 @@ _OFF_AXIS_RAD = 1e-3
 _MAX_FRAMES = 100_000
 
 
-def zea_arrays(path: Path) -> dict[str, np.ndarray]:
+def zea_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     """Frames of a file of zea, named as `markerseek.records.banks.arrays` reads them; empty for any other HDF5 file."""
-    # A missing library must not be reported as damage of the file.
-    require_h5py()
-    with as_bank_error(path), CheckedHdf5(path) as file:
-        track = next((place for place in (f"{TRACK}/", "") if file.has(f"{place}{RAW}")), None)
-        return {} if track is None else _arrays(path, file, track)
-
-
-def _arrays(path: Path, file: CheckedHdf5, track: str) -> dict[str, np.ndarray]:
+    track = next((place for place in (f"{TRACK}/", "") if file.has(f"{place}{RAW}")), None)
+    if track is None:
+        return {}
     tracks = len(file.names("tracks"))
     if tracks > 1:
         raise RecordError(f"{path}: it holds {tracks} tracks, one is expected; save the photoacoustic one alone")

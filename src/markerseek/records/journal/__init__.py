@@ -4,8 +4,7 @@
 Numbers are stored exactly.
 """
 
-from markerseek.records.journal.encoding import decode, encode
-from markerseek.records.journal.events import (
+from markerseek.records.journal.entries import (
     Checked,
     Configuration,
     Entry,
@@ -13,6 +12,8 @@ from markerseek.records.journal.events import (
     JournalEvent,
     RecordedError,
     Resuming,
+    decode,
+    encode,
     versions,
 )
 from markerseek.records.journal.file import (

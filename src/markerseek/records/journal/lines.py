@@ -16,8 +16,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import Measured, RecordError, Sample
-from markerseek.records.journal.encoding import decode, encode, json_values, require_finite
-from markerseek.records.journal.events import Configuration, Entry
+from markerseek.records.journal.entries import Configuration, Entry, decode, encode, json_values, require_finite
 from markerseek.records.journal.file import MAGIC, MAGIC_1
 
 VERSION = 2

@@ -16,8 +16,7 @@ from typing import Literal, TypeAlias
 import msgspec
 
 from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Sample, Started
-from markerseek.records.journal.encoding import escaped
-from markerseek.records.journal.events import Checked, Configuration, Entry, Resuming
+from markerseek.records.journal.entries import Checked, Configuration, Entry, Resuming, escaped
 from markerseek.records.journal.file import as_record_error, is_written, open_for_reading, size_bytes_of
 from markerseek.records.journal.lines import EntryReader, UnfinishedError
 from markerseek.records.words import answer_line, answer_name

@@ -10,7 +10,7 @@ from typing import Self
 
 from markerseek.core import Failed, Finished, RecordError
 from markerseek.files import create_atomically
-from markerseek.records.journal.events import Configuration, Entry, Interrupted, JournalEvent
+from markerseek.records.journal.entries import Configuration, Entry, Interrupted, JournalEvent
 from markerseek.records.journal.file import (
     as_record_error,
     exists_error,

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ChannelFrame, ConfigError, Permit, RecordError
-from markerseek.records.banks import FrameBank, IntensityBank, read_bank, whole_bank
+from markerseek.records.banks import IntensityBank, read_bank, require_whole, whole_bank
 from markerseek.records.banks.ipasc import IpascBank, read_probed
 from markerseek.records.banks.ipasc_writer import DEVICE_IDENTIFIERS, probe_poses
 from markerseek.records.replay import ReplayReceiver, ReplayStage
@@ -149,14 +149,6 @@ def test_a_bank_of_intensities_has_no_frames(tmp_path):
     assert data.get_detector_position() is None
 
 
-def every_frame(bank):
-    if isinstance(bank, FrameBank):
-        for index in range(len(bank.angles_deg)):
-            bank.frame(index)
-        for index in range(bank.dark_frames):
-            bank.dark_frame(index)
-
-
 @settings(max_examples=examples(30))
 @given(seed=st.sampled_from((0, 1, 2, 3, 8, 9)), first=st.integers(0, 795), flips=st.binary(min_size=1, max_size=2))
 def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, seed, first, flips):
@@ -180,7 +172,7 @@ def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, seed, first
         RecordError,
         match=f"no {what} that can be read: .*; it has changed since it was written",
     ):
-        every_frame(bank)
+        require_whole(bank)
 
 
 @given(

@@ -235,14 +235,6 @@ def test_a_frame_without_a_valid_angle_or_image_is_left_out_and_named(tmp_path, 
     assert bank.started_s == pytest.approx([100, 101, 101.5, 102])
 
 
-def test_a_field_of_another_name_is_named_by_the_user(tmp_path):
-    frames = fields(encoder=["1", "2", "3", "4", "5"])
-    path = write_mha(tmp_path / "a.mha", rf()[0], frames, kind="RF_REAL", orientation="FM")
-    assert read_sequence(path, angle_field="encoder").angles_deg == (1, 2, 3, 4, 5)
-    with pytest.raises(RecordError, match="no frame has turn; its fields are ProbeRotation, ProbeToStepper"):
-        read_sequence(path, angle_field="turn")
-
-
 def test_angles_in_any_order_and_repeated_ones_are_averaged_with_a_word(tmp_path):
     lines, peaks = rf()
     path = write_mha(tmp_path / "a.mha", lines, fields((5, -5, 0, 5, 9)), kind="RF_REAL", orientation="FM")

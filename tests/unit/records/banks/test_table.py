@@ -125,14 +125,6 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
         assert len(read_bank(written(tmp_path, "angle_deg,intensity\n0,1\n1e-300,3\n2,3\n5,1\n")).angles_deg) == 3
 
 
-@pytest.mark.parametrize("data", [b"\x89PNG\r\n\x1a\n\x9d\x81", b'{"cells": [\n "metadata": {}\n]}\n'])
-def test_a_file_of_another_kind_is_told_what_a_bank_is(tmp_path: Path, data: bytes) -> None:
-    path = tmp_path / "scan.csv"
-    path.write_bytes(data)
-    with pytest.raises(RecordError, match=r"scan\.csv.*: this is .*, and a bank is expected; give a CSV of angle_deg"):
-        read_bank(path)
-
-
 def test_rows_without_numbers_are_left_out_and_named(tmp_path: Path) -> None:
     path = written(tmp_path, "angle_deg,intensity\n-1,5\n0,nan\n1,7\n2,\n3,n/a\ninf,1\n4,2\n")
     with pytest.raises(

@@ -65,25 +65,37 @@ def changed(configuration: Configuration, **changes: Any) -> Configuration:
 RANGE = Interval(low_deg=-35.0, high_deg=35.0)
 OTHER = OtherSource(angle_deg=-8.5, sigma_deg=0.3, relative_db=-9.0, lateral_m=2e-3, depth_m=41e-3)
 FLOOR = Floor(level=3.25, source="dark frames")
-HEADER = FrameHeader(
-    sequence=4,
-    token="permit-4",
-    pulses=16,
-    commanded_deg=1.1,
-    started_s=0.1 + 0.2,
-    ended_s=10.3,
-    angle_before_deg=1.1000000000000003,
-    angle_after_deg=1.1,
-)
-FULL_READING = Reading(
+READING = Reading(
     intensity=1971.0123456789,
     lateral_m=0.018,
     depth_m=0.05,
     arrival_s=3.2e-5,
+    centroid_s=3.3e-5,
+    spread_s=4e-7,
     noise_sigma=20.1,
     cells=460_000,
     coherence=0.9,
     saturated_fraction=0.0,
+    dead_channels=(1, 3),
+)
+
+
+def header(sequence: int, *, pulses: int = 16) -> FrameHeader:
+    return FrameHeader(
+        sequence=sequence,
+        token=f"permit-{sequence}",
+        pulses=pulses,
+        commanded_deg=0.1 * sequence,
+        started_s=0.1 + 0.2,
+        ended_s=10.0 + sequence,
+        angle_before_deg=1.1000000000000003,
+        angle_after_deg=-1.1,
+    )
+
+
+HEADER = replace(header(4), commanded_deg=1.1, ended_s=10.3, angle_after_deg=1.1)
+FULL_READING = replace(
+    READING,
     dead_channels=(3, 64),
     arrivals=(
         Arrival(lateral_m=0.018, depth_m=0.05, arrival_s=3.2e-5, intensity=1971.0123456789, coherence=0.9),
@@ -257,34 +269,6 @@ def finished() -> Finished:
     )
     over = sample(9, angle_deg=6.251)
     return Finished(estimate=answer, confirmation=over, acquisitions=3, travel_deg=14.7, elapsed_s=1 / 7)
-
-
-READING = Reading(
-    intensity=1971.0123456789,
-    lateral_m=0.018,
-    depth_m=0.05,
-    arrival_s=3.2e-5,
-    centroid_s=3.3e-5,
-    spread_s=4e-7,
-    noise_sigma=20.1,
-    cells=460_000,
-    coherence=0.9,
-    saturated_fraction=0.0,
-    dead_channels=(1, 3),
-)
-
-
-def header(sequence: int, *, pulses: int = 16) -> FrameHeader:
-    return FrameHeader(
-        sequence=sequence,
-        token=f"permit-{sequence}",
-        pulses=pulses,
-        commanded_deg=0.1 * sequence,
-        started_s=0.1 + 0.2,
-        ended_s=10.0 + sequence,
-        angle_before_deg=1.1000000000000003,
-        angle_after_deg=-1.1,
-    )
 
 
 def frame(sequence: int, *, pulses: int = 16) -> ChannelFrame:

@@ -30,7 +30,6 @@ from tests.unit.records.journal.synthetic_journals import (
     RANGE,
     configuration,
     counts,
-    died,
     died_in_commit,
     journal_events,
     measured,
@@ -41,14 +40,11 @@ from tests.unit.records.journal.synthetic_journals import (
 ACQUISITIONS, FRAME_BYTES = 40, 2 * 128 * 2080
 
 
-@pytest.fixture(scope="module", params=["closed", "dead"])
-def long_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture(scope="module")
+def long_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("long") / "run.journal"
     samples = counts(128, 2080)
-    if request.param == "dead":
-        died(path, lambda journal: write(journal, ACQUISITIONS, lambda _: samples))
-    else:
-        whole_run(path, acquisitions=ACQUISITIONS, counts_of=lambda _: samples)
+    whole_run(path, acquisitions=ACQUISITIONS, counts_of=lambda _: samples)
     return path
 
 
