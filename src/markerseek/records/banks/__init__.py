@@ -2,8 +2,7 @@
 
 `read_bank` reads a bank, `read_arrays` arrays that can be made one, `load_frame` and `open_ultrasonix` single frames.
 `write_bank` writes a table, `whole_bank` IPASC, `write_sequence` a sequence for 3D Slicer and PLUS, `write_zea` a file
-of zea.
-A child process tries HDF5 first (`markerseek.records.child`).
+of zea. A child process tries HDF5 first (`markerseek.records.child`).
 """
 
 from markerseek.records.banks.arrays import read_arrays
@@ -21,7 +20,6 @@ from markerseek.records.banks.bank import (
     unwrapped,
 )
 from markerseek.records.banks.frames import MAT_PROBE, load_frame, open_ultrasonix
-from markerseek.records.banks.ipasc import IpascBank
 from markerseek.records.banks.ipasc_writer import require_new_bank, require_room, whole_bank
 from markerseek.records.banks.reading import read_bank, require_whole
 from markerseek.records.banks.sequence import is_sequence, read_sequence
@@ -38,7 +36,6 @@ __all__ = [
     "BankFacts",
     "FrameBank",
     "IntensityBank",
-    "IpascBank",
     "Series",
     "TableFormat",
     "angles_in",
