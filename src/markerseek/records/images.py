@@ -83,11 +83,7 @@ def read_images(
 
 
 def read_image_sequence(
-    path: Path,
-    *,
-    angles: bool = True,
-    angle_field: str | None = None,
-    pixel_m: tuple[float, float] | None = None,
+    path: Path, *, angles: bool = True, angle_field: str | None = None, pixel_m: tuple[float, float] | None = None
 ) -> ImageSeries:
     """B-mode images of a sequence, the first at each angle; a warning names those that are left out.
 

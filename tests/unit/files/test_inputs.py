@@ -165,10 +165,7 @@ TEXT_READERS: dict[str, Callable[[Path], object]] = {
 def test_a_file_of_another_kind_is_named(kind: str, what: str, tmp_path: Path) -> None:
     path = tmp_path / "given"
     KINDS[kind](path)
-    with pytest.raises(
-        (RecordError, ConfigError),
-        match=f"this is no text in UTF-8 .*, and {what} is expected; ",
-    ):
+    with pytest.raises((RecordError, ConfigError), match=f"this is no text in UTF-8 .*, and {what} is expected; "):
         TEXT_READERS[what](path)
 
 

@@ -91,7 +91,7 @@ def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...])
         ]
     if not left_out.any():
         return frames
-    warn(path, f"{'; '.join(said)}")
+    warn(path, "; ".join(said))
     return silenced(frames, np.flatnonzero(left_out).tolist())
 
 
@@ -178,7 +178,7 @@ def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) ->
             f"its noise is {sigma:.2g} counts only, and what is weaker than a count is lost: leave out what is "
             "loud and no sound, or blank it (pickup_samples of --probe FILE.toml)"
         )
-    warn(path, f"{'; '.join(said)}")
+    warn(path, "; ".join(said))
     return Scaling(factor=factor, zero=None)
 
 

@@ -247,7 +247,7 @@ def _left_out(path: Path, places: list[Path], stated: tuple[int, ...]) -> tuple[
         broken = broken_channels(map(npy_samples, places), left_out)
         left_out |= broken
         if broken.any():
-            warn(path, f"{'; '.join(said_of_broken(broken))}")
+            warn(path, "; ".join(said_of_broken(broken)))
     return tuple(np.flatnonzero(left_out).tolist())
 
 
@@ -289,20 +289,16 @@ class UltrasonixFile:
 
     def b_mode(self, index: int) -> UInt8[np.ndarray, "rows columns"]:
         """B-mode image, counted from 0."""
-        self._require("b-mode")
-        return ultrasonix.decode_b_mode(self._body(index), self.header)
+        return ultrasonix.decode_b_mode(self._body(index, kind="b-mode"), self.header)
 
     def rf(self, index: int) -> Int16[np.ndarray, "lines samples"]:
         """Radio-frequency lines of one frame, counted from 0; errors as of `b_mode`."""
-        self._require("rf")
-        return ultrasonix.decode_rf(self._body(index), self.header)
+        return ultrasonix.decode_rf(self._body(index, kind="rf"), self.header)
 
-    def _require(self, kind: str) -> None:
-        if self.header.kind != kind:
-            raise RecordError(f"{self.path}: it holds {self.header.kind} frames, {kind} was asked for")
-
-    def _body(self, index: int) -> bytes:
+    def _body(self, index: int, *, kind: str) -> bytes:
         header = self.header
+        if header.kind != kind:
+            raise RecordError(f"{self.path}: it holds {header.kind} frames, {kind} was asked for")
         if not 0 <= index < header.frames:
             raise RecordError(f"{self.path}: there is no frame {index + 1}, it holds {header.frames}; count from 1")
         with as_read_error(self.path), open_input(self.path, most_bytes=_LARGEST_BYTES) as file:

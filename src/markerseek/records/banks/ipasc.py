@@ -101,12 +101,7 @@ class IpascBank(FrameBank):
         if not 0 <= index < self.dark_frames:
             return FrameBank.dark_frame(self, index)
         header = FrameHeader(
-            sequence=index + 1,
-            token=self.path.name,
-            pulses=0,
-            commanded_deg=0.0,
-            started_s=math.nan,
-            ended_s=math.nan,
+            sequence=index + 1, token=self.path.name, pulses=0, commanded_deg=0.0, started_s=math.nan, ended_s=math.nan
         )
         return self._frame(header, DARK_FRAMES, index, what=f"dark frame {index + 1}")
 

@@ -19,15 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek._version import __version__
-from markerseek.core import (
-    ChannelFrame,
-    ConfigError,
-    Float64,
-    FrameHeader,
-    LinearArray,
-    RecordError,
-    Sample,
-)
+from markerseek.core import ChannelFrame, ConfigError, Float64, FrameHeader, LinearArray, RecordError, Sample
 from markerseek.files import create_atomically, require_new
 from markerseek.records.banks import ipasc
 from markerseek.records.banks.bank import HDF5_SUFFIXES, MAX_DEG, BankFacts

@@ -141,9 +141,6 @@ _KINDS: dict[str, type[JournalEvent]] = {
 _TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
 """Classes whose name is stored with their fields."""
 
-_STORED = {np.dtype(np.int16): "<i2", np.dtype(np.uint8): "|u1"}
-"""How arrays of each type are stored."""
-
 _ARRAYS = {"samples": "<i2", "pixels": "|u1"}
 """Fields of frames and images that are arrays, and how they are stored."""
 
@@ -220,8 +217,7 @@ def json_values(value: object, *, what: str, blobs: list[memoryview] | None = No
             return {
                 escaped(name): json_values(each, what=f"{what}.{name}", blobs=blobs) for name, each in value.items()
             }
-        case np.ndarray() if blobs is not None and value.dtype in _STORED:
-            stored = _STORED[value.dtype]
+        case np.ndarray() if blobs is not None and (stored := value.dtype.newbyteorder("<").str) in _ARRAYS.values():
             blobs.append(np.ascontiguousarray(value, dtype=stored).data.cast("B"))
             return {"dtype": stored, "shape": list(value.shape)}
         case Exception():

@@ -91,14 +91,7 @@ def damage_twice(folder):
     (folder / "CH003-0000.daq").write_bytes((folder / "CH003.daq").read_bytes())
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        damage_short,
-        damage_other_length,
-        damage_twice,
-    ],
-)
+@pytest.mark.parametrize("damage", [damage_short, damage_other_length, damage_twice])
 def test_odd_daq_files_are_refused_by_name(tmp_path, damage):
     folder = write_daq(tmp_path / "a", pulses_of())
     damage(folder)

@@ -153,10 +153,7 @@ CURVED_M = np.column_stack((0.04 * np.sin(ROW_M[:, 0] / 0.04), np.zeros(8), 0.04
     [
         (ROW_M[[0, 1, 2, 4, 3, 5, 6, 7]], r"element 4 of 8 is 0.43 mm from its place"),
         (ROW_M[[1, 0, 2, 3, 4, 5, 6, 7]], r"element [12] of 8 is 0.43 mm"),
-        (
-            CURVED_M,
-            r"element 1 of 8 is 0.0\d+ mm from its place in a straight row of pitch 0.4\d* mm along",
-        ),
+        (CURVED_M, r"element 1 of 8 is 0.0\d+ mm from its place in a straight row of pitch 0.4\d* mm along"),
         (ROW_M[:, [1, 0, 2]], "of pitch 0 mm along x1"),
         (np.zeros((8, 3)), "of pitch 0 mm along x1"),
         (np.where(np.arange(8)[:, None] == 2, np.nan, ROW_M), "0000000002/detector_position is .nan, nan, nan., three"),

@@ -168,10 +168,7 @@ def test_no_changed_byte_of_a_frame_goes_unnoticed(tmp_path_factory, seed, first
     path.write_bytes(raw)
     bank = read_probed(path)
     what = f"dark frame {seed - 7}" if seed >= 8 else f"frame at {ANGLES[seed]:g} deg"
-    with pytest.raises(
-        RecordError,
-        match=f"no {what} that can be read: .*; it has changed since it was written",
-    ):
+    with pytest.raises(RecordError, match=f"no {what} that can be read: .*; it has changed since it was written"):
         require_whole(bank)
 
 
@@ -295,10 +292,7 @@ def test_a_writer_refuses_what_it_cannot_keep(tmp_path):
     path = write(tmp_path / "a.hdf5")
     with pytest.raises(RecordError, match="there is a file already"), whole_bank(path, facts=FACTS):
         raise AssertionError
-    with (
-        pytest.raises(ConfigError, match=r"must end in \.hdf5 or \.h5"),
-        whole_bank(tmp_path / "a.txt", facts=FACTS),
-    ):
+    with pytest.raises(ConfigError, match=r"must end in \.hdf5 or \.h5"), whole_bank(tmp_path / "a.txt", facts=FACTS):
         raise AssertionError
 
 

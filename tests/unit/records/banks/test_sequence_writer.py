@@ -11,10 +11,7 @@ import SimpleITK as sitk  # noqa: N813 - the name that its users give it
 
 from markerseek.core import PaImage, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank, series_of, write_bank, write_sequence
-from markerseek.records.banks.sequence_writer import (
-    IMAGE_ORIENTATION,
-    image_to_probe,
-)
+from markerseek.records.banks.sequence_writer import IMAGE_ORIENTATION, image_to_probe
 from tests.unit.records.banks.exported import ANGLES, DEPTH, FACTS, LATERAL, SERIES, UNPLACED, images, place_mm
 
 
@@ -88,10 +85,6 @@ def sequence(tmp_path):
 
 def matrix(image, key):
     return np.array(image.GetMetaData(key).split(), dtype=np.float64).reshape(4, 4)
-
-
-def test_simpleitk_reads_equal_pixels(sequence):
-    np.testing.assert_array_equal(sitk.GetArrayFromImage(sequence), np.stack([each.envelope for each in images()]))
 
 
 @pytest.mark.parametrize("number", range(3))

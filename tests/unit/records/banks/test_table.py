@@ -59,11 +59,7 @@ def test_what_numpy_writes_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("names", "columns"),
-    [
-        ("Winkel [°];Höhe", ("Winkel [°]", "Höhe")),
-        ("Winkel [°];Höhe", ("1", "2")),
-        ("", ("1", "2")),
-    ],
+    [("Winkel [°];Höhe", ("Winkel [°]", "Höhe")), ("Winkel [°];Höhe", ("1", "2")), ("", ("1", "2"))],
 )
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "cp1252"])
 def test_columns_by_name_and_by_number(tmp_path: Path, names: str, columns: tuple[str, str], encoding: str) -> None:

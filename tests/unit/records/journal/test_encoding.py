@@ -13,13 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.core import Asked, ChannelFrame, Measured, RecordError, Refused, Sample
-from markerseek.records.journal import (
-    Journal,
-    JournalEvent,
-    decode,
-    encode,
-    read_journal,
-)
+from markerseek.records.journal import Journal, JournalEvent, decode, encode, read_journal
 from tests.unit.records.journal.synthetic_journals import (
     EVENTS,
     FULL_READING,
