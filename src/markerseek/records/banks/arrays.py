@@ -206,10 +206,7 @@ def _degrees(path: Path, angles: np.ndarray, name: str, table: TableFormat) -> F
     if angles.dtype.kind not in "iuf":
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
     values = angles.ravel().astype(np.float64)
-    degrees: Float64[np.ndarray, " angles"] = in_degrees(
-        values, unit_of(path, table.unit, name, values[np.isfinite(values)])
-    )
-    return degrees
+    return in_degrees(values, unit_of(path, table.unit, name, values[np.isfinite(values)]))
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:

@@ -193,26 +193,20 @@ EVENTS: dict[str, JournalEvent] = {
 }
 
 
-def died(path: Path, write_to: Callable[[Journal], object]) -> None:
-    """Let another process write a journal and be killed before it can close it."""
+def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
+    """Let another process write a journal, and be killed when half of an entry is in the file."""
     child = os.fork()
     if child == 0:
         try:
-            write_to(Journal.create(path, configuration()))
-        finally:
+            journal = Journal.create(path, configuration())
+            write_to(journal)
+            data = entry_line(Entry(number=journal._last.number + 1, written="", clock_s=9.0, event=measured(9)))
+            os.pwrite(journal._descriptor, data[: len(data) // 2], journal._end)
             os.kill(os.getpid(), signal.SIGKILL)
-    os.waitpid(child, 0)
-
-
-def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
-    """Let another process write a journal, and be killed when half of an entry is in the file."""
-
-    def work(journal: Journal) -> None:
-        write_to(journal)
-        data = entry_line(Entry(number=journal._last.number + 1, written="", clock_s=9.0, event=measured(9)))
-        os.pwrite(journal._descriptor, data[: len(data) // 2], journal._end)
-
-    died(path, work)
+        finally:
+            # Only an error comes here.
+            os._exit(1)
+    assert os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
 METHOD, SEED, MARKER_DEG = "ternary", 13, 6.3
