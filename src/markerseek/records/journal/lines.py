@@ -45,12 +45,12 @@ class UnfinishedError(RecordError):
 
 def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
     """A configuration as it is written now: journals of version 0.3 have one value for both tolerances of the plan."""
-    values = msgspec.json.decode(configuration)
-    tolerance = values.get("plan", {}).pop("tolerance", None)
-    if tolerance is None:
-        return bytes(configuration)
-    values["plan"] |= {f"tolerance_{unit}": value for unit, value in tolerance.items()}
-    return msgspec.json.encode(values)
+    match msgspec.json.decode(configuration):
+        case {"plan": {"tolerance": dict() as tolerance, **plan}} as values:
+            plan |= {f"tolerance_{unit}": value for unit, value in tolerance.items()}
+            return msgspec.json.encode(values | {"plan": plan})
+        case _:
+            return bytes(configuration)
 
 
 _NOTHING = msgspec.Raw(b"null")

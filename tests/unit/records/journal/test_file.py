@@ -35,30 +35,32 @@ def test_two_programs_do_not_drive_one_run_and_any_number_read_it(tmp_path: Path
     assert summary(path).state == "open"
 
 
-def checked(rest: bytes) -> bytes:
-    """A line 0 with a checksum that agrees, as a foreign program may write it."""
-    return b'{"crc":"%08x",' % zlib.crc32(rest) + rest
+def holding(data: bytes) -> Callable[[Path], object]:
+    return lambda path: path.write_bytes(data)
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda path: path.write_bytes(b""), "no journal of a run"),
-        (lambda path: path.write_bytes(b"not a database, and as long as one" * 99), "another kind of file"),
-        (
-            lambda path: path.write_bytes(b'{"number":       0,"bytes":' + b" 1" * 99),
-            "it does not begin as an entry does",
-        ),
-        (lambda path: path.write_bytes(checked(b'"block":99999999999}\n')), "has a frame of 99999999999 bytes"),
-        (lambda path: path.write_bytes(checked(b'"record":2,"configuration":{}}\n')), "cannot be read"),
-        (lambda path: path.write_bytes(checked(b'"record":2,"configuration":' + b"[" * 9999 + b"}\n")), "cannot be"),
-        (lambda path: path.write_bytes(checked(b'"record":2,"record":-9e99,"configuration":0}\n')), "cannot be read"),
-        (lambda path: path.mkdir(), "it is a folder, and a journal is one file"),
-        (os.mkfifo, "it is not a regular file"),
-        (lambda _: None, "no such journal"),
-    ],
-    ids=["empty", "text", "lengths", "huge", "other", "deep", "twice", "folder", "pipe", "missing"],
-)
+def begun(rest: bytes) -> Callable[[Path], object]:
+    """A file with a line 0 whose checksum agrees, as a foreign program may write it."""
+    return holding(b'{"crc":"%08x",' % zlib.crc32(rest) + rest)
+
+
+NO_JOURNALS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "empty": (holding(b""), "no journal of a run"),
+    "text": (holding(b"not a database, and as long as one" * 99), "another kind of file"),
+    "lengths": (holding(b'{"number":       0,"bytes":' + b" 1" * 99), "it does not begin as an entry does"),
+    "huge": (begun(b'"block":99999999999}\n'), "has a frame of 99999999999 bytes"),
+    "other": (begun(b'"record":2,"configuration":{}}\n'), "cannot be read"),
+    "number": (begun(b'"record":2,"configuration":0}\n'), "cannot be read"),
+    "tolerance": (begun(b'"record":2,"configuration":{"plan":{"tolerance":3}}}\n'), "cannot be read"),
+    "deep": (begun(b'"record":2,"configuration":' + b"[" * 9999 + b"}\n"), "cannot be read"),
+    "twice": (begun(b'"record":2,"record":-9e99,"configuration":0}\n'), "cannot be read"),
+    "folder": (lambda path: path.mkdir(), "it is a folder, and a journal is one file"),
+    "pipe": (os.mkfifo, "it is not a regular file"),
+    "missing": (lambda _: None, "no such journal"),
+}
+
+
+@pytest.mark.parametrize(("make", "said"), NO_JOURNALS.values(), ids=NO_JOURNALS)
 def test_a_file_that_is_not_a_journal_is_reported(make: Callable[[Path], object], said: str, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     make(path)
