@@ -166,9 +166,10 @@ class EntryReader:
                 f"{self.path}: it ends in its first line: its run was never begun; begin a new search"
             )
         first, _ = found
-        if max(first.record, first.journal) > VERSION:
+        version = max(first.record, first.journal)
+        if version > VERSION:
             raise RecordError(
-                f"{self.path}: it was written by a newer markerseek: the journal has version {first.record}, this one "
+                f"{self.path}: it was written by a newer markerseek: the journal has version {version}, this one "
                 f"reads up to {VERSION}; install a newer one"
             )
         try:
