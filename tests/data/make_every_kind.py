@@ -8,7 +8,7 @@ from pathlib import Path
 from markerseek.core import SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.runs import configuration_of
-from tests.unit.records.journal.every_kind_of_entry import METHOD, journal_events, rig
+from tests.unit.records.journal.synthetic_journals import METHOD, journal_events, rig
 
 configuration = configuration_of(
     rig(), SearchPlan(method=METHOD, acquisitions=3, as_published=True, start_deg=-0.1, dark_frames=1, stay=False)

@@ -25,7 +25,7 @@ from markerseek.records.banks import (
     read_bank,
     whole_bank,
 )
-from markerseek.records.banks.ipasc.reading import read_probed, walk_bank
+from markerseek.records.banks.ipasc import read_probed, walk_bank
 from markerseek.records.named_arrays import read_mat73
 from markerseek.wire import sonixdaq
 

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from markerseek.core import RecordError
 from markerseek.records.banks import read_bank
-from markerseek.records.banks.ipasc.reading import read_probed
+from markerseek.records.banks.ipasc import read_probed
 from markerseek.records.child import try_files
 from tests.faults.decoders import DECODERS, IN_THIS_PROCESS, outcome, zip_bomb
 from tests.sizes import examples

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 import pyigtl
 
-from markerseek.records.exports.sequence import probe_to_probe_home
+from markerseek.records.banks.sequence_writer import probe_to_probe_home
 
 _PERIOD_S = 0.02
 

@@ -13,7 +13,7 @@ import numpy as np
 import pyigtl
 import pytest
 
-from markerseek.records.exports import probe_to_probe_home
+from markerseek.records.banks import probe_to_probe_home
 from markerseek.registration import point_pairs, register_pairs
 from markerseek.wire import igtl
 from tests.emulated import emulation, ran

@@ -20,10 +20,9 @@ from markerseek.core import (
     SearchPlan,
     Started,
 )
-from markerseek.records.journal import Configuration, Interrupted, Journal
-from markerseek.records.journal.events import JournalEvent
+from markerseek.records.journal import Configuration, Interrupted, Journal, JournalEvent
 from markerseek.runs import configuration_of
-from tests.unit.records.changed_configuration import changed
+from tests.unit.records.journal.synthetic_journals import changed
 
 Shell = Callable[..., tuple[int, str, str]]
 

@@ -20,8 +20,7 @@ from markerseek.records.journal import Configuration, Journal, RecordedRun
 from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
 from markerseek.runs import rebuild_rig, require_same_measurement
 from markerseek.sim import SimulatedSettings
-from tests.unit.records.changed_configuration import changed
-from tests.unit.records.journal.synthetic_journals import configuration
+from tests.unit.records.journal.synthetic_journals import changed, configuration
 
 Shell = Callable[..., tuple[int, str, str]]
 

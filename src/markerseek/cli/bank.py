@@ -307,8 +307,7 @@ def import_bank(
     markerseek bank import examples/simulated_scan.csv scan.hdf5
     markerseek bank import run.journal frames.hdf5
     """
-    from markerseek.records.banks import FrameBank
-    from markerseek.records.banks.ipasc import require_new_bank, whole_bank
+    from markerseek.records.banks import FrameBank, require_new_bank, whole_bank
 
     given: dict[str, Any] = {
         "sampling_hz": scaled("--sampling-mhz", sampling_mhz, 1e6, most=1000),
@@ -426,7 +425,7 @@ def _write_frames(
     to: Path, bank: FrameBank, *, probe: str | None, face_radius_mm: float | None, as_images: bool
 ) -> None:
     """Write a bank of frames as a sequence of images, or as channel data of zea."""
-    from markerseek.records.exports import series_of, write_sequence, write_zea
+    from markerseek.records.banks import series_of, write_sequence, write_zea
 
     facts = runs.bank_facts(bank, probe=probe)
     if face_radius_mm is not None:

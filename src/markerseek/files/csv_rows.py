@@ -14,7 +14,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from markerseek.core import RecordError
-from markerseek.files.text import read_text
+from markerseek.files.inputs import read_text
 
 DECIMAL_COMMA = (
     "a number with a decimal comma, or with parted thousands, needs quotes or columns that semicolons separate"

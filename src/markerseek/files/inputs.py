@@ -1,23 +1,31 @@
-"""Opens files that a user names: only regular files, and none larger than its format can need.
+"""Opens and reads files that a user names: only regular files, and none larger than its format can need.
 
-A pipe would block, a device would never end, and a sparse file of a few kilobytes on disk could fill the memory.
+A pipe would block, a device would never end, and a sparse file of a few kilobytes on disk could fill the memory. Text
+of another kind is refused in words that say which kind is expected.
 """
 
 from __future__ import annotations
 
+import codecs
 import errno
 import os
 import shlex
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
+
+import msgspec
 
 from markerseek.core import RecordError
 
 MIB = 1 << 20
 """Bytes of a mebibyte."""
+
+_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+Content = TypeVar("Content")
 
 
 def os_reason(problem: OSError) -> str:
@@ -90,3 +98,31 @@ def _require(path: Path, status: os.stat_result, *, most_bytes: int) -> None:
 
 def _too_large(path: Path, found: int, most_bytes: int) -> RecordError:
     return RecordError(f"{path}: {found} bytes found, at most {most_bytes} expected; it is another kind of file")
+
+
+def read_text(path: Path, *, most_bytes: int, what: str, cure: str, also: Sequence[str] = ()) -> str:
+    """Text of a file in UTF-8, or in UTF-16 with its byte order mark, which Windows writes.
+
+    ``what``: kind of file that is expected, with its article, for the message; ``cure``: what to do then. ``also``:
+    encodings that are tried where it is not in UTF-8.
+    """
+    with as_read_error(path):
+        data = read_input(path, most_bytes=most_bytes)
+    # Excel and Notepad write a byte order mark, which is no part of the text.
+    for encoding in ["utf-16"] if data.startswith(_UTF_16) else ["utf-8-sig", *also]:
+        with suppress(UnicodeDecodeError):
+            text = data.decode(encoding)
+            # Of binary files, also a spreadsheet or an image, and of UTF-16 without its mark.
+            if not {"\0", "\x03"} & set(text):
+                return text
+    raise RecordError(f"{path}: this is no text in UTF-8 but another kind of file, and {what} is expected; {cure}")
+
+
+def read_json(path: Path, content: type[Content], *, most_bytes: int, what: str, cure: str) -> Content:
+    """Content of a JSON file; parameters as of `read_text`."""
+    text = read_text(path, most_bytes=most_bytes, what=what, cure=cure)
+    try:
+        return msgspec.json.decode(text, type=content)
+    except (msgspec.MsgspecError, UnicodeError, RecursionError) as problem:
+        found = f"none: {problem}" if text.strip() else "empty"
+        raise RecordError(f"{path}: {what} is expected, and this is {found}; {cure}") from problem

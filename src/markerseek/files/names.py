@@ -1,4 +1,4 @@
-"""Names of files and groups: their natural order, and the angles in them."""
+"""Names of files and groups: their natural order, and the angles in them; and the folder of the user's own files."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import TypeAlias
+
+from markerseek.core import RecordError
 
 # A hyphen behind a letter or digit separates: img-2 is 2, and 2024-05-03 is a date.
 _NUMBER = re.compile(r"(?:(?<![a-z0-9.)])-)?\d+(?:\.\d+)*", re.ASCII | re.IGNORECASE)
@@ -61,3 +63,16 @@ def angle_in(name: str) -> NamedAngle | None:
         return None
     stated = bool(match["unit"]) or "angle" in word or re.search("[-+.]", match["angle"]) is not None
     return NamedAngle(angle_deg=float(match["angle"]), word=word, stated=stated)
+
+
+def data_folder() -> Path:
+    """The user's data folder, which may not exist yet; `RecordError` if the system knows none."""
+    from platformdirs import user_data_path
+
+    try:
+        return user_data_path("markerseek", appauthor=False)
+    # A container or service can run under a user number without a name and without HOME.
+    except RuntimeError as problem:
+        raise RecordError(
+            "this user has no home folder; set XDG_DATA_HOME to a folder in which journals are kept"
+        ) from problem

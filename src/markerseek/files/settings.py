@@ -18,8 +18,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.files.inputs import MIB
-from markerseek.files.text import read_text
+from markerseek.files.inputs import MIB, read_text
 
 _MAX_BYTES = MIB // 4
 """Largest settings file; the longest of the examples has 5 KB."""

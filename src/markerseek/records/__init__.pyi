@@ -1,7 +1,7 @@
 from .curve_svg import DrawnCurve, Mark, as_html, errors_svg
 from .images import ImageSeries, read_image_sequence, read_images
 from .replay import ReplayLaser, ReplayReceiver, ReplayStage
-from .result import NAME_WITHOUT_CLAIM, Answer, ReplayedSearch, SampleRow, SearchResult
+from .result import NAME_WITHOUT_CLAIM, Answer, SampleRow, SearchResult
 from .words import (
     NO_CLAIM,
     acquisitions_text,
@@ -27,7 +27,6 @@ __all__ = [
     "ReplayLaser",
     "ReplayReceiver",
     "ReplayStage",
-    "ReplayedSearch",
     "SampleRow",
     "SearchResult",
     "acquisitions_text",

@@ -64,10 +64,9 @@ class CheckedHdf5(Closing):
         """Names of the datasets at the top level of the file."""
         import h5py
 
-        file = self.opened
         # Link types are asked for first: opening a soft or external link would already follow it.
-        hard = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
-        return [name for name in hard if file.get(name, getclass=True) is h5py.Dataset]
+        within = filter(self.is_within, self.opened)
+        return [name for name in within if self.opened.get(name, getclass=True) is h5py.Dataset]
 
     def is_within(self, name: str) -> bool:
         """Whether a name at the top level is no link to another place."""
@@ -77,13 +76,13 @@ class CheckedHdf5(Closing):
 
     def has(self, name: str) -> bool:
         """Whether the name exists; `TypeError` where it is a link to another place."""
-        return self._item(name) is not None
+        return self.inside(self.opened, name) is not None
 
     def names(self, name: str) -> list[str]:
         """Names in a group in natural order, of the whole file for an empty name; empty if it is no group."""
         import h5py
 
-        item = self._item(name) if name else self.opened
+        item = self.inside(self.opened, name) if name else self.opened
         return sorted(item, key=natural) if isinstance(item, h5py.Group) else []
 
     def dataset(self, name: str) -> h5py.Dataset:
@@ -92,7 +91,7 @@ class CheckedHdf5(Closing):
         Raises `TypeError` or `ValueError` if it is missing, is a link to another file, or needs much more memory than
         the file has bytes.
         """
-        item = self._item(name)
+        item = self.inside(self.opened, name)
         if item is None:
             raise ValueError(f"{name} is missing")
         return self.checked(item, name=name)
@@ -173,10 +172,6 @@ class CheckedHdf5(Closing):
         raw = item[()]
         text = raw.decode("utf-8") if isinstance(raw, bytes) else str(raw)
         return text[:_MAX_TEXT]
-
-    def _item(self, name: str) -> object:
-        """Group or dataset of that name; None if it is missing."""
-        return self.inside(self.opened, name)
 
     def inside(self, group: object, name: str) -> object:
         """Group or dataset of that name in a group; None if it is missing, `TypeError` where it is a link."""

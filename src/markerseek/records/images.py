@@ -13,6 +13,7 @@ import numpy as np
 from markerseek.core import MissingExtraError, RecordError, UInt8
 from markerseek.files import MIB, as_read_error, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
+from markerseek.records.banks.bank import warn
 from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
 from markerseek.records.hdf5 import as_record_error
 
@@ -82,11 +83,7 @@ def read_images(
 
 
 def read_image_sequence(
-    path: Path,
-    *,
-    angles: bool = True,
-    angle_field: str | None = None,
-    pixel_m: tuple[float, float] | None = None,
+    path: Path, *, angles: bool = True, angle_field: str | None = None, pixel_m: tuple[float, float] | None = None
 ) -> ImageSeries:
     """B-mode images of a sequence, the first at each angle; a warning names those that are left out.
 
@@ -105,10 +102,7 @@ def read_image_sequence(
     placed = angles_of(sequence, angle_field=angle_field) if angles else {}
     firsts = {angle_deg: number for number, angle_deg in reversed(placed.items())}
     if len(firsts) < len(placed):
-        warnings.warn(
-            f"{path}: {len(placed) - len(firsts)} images repeat an angle; the first at each angle is taken",
-            stacklevel=2,
-        )
+        warn(path, f"{len(placed) - len(firsts)} images repeat an angle; the first at each angle is taken")
     numbers = set(firsts.values()) if angles else set(filter(sequence.valid_image, range(count)))
     found = {number: image for number, image in enumerate(sequence.frames()) if number in numbers}
     if not found:
@@ -147,25 +141,27 @@ def _frames(
     with as_read_error(path):
         # Only regular files, and none that is too large.
         require_input(path, most_bytes=_MAX_BYTES)
-    arrays = {"pixels": _read_png(path)[np.newaxis]} if suffix == ".png" else _read_dicom(path)
-    frames = arrays["pixels"]
+    regions, spacing_m = np.empty((0, 6)), None
+    if suffix == ".png":
+        frames = _read_png(path)[np.newaxis]
+    else:
+        frames, regions, spacing_m = _read_dicom(path)
     if frames.ndim != 3 or frames.dtype.kind not in "ui":
         raise RecordError(
             f"{path}: {frames.dtype} of shape {frames.shape}, which is no grey image; export it as B-mode"
         )
     if pixel_m is not None:
         return frames, pixel_m
-    size_m = _size_in(path, arrays, roi)
+    size_m = _region_size_m(path, regions, roi) or spacing_m
     if size_m is not None and not all(0 < size < 0.01 for size in size_m):
         raise RecordError(f"{path}: a pixel of {list(size_m)} m, 0 to 10 mm are possible; name --pixel-mm instead")
     return frames, size_m
 
 
-def _size_in(
-    path: Path, arrays: dict[str, np.ndarray], roi: tuple[int, int, int, int] | None
+def _region_size_m(
+    path: Path, regions: np.ndarray, roi: tuple[int, int, int, int] | None
 ) -> tuple[float, float] | None:
-    """Height and width of a pixel: of the regions that hold the rectangle, else of all, else by its spacing."""
-    regions = arrays.get("regions", np.empty((0, 6)))
+    """Height and width of a pixel in the image regions that hold the rectangle, or in all; None if there are none."""
     if roi is not None:
         row, column, rows, columns = roi
         first, last = np.array([row, column]), np.array([row + rows - 1, column + columns - 1])
@@ -177,10 +173,7 @@ def _size_in(
             f"{path}: it has image regions of several scales, {' and '.join(map(_size, sizes))}; name a rectangle that "
             "lies in one of them (--roi), or the size of a pixel"
         )
-    if sizes:
-        return sizes[0]
-    spacing_m = arrays.get("pixel_m")
-    return None if spacing_m is None else (float(spacing_m[0]), float(spacing_m[1]))
+    return sizes[0] if sizes else None
 
 
 def _as_8_bits(path: Path, images: list[np.ndarray]) -> tuple[UInt8[np.ndarray, "rows columns"], ...]:
@@ -217,11 +210,10 @@ _DAMAGED = {"what": "image", "cure": "it is damaged: export it again"}
 """Error of a file that a library cannot decode as an image."""
 
 
-def _read_dicom(path: Path) -> dict[str, np.ndarray]:
-    """``pixels`` of all frames as grey values, shape (frames, rows, columns), and what is known of a pixel's size.
+def _read_dicom(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
+    """Grey values of all frames, (frames, rows, columns); its image regions; and the size of a pixel by its spacing.
 
-    ``regions``: first row and column, last row and column, and height and width of a pixel in metres of each region
-    that is an image. ``pixel_m``: height and width by ``PixelSpacing``.
+    Regions: first row and column, last row and column, and height and width of a pixel in metres, of each.
     """
     with warnings.catch_warnings(action="ignore"), as_record_error(path, **_DAMAGED):
         import pydicom
@@ -245,10 +237,8 @@ def _read_dicom(path: Path) -> dict[str, np.ndarray]:
             # About the middle of what the bits can hold, so that the images of a scan can be compared.
             signed = int(file.get("PixelRepresentation", 0))
             pixels = (-1 if signed else 2 ** int(file.BitsStored) - 1) - pixels.astype(np.int64)
-        found = {"pixels": pixels, "regions": np.array(_regions(file)).reshape(-1, 6)}
-        if file.get("PixelSpacing"):
-            found["pixel_m"] = np.array([1e-3 * float(file.PixelSpacing[0]), 1e-3 * float(file.PixelSpacing[1])])
-        return found
+        spacing_m = [1e-3 * float(each) for each in (file.get("PixelSpacing") or ())[:2]]
+        return pixels, np.array(_regions(file)).reshape(-1, 6), (spacing_m[0], spacing_m[1]) if spacing_m else None
 
 
 def _regions(file: Any) -> list[tuple[float, ...]]:

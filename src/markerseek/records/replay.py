@@ -6,7 +6,6 @@ The paper's offline analysis (section 2.5) interpolates instead, which can be ch
 
 from __future__ import annotations
 
-import bisect
 import math
 from dataclasses import replace
 from typing import Literal
@@ -50,8 +49,10 @@ class ReplayStage:
         """Move to an angle or the nearest recorded one, and return the angle reached, in degrees."""
         if angle_deg not in self.limits:
             raise LimitError(f"replay: {angle_deg:g} deg is outside the recorded range {self.limits}")
-        self._angle_deg = angle_deg if self._grid is None else _nearest(self._grid, angle_deg)
-        return self._angle_deg
+        if self._grid is not None:
+            angle_deg = min(self._grid, key=lambda recorded_deg: abs(recorded_deg - angle_deg))
+        self._angle_deg = angle_deg
+        return angle_deg
 
     def stop(self) -> None:
         """Nothing to do: moves are instantaneous."""
@@ -123,8 +124,3 @@ class ReplayReceiver:
             return replace(frame, header=replace(header, energy=frame.header.energy))
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)
-
-
-def _nearest(grid: tuple[float, ...], angle_deg: float) -> float:
-    index = bisect.bisect_left(grid, angle_deg)
-    return min(grid[max(index - 1, 0) : index + 1], key=lambda angle: abs(angle - angle_deg))

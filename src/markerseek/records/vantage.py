@@ -64,7 +64,7 @@ def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
         "sampling_hz": receives.sampling_hz,
         "first_sample_s": receives.first_sample_s,
         "pitch_m": workspace.pitch_m(),
-        "sound_speed_m_s": workspace.number("Resource", "Parameters", "speedOfSound"),
+        "sound_speed_m_s": workspace.number("Resource.Parameters.speedOfSound"),
         LAST: workspace.last_frame(receives.buffer),
     }
     return {
@@ -109,36 +109,36 @@ class _Workspace:
     path: Path
     file: CheckedHdf5 = field(repr=False)
 
-    def refuse(self, problem: str, cure: str) -> NoReturn:
+    def refuse(self, problem: str, cure: str = "save the workspace again") -> NoReturn:
         raise RecordError(f"{self.path}: {problem}; {cure}")
 
     def receives(self) -> _Receives:
-        start = self._whole("Receive", "startSample")
+        start = self._whole("Receive.startSample")
         count = len(start)
         whole = {
-            name: self._whole("Receive", name, count=count, otherwise=otherwise)
+            name: self._whole(f"Receive.{name}", count=count, otherwise=otherwise)
             for name, otherwise in (("endSample", None), ("framenum", None), ("bufnum", 1))
         }
         chosen = self._without_transmit(count)
         samples = whole["endSample"] - start + 1
-        rate_mhz = self._each("Receive", "decimSampleRate", count=count)
-        rate_mhz = rate_mhz / self._each("Receive", "quadDecim", count=count, otherwise=1.0)
-        depth = self._each("Receive", "startDepth", count=count, otherwise=0.0)
-        for text in self._texts("Receive", "sampleMode", count=count, chosen=chosen):
+        rate_mhz = self._each("Receive.decimSampleRate", count=count)
+        rate_mhz = rate_mhz / self._each("Receive.quadDecim", count=count, otherwise=1.0)
+        depth = self._each("Receive.startDepth", count=count, otherwise=0.0)
+        for text in self._texts("Receive.sampleMode", count=count, chosen=chosen):
             if text not in _SAMPLED:
                 self.refuse(
                     f"Receive.sampleMode is {text!r}, whose samples are not equally spaced",
                     "acquire with sampleMode 'NS200BW'",
                 )
-        frequency_mhz = self.number("Trans", "frequency")
+        frequency_mhz = self.number("Trans.frequency")
         first_depth = self._same("Receive.startDepth", depth[chosen])
-        if (first_depth or self.number("Trans", "lensCorrection")) and not (frequency_mhz and frequency_mhz > 0):
+        if (first_depth or self.number("Trans.lensCorrection")) and not (frequency_mhz and frequency_mhz > 0):
             self.refuse(
                 "Trans.frequency is missing, and Receive.startDepth and Trans.lensCorrection count its wavelengths",
                 "save Trans too",
             )
         sampling_hz = 1e6 * self._same("Receive.decimSampleRate", rate_mhz[chosen])
-        lens = self.number("Trans", "lensCorrection") or 0.0
+        lens = self.number("Trans.lensCorrection") or 0.0
         if not 0 <= lens < _THICKEST_LENS:
             self.refuse(
                 f"Trans.lensCorrection is {lens:g} wavelengths, 0 to {_THICKEST_LENS} are possible", "correct it"
@@ -148,7 +148,7 @@ class _Workspace:
         first_sample_s = (2e-6 * first_depth - 1e-6 * lens) / (frequency_mhz or 1.0)
         common = int(self._same("Receive.endSample - Receive.startSample", samples[chosen]))
         if common < 1 or start.min() < 1:
-            self.refuse(f"a receive begins at sample {start.min()} and has {common}", "save the workspace again")
+            self.refuse(f"a receive begins at sample {start.min()} and has {common}")
         return _Receives(
             frame=whole["framenum"][chosen],
             start=start[chosen],
@@ -160,10 +160,10 @@ class _Workspace:
 
     def _without_transmit(self, receives: int) -> Int64[np.ndarray, " receives"]:
         """Indices of the receives whose event has no transmit, each once, in their order; all where none is stated."""
-        if self._items("Event", "rcv") is None:
+        if self._items("Event.rcv") is None:
             return np.arange(receives)
-        received = self._whole("Event", "rcv")
-        sent = self._whole("Event", "tx", count=len(received))
+        received = self._whole("Event.rcv")
+        sent = self._whole("Event.tx", count=len(received))
         if received.max(initial=0) > receives:
             self.refuse(f"an event names receive {received.max()} of {receives}", "save the whole workspace")
         silent = [number for number in np.unique(sent).tolist() if number < 1 or self._is_silent(number)]
@@ -177,7 +177,7 @@ class _Workspace:
 
     def _is_silent(self, number: int) -> bool:
         """Whether a TX, counted from 1, has an apodization of zeros."""
-        items = self._items("TX", "Apod")
+        items = self._items("TX.Apod")
         if items is None or number > len(items):
             self.refuse(f"an event names TX {number}, and its Apod is missing", "save TX too")
         return not self._values(items[number - 1], name="TX.Apod").any()
@@ -214,7 +214,7 @@ class _Workspace:
 
     def last_frame(self, buffer: int) -> float | None:
         """Number of the frame of a buffer that was filled last; None if not stated."""
-        last = self._items("Resource", "RcvBuffer", "lastFrame")
+        last = self._items("Resource.RcvBuffer.lastFrame")
         if last is None or buffer > len(last):
             return None
         return float(self._values(last[buffer - 1], name="Resource.RcvBuffer.lastFrame").flat[0])
@@ -222,7 +222,7 @@ class _Workspace:
     def columns(self, channels: int) -> Int64[np.ndarray, " elements"]:
         """Channel of each element, counted from 0."""
         for name in ("ConnectorES", "Connector"):
-            items = self._items("Trans", name)
+            items = self._items(f"Trans.{name}")
             if items is None:
                 continue
             wiring = self._values(items[0], name=f"Trans.{name}")
@@ -235,7 +235,7 @@ class _Workspace:
                     "each element needs a channel of its own: save Trans of the same run",
                 )
             return numbers - 1
-        elements = self.number("Trans", "numelements")
+        elements = self.number("Trans.numelements")
         if elements != channels:
             self.refuse(
                 f"{FRAMES} has {channels} channels, Trans.numelements is {elements}, and Trans.Connector is missing",
@@ -245,62 +245,64 @@ class _Workspace:
 
     def pitch_m(self) -> float | None:
         """Distance of the elements; None if not stated."""
-        kind = self.number("Trans", "type")
+        kind = self.number("Trans.type")
         if kind not in (None, 0):
             self.refuse(f"Trans.type is {kind:g}, the array is not linear", "only linear arrays (type 0) can be imaged")
-        spacing_mm = self.number("Trans", "spacingMm")
+        spacing_mm = self.number("Trans.spacingMm")
         if spacing_mm is not None:
             return 1e-3 * spacing_mm
-        waves, frequency_mhz = self.number("Trans", "spacing"), self.number("Trans", "frequency")
-        speed_m_s = self.number("Resource", "Parameters", "speedOfSound")
+        waves, frequency_mhz = self.number("Trans.spacing"), self.number("Trans.frequency")
+        speed_m_s = self.number("Resource.Parameters.speedOfSound")
         return waves * speed_m_s / (1e6 * frequency_mhz) if waves and speed_m_s and frequency_mhz else None
 
-    def number(self, *names: str) -> float | None:
-        """One number; None if it is missing."""
-        items = self._items(*names)
+    def number(self, name: str) -> float | None:
+        """One number by the dotted name of its variable; None if it is missing."""
+        items = self._items(name)
         if items is None:
             return None
-        values = self._values(items[0], name=".".join(names))
+        values = self._values(items[0], name=name)
         if len(items) != 1 or values.size != 1:
-            self.refuse(f"{'.'.join(names)} holds {values.size} numbers, one is expected", "save the workspace again")
+            self.refuse(f"{name} holds {values.size} numbers, one is expected")
         return float(values.flat[0])
 
     def _each(
-        self, *names: str, count: int | None = None, otherwise: float | None = None
+        self, name: str, *, count: int | None = None, otherwise: float | None = None
     ) -> Float64[np.ndarray, " items"]:
         """One number for each item of an array of structures; ``otherwise`` where the field is missing."""
-        name = ".".join(names)
-        quick = self._scalars(*names)
+        quick = self._scalars(name)
         if quick is not None and count in (None, len(quick)) and np.isfinite(quick).all():
             return quick
-        items = self._items(*names)
+        items = self._items(name)
         if items is None and otherwise is not None and count is not None:
             return np.full(count, otherwise)
         if items is None or count not in (None, len(items)):
             found = "missing" if items is None else f"there {len(items)} times instead of {count}"
-            self.refuse(f"{name} is {found}", f"save the whole workspace: save('run.mat', '-v7.3') with {names[0]}")
+            self.refuse(
+                f"{name} is {found}",
+                f"save the whole workspace: save('run.mat', '-v7.3') with {name.partition('.')[0]}",
+            )
         values = [self._values(item, name=name) for item in items]
         if any(each.size != 1 for each in values):
-            self.refuse(f"{name} is not one number for each", "save the workspace again")
+            self.refuse(f"{name} is not one number for each")
         return np.array([each.flat[0] for each in values])
 
     def _whole(
-        self, *names: str, count: int | None = None, otherwise: float | None = None
+        self, name: str, *, count: int | None = None, otherwise: float | None = None
     ) -> Int64[np.ndarray, " items"]:
-        return self._as_whole(self._each(*names, count=count, otherwise=otherwise), name=".".join(names))
+        return self._as_whole(self._each(name, count=count, otherwise=otherwise), name=name)
 
     def _as_whole(self, values: Float64[np.ndarray, " items"], *, name: str) -> Int64[np.ndarray, " items"]:
         if not (np.abs(values) < 2**31).all() or not (values == np.rint(values)).all():
-            self.refuse(f"{name} holds {values.tolist()[:4]}, whole numbers are expected", "save the workspace again")
+            self.refuse(f"{name} holds {values.tolist()[:4]}, whole numbers are expected")
         return values.astype(np.int64)
 
-    def _texts(self, *names: str, count: int, chosen: Int64[np.ndarray, " receives"]) -> set[str]:
+    def _texts(self, name: str, *, count: int, chosen: Int64[np.ndarray, " receives"]) -> set[str]:
         """The different texts of a field of some structures; none where it is missing."""
-        items = self._items(*names)
+        items = self._items(name)
         if items is None:
             return set()
         if len(items) != count:
-            self.refuse(f"{'.'.join(names)} is there {len(items)} times instead of {count}", "save the whole workspace")
+            self.refuse(f"{name} is there {len(items)} times instead of {count}", "save the whole workspace")
         return {_text_of(items[index]) for index in chosen.tolist()}
 
     def _same(self, name: str, values: np.ndarray) -> float:
@@ -315,35 +317,33 @@ class _Workspace:
 
     def _values(self, item: h5py.Dataset, *, name: str) -> Float64[np.ndarray, ...]:
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8 or not 0 < item.size <= MAX_ITEMS:
-            self.refuse(
-                f"{name} is {item.dtype} of shape {item.shape}, numbers are expected", "save the workspace again"
-            )
+            self.refuse(f"{name} is {item.dtype} of shape {item.shape}, numbers are expected")
         values = np.asarray(item[()], dtype=np.float64)
         if not np.isfinite(values).all():
-            self.refuse(f"{name} holds a number that is not finite", "save the workspace again")
+            self.refuse(f"{name} holds a number that is not finite")
         return values
 
-    def _scalars(self, *names: str) -> Float64[np.ndarray, " items"] | None:
+    def _scalars(self, name: str) -> Float64[np.ndarray, " items"] | None:
         """One number for each structure of an array of MATLAB; None if they are stored otherwise."""
         import h5py
 
-        item, name = self._item(*names), ".".join(names)
+        item = self._item(name)
         if not isinstance(item, h5py.Dataset) or item.dtype != h5py.ref_dtype:
             return None
         data = self.file.checked(item, name=name)
         self._require_few(data.size, name)
         return self.file.scalars(data[()].ravel(), name=name)
 
-    def _items(self, *names: str) -> list[h5py.Dataset] | None:
+    def _items(self, name: str) -> list[h5py.Dataset] | None:
         """Datasets of a variable, or of a field of it, one for each cell or structure; None if it has none."""
-        item = self._item(*names)
-        return None if item is None else self._expanded(item, name=".".join(names)) or None
+        item = self._item(name)
+        return None if item is None else self._expanded(item, name=name) or None
 
-    def _item(self, *names: str) -> object:
+    def _item(self, name: str) -> object:
         """A variable, or a field of it; None if it is missing."""
         item: object = self.file.opened
-        for name in names:
-            item = self.file.inside(_octave_value(self.file, item), name)
+        for part in name.split("."):
+            item = self.file.inside(_octave_value(self.file, item), part)
         return item
 
     def _expanded(self, item: object, *, name: str) -> list[h5py.Dataset]:

@@ -27,8 +27,17 @@ from markerseek.core import (
     SearchPlan,
 )
 from markerseek.files import quoted
-from markerseek.records.banks import MIN_ANGLES, BankFacts, FrameBank, IntensityBank, record_of, require_angles
-from markerseek.records.banks.ipasc import require_new_bank, require_room, whole_bank
+from markerseek.records.banks import (
+    MIN_ANGLES,
+    BankFacts,
+    FrameBank,
+    IntensityBank,
+    record_of,
+    require_angles,
+    require_new_bank,
+    require_room,
+    whole_bank,
+)
 from markerseek.records.journal import (
     Configuration,
     Entry,

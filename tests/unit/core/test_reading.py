@@ -24,7 +24,7 @@ from markerseek.core import (
     ScanGeometry,
 )
 from markerseek.records.journal import Checked, Journal, JournalEvent, read_journal
-from markerseek.records.journal.encoding import decode, encode
+from markerseek.records.journal.entries import decode, encode
 from tests.sizes import examples
 from tests.unit.records.journal.synthetic_journals import FULL_READING, HEADER, configuration
 

@@ -34,7 +34,7 @@ from markerseek.drivers import (
     TypedStage,
 )
 from markerseek.guard import Limits, State
-from markerseek.records.exports import probe_to_probe_home
+from markerseek.records.banks import probe_to_probe_home
 from markerseek.runs import scan_angles
 from markerseek.sim import HandMotion, SimulatedHand, VirtualClock
 from markerseek.testing import StageContract

@@ -57,13 +57,6 @@ def test_samples_count_from_the_trigger(tmp_path):
     np.testing.assert_array_equal(counts[:, :, 24:], FRAMES)
 
 
-def test_a_variable_can_name_the_angles(tmp_path):
-    angles = np.array([3.0, 1.0, 2.0, 5.0, 4.0])
-    path = write_workspace(tmp_path / "run.mat", FRAMES, change=lambda held: held.value(held.file, "angle_deg", angles))
-    bank = read_arrays(path)
-    np.testing.assert_array_equal(frames_of(bank), FRAMES[[1, 2, 0, 4, 3]])
-
-
 def replaced(field, value):
     def change(workspace):
         group, name = field.rsplit("/", 1)

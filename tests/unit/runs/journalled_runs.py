@@ -25,7 +25,7 @@ from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve, NoiseSettings, SimulatedSettings
-from tests.unit.records.changed_configuration import changed
+from tests.unit.records.journal.synthetic_journals import changed
 
 Begin: TypeAlias = Callable[[], tuple[AnyPolicy, Rig, Configuration]]
 

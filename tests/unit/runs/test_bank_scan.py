@@ -11,7 +11,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ByHand, ConfigError, DeviceError, Measured, RecordError, Sample
 from markerseek.records.banks import FrameBank, read_bank, record_of
-from markerseek.records.banks.ipasc.writer import BankWriter
+from markerseek.records.banks.ipasc_writer import BankWriter
 from markerseek.records.journal import read_journal
 from markerseek.runs import journal_bank, scan_bank
 from markerseek.runs.bank_scan import scan_configuration

@@ -23,7 +23,7 @@ import numpy as np
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.followed import RunImages, since_fired_s
 from markerseek.core import Measured, Sample
-from markerseek.records.exports import image_to_probe, probe_to_probe_home
+from markerseek.records.banks import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Configuration, JournalItem
 from markerseek.registration import KnownRegistration, RegistrationState
 from markerseek.ros import messages

@@ -1,7 +1,8 @@
 """Banks, that is scans of many angles: IPASC HDF5, a folder of frames, arrays, a sequence of PLUS, or a CSV table.
 
 `read_bank` reads a bank, `read_arrays` arrays that can be made one, `load_frame` and `open_ultrasonix` single frames.
-A child process tries HDF5 first (`markerseek.records.child`).
+`write_bank` writes a table, `whole_bank` IPASC, `write_sequence` a sequence for 3D Slicer and PLUS, `write_zea` a file
+of zea. A child process tries HDF5 first (`markerseek.records.child`).
 """
 
 from markerseek.records.banks.arrays import read_arrays
@@ -12,17 +13,19 @@ from markerseek.records.banks.bank import (
     BankFacts,
     FrameBank,
     IntensityBank,
+    Series,
     record_of,
     require_angles,
+    series_of,
     unwrapped,
 )
-from markerseek.records.banks.frames import MAT_PROBE, load_frame
-from markerseek.records.banks.ipasc import IpascBank, require_new_bank, whole_bank
-from markerseek.records.banks.layout import angles_in
+from markerseek.records.banks.frames import MAT_PROBE, load_frame, open_ultrasonix
+from markerseek.records.banks.ipasc_writer import require_new_bank, require_room, whole_bank
 from markerseek.records.banks.reading import read_bank, require_whole
 from markerseek.records.banks.sequence import is_sequence, read_sequence
-from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, write_bank
-from markerseek.records.banks.ultrasonix import open_ultrasonix
+from markerseek.records.banks.sequence_writer import image_to_probe, probe_to_probe_home, write_sequence
+from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, angles_in, write_bank
+from markerseek.records.banks.zea import write_zea
 
 __all__ = [
     "DEFAULT_FORMAT",
@@ -33,20 +36,26 @@ __all__ = [
     "BankFacts",
     "FrameBank",
     "IntensityBank",
-    "IpascBank",
+    "Series",
     "TableFormat",
     "angles_in",
+    "image_to_probe",
     "is_sequence",
     "load_frame",
     "open_ultrasonix",
+    "probe_to_probe_home",
     "read_arrays",
     "read_bank",
     "read_sequence",
     "record_of",
     "require_angles",
     "require_new_bank",
+    "require_room",
     "require_whole",
+    "series_of",
     "unwrapped",
     "whole_bank",
     "write_bank",
+    "write_sequence",
+    "write_zea",
 ]

@@ -11,7 +11,6 @@ files come with the same names. The frames of a Vantage are a ring, which is put
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ import numpy as np
 from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Int16, RecordError
 from markerseek.files import as_read_error
 from markerseek.records.banks.bank import (
+    AXES,
     NUMERIC_FACTS,
     USUAL_SAMPLING_HZ,
     BankFacts,
@@ -29,9 +29,9 @@ from markerseek.records.banks.bank import (
     IntensityBank,
     first_of,
     rising,
+    warn,
 )
-from markerseek.records.banks.counts import as_counts, scaling_of
-from markerseek.records.banks.layout import AXES, turned, without_channels_of
+from markerseek.records.banks.foreign_frames import as_counts, scaling_of, turned, without_channels_of
 from markerseek.records.banks.table import (
     DEFAULT_FORMAT,
     TableFormat,
@@ -75,12 +75,7 @@ def read_arrays(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int
 
 
 def bank_of_arrays(
-    path: Path,
-    found: Mapping[str, np.ndarray],
-    table: TableFormat = DEFAULT_FORMAT,
-    *,
-    ordered: bool = False,
-    blanked: int = 0,
+    path: Path, found: Mapping[str, np.ndarray], table: TableFormat, *, ordered: bool, blanked: int
 ) -> IntensityBank | ArrayBank:
     """Bank of arrays by their names, as `read_arrays`.
 
@@ -117,7 +112,10 @@ def bank_of_arrays(
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
-        values, frames = _of_channels(path, values, table.without_channels)
+        values = without_channels_of(path, values, table.without_channels)
+        # Without the carrier of IQ data there is no image.
+        frames = values.dtype.kind != "c"
+        values = values if frames else _of_iq(path, values)
     values = values if frames else _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table) & held_by
     degrees, values = degrees[kept], values[kept]
@@ -126,11 +124,18 @@ def bank_of_arrays(
     energies = _energies(path, arrays, kept)
     started_s = tuple(arrays["started_s"][kept][order].tolist()) if "started_s" in arrays else ()
     if frames:
-        pulses = tuple(_pulses(path, arrays, kept.size)[kept][order].tolist())
         before = _samples_before(path, arrays, facts.sampling_hz, samples=values.shape[2])
-        bank = _frame_bank(path, angles_deg, values[order], pulses, facts, before=before, blanked=blanked)
-        energies_of = () if energies is None else tuple(energies[order].tolist())
-        return replace(bank, energies=energies_of, started_s=started_s)
+        # One scale for all angles, or their intensities could not be compared.
+        scaling = scaling_of(path, values, blanked=max(0, blanked - before))
+        return ArrayBank(
+            path=path,
+            angles_deg=angles_deg,
+            samples=np.stack([_from_trigger(as_counts(path, each, scaling), before) for each in values[order]]),
+            facts=replace(facts, first_sample_s=max(0, before) / (facts.sampling_hz or USUAL_SAMPLING_HZ) or None),
+            pulses=tuple(_pulses(path, arrays, kept.size)[kept][order].tolist()),
+            energies=() if energies is None else tuple(energies[order].tolist()),
+            started_s=started_s,
+        )
     db = decibels(table.db, value)
     intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
     intensity = intensity if energies is None else intensity / np.where(np.isnan(energies), 1.0, energies)
@@ -155,40 +160,12 @@ def _stated_degrees(path: Path, table: TableFormat, count: int, *, held: str) ->
     return np.array(table.angles_deg, dtype=np.float64)
 
 
-def _frame_bank(
-    path: Path,
-    angles_deg: tuple[float, ...],
-    frames: np.ndarray,
-    pulses: tuple[int, ...],
-    facts: BankFacts,
-    *,
-    before: int,
-    blanked: int,
-) -> ArrayBank:
-    """Bank of frames in the order of the angles; ``before``: samples from the trigger to the first one."""
-    # One scale for all angles, or their intensities could not be compared.
-    scaling = scaling_of(path, frames, blanked=max(0, blanked - before))
-    return ArrayBank(
-        path=path,
-        angles_deg=angles_deg,
-        samples=np.stack([_from_trigger(as_counts(path, each, scaling), before) for each in frames]),
-        facts=replace(facts, first_sample_s=max(0, before) / (facts.sampling_hz or USUAL_SAMPLING_HZ) or None),
-        pulses=pulses,
-    )
-
-
-def _of_channels(path: Path, frames: np.ndarray, left_out: tuple[int, ...]) -> tuple[np.ndarray, bool]:
-    """Frames without the channels that are left out, of IQ data their intensities; and whether they are frames."""
-    kept = without_channels_of(path, frames, left_out)
-    return (_of_iq(path, kept), False) if kept.dtype.kind == "c" else (kept, True)
-
-
 def _of_iq(path: Path, frames: np.ndarray) -> np.ndarray:
     """Intensities of IQ data, whose carrier is not known: the mean over the channels of their largest magnitudes."""
-    warnings.warn(
-        f"{path}: its frames are IQ data, without the carrier that imaging would need; the intensity at an angle is "
+    warn(
+        path,
+        "its frames are IQ data, without the carrier that imaging would need; the intensity at an angle is "
         "the mean over the channels of the envelope's peak, and there is no image",
-        stacklevel=3,
     )
     return np.asarray(np.abs(frames).max(axis=2).mean(axis=1), dtype=np.float64)
 
@@ -229,10 +206,7 @@ def _degrees(path: Path, angles: np.ndarray, name: str, table: TableFormat) -> F
     if angles.dtype.kind not in "iuf":
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
     values = angles.ravel().astype(np.float64)
-    degrees: Float64[np.ndarray, " angles"] = in_degrees(
-        values, unit_of(path, table.unit, name, values[np.isfinite(values)])
-    )
-    return degrees
+    return in_degrees(values, unit_of(path, table.unit, name, values[np.isfinite(values)]))
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:
@@ -354,10 +328,10 @@ def in_scan_order(
             "ring has not gone round"
         )
     if start is None:
-        warnings.warn(
-            f"{path}: {_unknown(arrays)}; the angles are taken in the order of the buffer, frame {numbers[0]} first "
+        warn(
+            path,
+            f"{_unknown(arrays)}; the angles are taken in the order of the buffer, frame {numbers[0]} first "
             "(--first-frame)",
-            stacklevel=4,
         )
     order = np.roll(np.arange(len(numbers)), -(start or 0))
     if angles is not None and angles != len(order):
@@ -376,7 +350,7 @@ def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarr
         return np.ones_like(held)
     if not held.all():
         names = [str(number) for number in np.sort(numbers[~held])]
-        warnings.warn(f"{path}: {len(names)} frames hold zeros only, and are left out: {first_of(names)}", stacklevel=3)
+        warn(path, f"{len(names)} frames hold zeros only, and are left out: {first_of(names)}")
     return held
 
 

@@ -1,4 +1,4 @@
-"""The types of a bank: a scan of many angles with intensities or frames, and the facts known of it."""
+"""The types of a bank: a scan of many angles with intensities or frames, the facts known of it, its order of time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -80,6 +80,9 @@ class BankFacts:
     """Program that scanned or imported it, with its version."""
 
 
+AXES = ("angles", "channels", "samples")
+"""Axes of the frames of a bank, in their order."""
+
 NUMERIC_FACTS = (
     "sampling_hz", "sound_speed_m_s", "pitch_m", "wavelength_m", "pulse_energy_j", "face_radius_m",
     "reference_angle_deg", "clock_zero_unix_s",
@@ -99,6 +102,8 @@ class Bank:
     started_s: tuple[float, ...] = field(repr=False, default=())
     """When the acquisition at each angle began, in seconds on a clock that read 0 at `BankFacts.clock_zero_unix_s`; NaN
     where it is not known, empty if none is."""
+    dark_frames: int = 0
+    """Number of frames that were taken without laser; none of intensities."""
 
     def to_xarray(self) -> xr.Dataset:
         """The bank as a data set of xarray: ``intensity`` over ``angle_deg`` where it is known, and the facts.
@@ -124,18 +129,11 @@ class IntensityBank(Bank):
     intensities: tuple[float, ...] = field(repr=False)
     """Peak of the photoacoustic image at each angle."""
 
-    @property
-    def dark_frames(self) -> int:
-        """Number of frames that were taken without laser: none, as there are no frames."""
-        return 0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameBank(Bank, ABC):
     """One frame of channel data for each angle, read from disk on demand."""
 
-    dark_frames: int = 0
-    """Number of frames that were taken without laser."""
     pulses: tuple[int, ...] = field(repr=False, default=())
     """Laser pulses averaged at each angle; empty if it is not known."""
     energies: tuple[float, ...] = field(repr=False, default=())
@@ -219,10 +217,10 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
     inner = cut < rising.size - 1 and gaps[-1] >= 0
     if not inner or gaps[cut] <= 2 * np.sort(gaps)[-2]:
         if gaps[-1] <= np.diff(rising).max() + MIN_STEP_DEG:
-            warnings.warn(
-                f"{path}: the angles cover the full circle, and a marker near {rising[0]:g} or {rising[-1]:g} deg is "
+            warn(
+                path,
+                f"the angles cover the full circle, and a marker near {rising[0]:g} or {rising[-1]:g} deg is "
                 "seen at both ends; if it is there, leave out angles on the other side, so that a gap remains",
-                stacklevel=3,
             )
         return angles_deg
     last_deg, first_deg = rising[cut], rising[cut + 1]
@@ -232,11 +230,11 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
     # Rounded, because 359.9 - 360 has more digits than 359.9.
     turned = np.where(moved, np.round(angles_deg + turn_deg, 9), angles_deg)
     old, new = angles_deg[moved], turned[moved]
-    warnings.warn(
-        f"{path}: the angles jump by a full turn, so that {old.min():g} to {old.max():g} deg are read as "
+    warn(
+        path,
+        f"the angles jump by a full turn, so that {old.min():g} to {old.max():g} deg are read as "
         f"{new.min():g} to {new.max():g} deg; it runs from {np.nanmin(turned):g} to {np.nanmax(turned):g} deg, and "
         "all angles of the answer count so",
-        stacklevel=3,
     )
     return turned
 
@@ -245,6 +243,11 @@ def silenced(samples: np.ndarray, left_out: Sequence[int]) -> np.ndarray:
     """Samples of (…, channels, samples) with zeros in the channels that are left out, counted from 0."""
     chosen = np.isin(np.arange(samples.shape[-2]), left_out)
     return np.where(chosen[:, None], samples.dtype.type(0), samples) if chosen.any() else samples
+
+
+def warn(path: Path, message: str) -> None:
+    """Warn of what was assumed, changed or left out when a file was read."""
+    warnings.warn(f"{path}: {message}", stacklevel=4)
 
 
 def first_of(names: Sequence[str]) -> str:
@@ -284,3 +287,65 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
         raise RecordError(
             f"{path}: it holds {counted(len(angles_deg), 'angle')}, at least {MIN_ANGLES} are needed for a search"
         )
+
+
+Clock: TypeAlias = Literal["unix", "rig", "none"]
+"""What times were read from."""
+
+TIMES: dict[Clock, str] = {
+    "unix": "seconds since 1970-01-01 00:00 UTC",
+    "rig": "seconds on the clock of the rig",
+    "none": "not known: the acquisitions are numbered in the order of their angles, one to a second",
+}
+"""What times mean, in words."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """Acquisitions in the order of the export."""
+
+    angles_deg: tuple[float, ...]
+    """Angle of the probe at each."""
+    times_s: tuple[float, ...]
+    """When each began, rising."""
+    clock: Clock
+    """What the times were read from; ``none``: 0, 1, 2 and so on."""
+    order: tuple[int, ...]
+    """Number of each in the bank, counted from 0."""
+    facts: BankFacts
+
+    @property
+    def known(self) -> dict[str, str | float | bool]:
+        """Facts by name, units in the names; what is not known is left out."""
+        facts = {name: each for name, each in asdict(self.facts).items() if each is not None and str(each).strip()}
+        return facts | {"times": TIMES[self.clock]}
+
+
+def series_of(bank: IntensityBank | FrameBank, *, facts: BankFacts | None = None) -> Series:
+    """Acquisitions of a bank in the order of time, or of the angles where no times are known.
+
+    Times are used if each acquisition has one and they differ within six digits, counted from the first: SlicerIGSIO
+    compares times with that precision, and would merge acquisitions with equal ones.
+
+    ``facts``: what is known of it, where that is more than it holds.
+    """
+    times, clock = _times(bank)
+    order = tuple(sorted(range(len(times)), key=times.__getitem__))
+    return Series(
+        angles_deg=tuple(bank.angles_deg[index] for index in order),
+        times_s=tuple(times[index] for index in order),
+        clock=clock,
+        order=order,
+        facts=bank.facts if facts is None else facts,
+    )
+
+
+def _times(bank: IntensityBank | FrameBank) -> tuple[tuple[float, ...], Clock]:
+    count = len(bank.angles_deg)
+    started_s = bank.started_s
+    first_s = min(started_s, default=0.0)
+    different = len({f"{each - first_s:g}" for each in started_s}) == len(started_s) == count
+    if not different or not all(0 <= each < math.inf for each in started_s):
+        return tuple(map(float, range(count))), "none"
+    zero_s = bank.facts.clock_zero_unix_s
+    return (started_s, "rig") if zero_s is None else (tuple(zero_s + each for each in started_s), "unix")

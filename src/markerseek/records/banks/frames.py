@@ -1,22 +1,23 @@
 """Reads frames of channel data: a folder of SonixDAQ files, an ``.npy``, or a ``.mat`` of the public data set.
 
-A bank is a folder with one of these for each angle. Any file gives a frame or a `RecordError`; reading needs at most
-some tens of times the file's size in memory. How numbers of other types become int16 counts: `counts`.
+A bank is a folder with one of these for each angle. Ultrasonix ``.b8`` and ``.rf`` are read one frame at a time.
+Any file gives a frame or a `RecordError`; reading needs at most some tens of times the file's size in memory. How
+numbers of other types become int16 counts: `foreign_frames`.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import re
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError
-from markerseek.files import MIB, angle_in, as_read_error, in_natural_order, quoted, read_input
+from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError, UInt8
+from markerseek.files import MIB, angle_in, as_read_error, in_natural_order, open_input, quoted, read_input
 from markerseek.records.banks.bank import (
     HDF5_SUFFIXES,
     USUAL_SAMPLING_HZ,
@@ -25,12 +26,19 @@ from markerseek.records.banks.bank import (
     chosen_channels,
     rising,
     silenced,
+    warn,
 )
-from markerseek.records.banks.counts import EXACT, Scaling, as_counts, scaling_of
-from markerseek.records.banks.layout import broken_channels, said_of_broken
+from markerseek.records.banks.foreign_frames import (
+    EXACT,
+    Scaling,
+    as_counts,
+    broken_channels,
+    said_of_broken,
+    scaling_of,
+)
 from markerseek.records.journal import is_journal
 from markerseek.records.named_arrays import arrays_in, content, try_arrays
-from markerseek.wire import sonixdaq
+from markerseek.wire import sonixdaq, ultrasonix
 
 MAT_PROBE = "L3-8"
 """Preset of the probe of the public data set."""
@@ -188,7 +196,7 @@ class FolderBank(FrameBank):
         )
 
 
-def read_folder(path: Path, *, blanked: int = 0, without_channels: tuple[int, ...] = ()) -> FolderBank:
+def read_folder(path: Path, *, blanked: int, without_channels: tuple[int, ...]) -> FolderBank:
     """Bank in a folder, from the names of its sub-folders and files of channel data.
 
     A name is the angle in degrees, such as ``-12.5``, optionally with a word before it, the same in the whole folder,
@@ -239,7 +247,7 @@ def _left_out(path: Path, places: list[Path], stated: tuple[int, ...]) -> tuple[
         broken = broken_channels(map(npy_samples, places), left_out)
         left_out |= broken
         if broken.any():
-            warnings.warn(f"{path}: {'; '.join(said_of_broken(broken))}", stacklevel=3)
+            warn(path, "; ".join(said_of_broken(broken)))
     return tuple(np.flatnonzero(left_out).tolist())
 
 
@@ -263,3 +271,52 @@ def _named(place: Path) -> tuple[str, float]:
             "angle in degrees, -12.5 or, with a word before it, angle_-12.5deg: digits, a point, a hyphen for minus"
         )
     return found.word, found.angle_deg
+
+
+# 64 GiB: hours of frames, which are read one at a time.
+_LARGEST_BYTES = 1 << 36
+
+_MAX_RF_BYTES = 64 * MIB
+"""Largest frame: 512 lines of 65,536 samples."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UltrasonixFile:
+    """An Ultrasonix file with its decoded header."""
+
+    path: Path
+    header: ultrasonix.UltrasonixHeader
+
+    def b_mode(self, index: int) -> UInt8[np.ndarray, "rows columns"]:
+        """B-mode image, counted from 0."""
+        return ultrasonix.decode_b_mode(self._body(index, kind="b-mode"), self.header)
+
+    def rf(self, index: int) -> Int16[np.ndarray, "lines samples"]:
+        """Radio-frequency lines of one frame, counted from 0; errors as of `b_mode`."""
+        return ultrasonix.decode_rf(self._body(index, kind="rf"), self.header)
+
+    def _body(self, index: int, *, kind: str) -> bytes:
+        header = self.header
+        if header.kind != kind:
+            raise RecordError(f"{self.path}: it holds {header.kind} frames, {kind} was asked for")
+        if not 0 <= index < header.frames:
+            raise RecordError(f"{self.path}: there is no frame {index + 1}, it holds {header.frames}; count from 1")
+        with as_read_error(self.path), open_input(self.path, most_bytes=_LARGEST_BYTES) as file:
+            file.seek(ultrasonix.HEADER_BYTES + index * header.stride)
+            body = file.read(header.stride)
+        if len(body) != header.stride:
+            raise RecordError(f"{self.path}: it became shorter while it was read; wait until it is written")
+        return body
+
+
+def open_ultrasonix(path: Path) -> UltrasonixFile:
+    """File with its header, checked against its size."""
+    with as_read_error(path), open_input(path, most_bytes=_LARGEST_BYTES) as file:
+        head, size = file.read(ultrasonix.HEADER_BYTES), os.fstat(file.fileno()).st_size
+    header = ultrasonix.decode_header(head, size=size, name=str(path))
+    if header.stride > _MAX_RF_BYTES:
+        raise RecordError(
+            f"{path}: a frame has {header.stride} bytes, at most {_MAX_RF_BYTES} are read; the header is damaged: "
+            "export it again"
+        )
+    return UltrasonixFile(path=path, header=header)

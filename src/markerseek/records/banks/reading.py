@@ -13,8 +13,9 @@ from markerseek.files import as_read_error, quoted, require_input
 from markerseek.records.banks.arrays import bank_of_arrays, read_arrays
 from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBank, record_of, without_channels
 from markerseek.records.banks.frames import read_folder
-from markerseek.records.banks.ipasc.fields import ANGLES, FRAMES
-from markerseek.records.banks.ipasc.reading import (
+from markerseek.records.banks.ipasc import (
+    ANGLES,
+    FRAMES,
     IpascBank,
     arrays_of_others,
     as_bank_error,
@@ -88,7 +89,7 @@ def _require_usual(path: Path, table: TableFormat, *, is_table: bool) -> None:
         )
 
 
-def read_hdf5(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | FrameBank:
+def read_hdf5(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank | FrameBank:
     """Bank in an HDF5 file.
 
     One of ours keeps its frames on disk (`read_probed`). One of IPASC by another program, one of zea, and one with
@@ -107,10 +108,8 @@ def read_hdf5(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int =
 
 def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray] | None, bool]:
     """Arrays of a file that is no bank of ours, else None, and whether their axes have our order."""
-    if arrays := zea_arrays(path):
-        return arrays, True
     with as_bank_error(path), CheckedHdf5(path) as file:
-        if arrays := arrays_of_others(path, file):
+        if arrays := zea_arrays(path, file) or arrays_of_others(path, file):
             return arrays, True
         of_ipasc = any(map(file.has, (FRAMES, ANGLES, "meta_data")))
         return (None if of_ipasc else plain_arrays(path, file)), False

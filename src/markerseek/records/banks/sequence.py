@@ -2,8 +2,8 @@
 
 An `ImageSequence` is the header; frames are read one at a time, so that memory is needed for one only. The angle of a
 frame is in a field in degrees, or in a transform, whose twist about one axis of its coordinates is taken: the axis that
-moves least. For ``ProbeToProbeHome`` this is y, and the angle is that of `markerseek.records.exports.sequence`; for
-``ProbeToStepperHome`` of PLUS it is z.
+moves least. For ``ProbeToProbeHome`` this is y, and the angle is that of `sequence_writer`; for ``ProbeToStepperHome``
+of PLUS it is z.
 
 The intensity of an image is its largest pixel, that of radio-frequency lines the largest value of their envelope. A
 machine has beamformed such lines: they are not channel data, so that their bank holds intensities.
@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,7 +25,7 @@ import numpy as np
 
 from markerseek.core import Float64, RecordError
 from markerseek.files import MIB, as_read_error, open_input, quoted
-from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, require_angles, unwrapped
+from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, unwrapped, warn
 from markerseek.records.banks.table import amplitudes, averaged
 
 SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
@@ -222,8 +221,7 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
         else:
             kept[number] = values
     if left_out:
-        named = first_of(left_out)
-        warnings.warn(f"{path}: {len(left_out)} of {len(frames)} frames are left out: {named}", stacklevel=2)
+        warn(path, f"{len(left_out)} of {len(frames)} frames are left out: {first_of(left_out)}")
     if not kept:
         raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: --angle-field")
     stacked = np.stack(list(kept.values()))
@@ -278,7 +276,6 @@ def read_sequence(path: Path, *, angle_field: str | None = None) -> IntensityBan
     facts, first_s = _facts(path, sequence.fields)
     times_s = [first_s + _number(sequence.frame_fields[number].get("Timestamp", "nan")) for number in numbers]
     angles_deg, held = averaged(path, np.array(list(angles.values())), np.column_stack([values, times_s]))
-    require_angles(path, angles_deg.tolist())
     intensities, started_s = held.T.tolist()
     known = any(map(math.isfinite, started_s))
     return IntensityBank(

@@ -6,7 +6,6 @@ import csv
 import math
 import re
 import shlex
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +14,17 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
-from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file
-from markerseek.records.banks.bank import MAX_DEG, MIN_STEP_DEG, IntensityBank, first_of, require_angles, unwrapped
-from markerseek.records.banks.layout import AXES
+from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, is_number, may_be_number, read_text, replace_file
+from markerseek.records.banks.bank import (
+    AXES,
+    MAX_DEG,
+    MIN_STEP_DEG,
+    IntensityBank,
+    first_of,
+    require_angles,
+    unwrapped,
+    warn,
+)
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
@@ -102,6 +109,18 @@ DEFAULT_FORMAT = TableFormat()
 """The format of the tables that we write."""
 
 
+def angles_in(path: Path) -> tuple[float, ...]:
+    """Angles in degrees of a text file with one on each line, below a name or not; `RecordError` if it is none."""
+    cure = "write one angle in degrees on each line"
+    text = read_text(path, most_bytes=MIB, what="a list of angles", cure=cure, also=("cp1252",))
+    # A comma can only be the sign of the decimals.
+    texts = [line.strip().replace(",", ".").replace("\u2212", "-") for line in text.split("\n") if line.strip()]
+    try:
+        return tuple(float(text) for text in texts[1 if texts and not is_number(texts[0]) else 0 :])
+    except ValueError as problem:
+        raise RecordError(f"{path}: {problem}; {cure}") from problem
+
+
 def write_bank(bank: IntensityBank, path: Path) -> None:
     """Write a bank as a CSV that `read_bank` reads, with every digit; its folder is made if missing."""
     try:
@@ -117,7 +136,7 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
         ) from problem
 
 
-def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:
+def read_table(path: Path, table: TableFormat) -> IntensityBank:
     """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
     Columns are separated by commas, semicolons, tabs or spaces. The numbers themselves tell which sign separates
@@ -149,12 +168,11 @@ def read_table(path: Path, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank
         energy, name = values[:, 2], rows.names[columns[2]]
         for index in np.flatnonzero(energy <= 0)[:1]:
             raise RecordError(f"{path}, line {kept[index]}: {name} is {energy[index]:g}, it must be positive")
-        warnings.warn(f"{path}: the intensities are divided by {name} over its mean", stacklevel=2)
+        warn(path, f"the intensities are divided by {name} over its mean")
         read = read * energy.mean() / energy
     unit = unit_of(path, table.unit, angle_name, values[:, 0])
     turned = unwrapped(path, in_degrees(values[:, 0], unit))
     angles_deg, intensities = averaged(path, turned, read[:, None])
-    require_angles(path, angles_deg.tolist())
     return IntensityBank(angles_deg=tuple(angles_deg.tolist()), intensities=tuple(intensities[:, 0].tolist()))
 
 
@@ -170,10 +188,7 @@ def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, ...]:
         first, second = (_column_index(path, rows, column) for column in table.columns)
         return first, second
     if not names and rows.width == 2:
-        warnings.warn(
-            f"{path}: its columns have no names; the first is taken as the angle, the second as the intensity",
-            stacklevel=3,
-        )
+        warn(path, "its columns have no names; the first is taken as the angle, the second as the intensity")
         return 0, 1
     plain = _plain(names)
     angle = next((plain[each] for each in (f"angle_{unit}" for unit in _UNIT_OF_WORD) if each in plain), None)
@@ -253,10 +268,7 @@ def amplitudes(
 def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
     """Say which rows were left out; ``what``: line, or number of an angle."""
     if names:
-        warnings.warn(
-            f"{path}: {len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}",
-            stacklevel=3,
-        )
+        warn(path, f"{len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}")
 
 
 def _row(
@@ -321,22 +333,23 @@ def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray)
     if small and named is None:
         raise RecordError(f"{path}: {question} Say so: --unit rad, or --unit deg if they are degrees")
     if small and named == "deg":
-        warnings.warn(f"{path}: {question} They are taken as degrees (--unit rad, --unit deg)", stacklevel=3)
+        warn(path, f"{question} They are taken as degrees (--unit rad, --unit deg)")
     return named or "deg"
 
 
 def averaged(
     path: Path, angles_deg: Float64[np.ndarray, " n"], values: Float64[np.ndarray, "n columns"]
 ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, "angles columns"]]:
-    """Angles in rising order without repeats, and the means of their rows; a warning says what was averaged."""
+    """Angles in rising order without repeats, and the means of their rows; a warning says what was averaged.
+
+    Refused where a search cannot use the angles.
+    """
     order = np.argsort(angles_deg, kind="stable")
     angles_deg, values = angles_deg[order], values[order]
     first = np.flatnonzero(np.diff(angles_deg, prepend=-np.inf) >= MIN_STEP_DEG)
+    require_angles(path, angles_deg[first].tolist())
     if first.size == angles_deg.size:
         return angles_deg, values
     counts = np.diff(first, append=angles_deg.size)
-    warnings.warn(
-        f"{path}: {counted(int((counts > 1).sum()), 'repeated angle')}; the intensities of each are averaged",
-        stacklevel=3,
-    )
+    warn(path, f"{counted(int((counts > 1).sum()), 'repeated angle')}; the intensities of each are averaged")
     return angles_deg[first], np.add.reduceat(values, first, axis=0) / counts[:, None]

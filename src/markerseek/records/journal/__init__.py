@@ -4,20 +4,31 @@
 Numbers are stored exactly.
 """
 
-from markerseek.records.configuration import Configuration, versions
-from markerseek.records.journal.encoding import decode, encode
-from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
-from markerseek.records.journal.file import is_journal, is_written, journals_folder, lock
-from markerseek.records.journal.folder import (
-    JournalSummary,
+from markerseek.records.journal.entries import (
+    Checked,
+    Configuration,
+    Entry,
+    Interrupted,
+    JournalEvent,
+    RecordedError,
+    Resuming,
+    decode,
+    encode,
+    versions,
+)
+from markerseek.records.journal.file import (
     default_journal,
+    is_journal,
+    is_written,
+    journals_folder,
     journals_in,
+    lock,
     make_folder,
     size_bytes_of,
-    summary,
 )
 from markerseek.records.journal.reader import (
     JournalItem,
+    JournalSummary,
     RecordedRun,
     RunState,
     follow,
@@ -26,6 +37,7 @@ from markerseek.records.journal.reader import (
     run_state,
     salvage,
     since_started,
+    summary,
 )
 from markerseek.records.journal.writer import Journal
 

@@ -1,4 +1,4 @@
-"""Opens, locks and flushes the file of a journal, and turns errors of the system into `RecordError`."""
+"""The files of journals: their folder and names; opening, locking and flushing one; errors of the system."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import fcntl
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 from markerseek.core import RecordError
-from markerseek.files import data_folder, open_input, quoted
+from markerseek.files import data_folder, open_input, quoted, sync_folder
+
+SUFFIX = ".journal"
+"""Suffix of the files that `journals_in` finds, and of default names."""
 
 MAX_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
@@ -28,6 +32,48 @@ _PATIENCE_S = 0.5
 def journals_folder() -> Path:
     """Default folder of journals, in the user's data folder; `RecordError` where the system knows none."""
     return data_folder() / "journals"
+
+
+def default_journal(*, method: str) -> Path:
+    """Name of a new journal in the user's data folder; its name begins with the time, UTC."""
+    # With microseconds, so that two searches begun in one second get two names.
+    now = datetime.now(UTC)
+    return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}{SUFFIX}"
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and its missing parents, readable by the owner only, and flush their names to disk.
+
+    ``folder``: one that may exist. Raises `OSError` if it cannot be made.
+    """
+    # Path.mkdir(parents=True) gives the parents default rights, and does not flush their names.
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    for each in reversed(missing):
+        each.mkdir(mode=0o700, exist_ok=True)
+        sync_folder(each.parent)
+
+
+def journals_in(folder: Path) -> list[Path]:
+    """Journals of a folder, the newest change last.
+
+    ``folder``: where to look; not in the folders that it holds.
+    """
+    try:
+        found = [
+            (each.stat().st_mtime_ns, each)
+            for each in folder.iterdir()
+            if each.suffix == SUFFIX and each.is_file() and not each.name.startswith(".")
+        ]
+    except OSError as problem:
+        raise RecordError(f"{folder}: no journals can be listed: {problem.strerror or problem}; check it") from problem
+    return [path for _, path in sorted(found)]
+
+
+def size_bytes_of(path: Path) -> int:
+    """Bytes of a journal; a missing file counts 0."""
+    with suppress(OSError):
+        return path.stat().st_size
+    return 0
 
 
 def is_journal(path: Path) -> bool:

@@ -16,9 +16,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import Measured, RecordError, Sample
-from markerseek.records.configuration import Configuration
-from markerseek.records.journal.encoding import decode, encode, json_values, require_finite
-from markerseek.records.journal.events import Entry
+from markerseek.records.journal.entries import Configuration, Entry, decode, encode, json_values, require_finite
 from markerseek.records.journal.file import MAGIC, MAGIC_1
 
 VERSION = 2
@@ -47,12 +45,12 @@ class UnfinishedError(RecordError):
 
 def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
     """A configuration as it is written now: journals of version 0.3 have one value for both tolerances of the plan."""
-    values = msgspec.json.decode(configuration)
-    tolerance = values.get("plan", {}).pop("tolerance", None)
-    if tolerance is None:
-        return bytes(configuration)
-    values["plan"] |= {f"tolerance_{unit}": value for unit, value in tolerance.items()}
-    return msgspec.json.encode(values)
+    match msgspec.json.decode(configuration):
+        case {"plan": {"tolerance": dict() as tolerance, **plan}} as values:
+            plan |= {f"tolerance_{unit}": value for unit, value in tolerance.items()}
+            return msgspec.json.encode(values | {"plan": plan})
+        case _:
+            return bytes(configuration)
 
 
 _NOTHING = msgspec.Raw(b"null")
@@ -168,9 +166,10 @@ class EntryReader:
                 f"{self.path}: it ends in its first line: its run was never begun; begin a new search"
             )
         first, _ = found
-        if max(first.record, first.journal) > VERSION:
+        version = max(first.record, first.journal)
+        if version > VERSION:
             raise RecordError(
-                f"{self.path}: it was written by a newer markerseek: the journal has version {first.record}, this one "
+                f"{self.path}: it was written by a newer markerseek: the journal has version {version}, this one "
                 f"reads up to {VERSION}; install a newer one"
             )
         try:
@@ -208,7 +207,8 @@ class EntryReader:
         whole = len(data) == size and (not size or data[-1:] == b"\n")
         if size and not (whole and f"{zlib.crc32(data[:-1]):08x}" == found.block_crc):
             # A loss of power can leave the end of the last entry missing, or zero.
-            if len(data) < size or (data[-1:] == b"\0" and self._is_last(self.end + len(line) + size)):
+            is_last = os.fstat(self.descriptor).st_size <= self.end + len(line) + size
+            if len(data) < size or (data[-1:] == b"\0" and is_last):
                 return None
             self._require_changed(line, "its frame does not agree with its checksum")
             return None
@@ -243,9 +243,6 @@ class EntryReader:
     def _agrees(line: bytes) -> bool:
         """Whether a line agrees with its checksum."""
         return line[:_PREFIX_BYTES] == MAGIC + b'%08x",' % zlib.crc32(line[_PREFIX_BYTES:])
-
-    def _is_last(self, end: int) -> bool:
-        return os.fstat(self.descriptor).st_size <= end
 
     def _require_changed(self, line: bytes, reason: str) -> None:
         """`RecordError`, unless the writer has cut an unfinished entry off and writes another in its place."""

@@ -10,15 +10,8 @@ from typing import Self
 
 from markerseek.core import Failed, Finished, RecordError
 from markerseek.files import create_atomically
-from markerseek.records.configuration import Configuration
-from markerseek.records.journal.events import Entry, Interrupted, JournalEvent
-from markerseek.records.journal.file import (
-    as_record_error,
-    exists_error,
-    flush,
-    lock,
-    open_for_reading,
-)
+from markerseek.records.journal.entries import Configuration, Entry, Interrupted, JournalEvent
+from markerseek.records.journal.file import as_record_error, exists_error, flush, lock, open_for_reading
 from markerseek.records.journal.lines import VERSION, EntryReader, entry_line, first_line
 from markerseek.records.journal.reader import RecordedRun
 

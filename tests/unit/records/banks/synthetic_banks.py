@@ -8,8 +8,7 @@ import h5py
 import numpy as np
 
 from markerseek.core import ChannelFrame, FrameHeader, Reading, Sample
-from markerseek.records.banks import BankFacts
-from markerseek.records.banks.ipasc import whole_bank
+from markerseek.records.banks import BankFacts, whole_bank
 
 FIXTURES = Path(__file__).parents[3] / "data" / "banks"
 FACTS = BankFacts(

@@ -138,18 +138,7 @@ def test_an_angle_is_read_with_its_sign_and_its_fraction(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "angle_\N{MINUS SIGN}30",
-        "neg30",
-        "m30",
-        "angle-30",
-        "30-",
-        "12,5",
-        "1e1",
-        "3of7",
-        "30cm",
-    ],
+    "name", ["angle_\N{MINUS SIGN}30", "neg30", "m30", "angle-30", "30-", "12,5", "1e1", "3of7", "30cm"]
 )
 @pytest.mark.parametrize("suffix", ["", ".npy", ".mat"])
 def test_an_angle_that_could_be_meant_otherwise_is_refused(tmp_path: Path, name: str, suffix: str) -> None:

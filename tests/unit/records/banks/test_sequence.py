@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from markerseek.core import RecordError
 from markerseek.records import read_image_sequence
-from markerseek.records.banks import read_bank, read_sequence
+from markerseek.records.banks import read_bank, read_sequence, write_sequence
 from markerseek.records.banks.sequence import angles_of, open_sequence
-from markerseek.records.exports import write_sequence
-from tests.unit.records.exports.exported import ANGLES, FACTS, SERIES, TIMES, images
+from tests.unit.records.banks.exported import ANGLES, FACTS, SERIES, TIMES, images
 
 TURNED = (-10.0, -2.5, 0.0, 7.25, 20.0)
+RF = {"kind": "RF_REAL", "orientation": "FM"}
 AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
@@ -97,7 +97,7 @@ def rf(frames=5, lines=12, samples=400):
 @pytest.mark.parametrize("packed", [False, True])
 def test_lines_of_radio_frequency_are_read_by_simpleitk_and_by_us_alike(tmp_path, packed):
     lines, peaks = rf()
-    path = write_mha(tmp_path / "a.igs.mha", lines, fields(), packed=packed, kind="RF_REAL", orientation="FM")
+    path = write_mha(tmp_path / "a.igs.mha", lines, fields(), packed=packed, **RF)
     np.testing.assert_array_equal(sitk.GetArrayFromImage(sitk.ReadImage(str(path))), lines)
     np.testing.assert_array_equal([frame.T for frame in open_sequence(path).frames()], lines)
     bank = read_bank(path)
@@ -189,12 +189,9 @@ def test_our_export_comes_back_with_its_angles_times_and_facts(tmp_path):
 )
 def test_a_transform_gives_the_angle_about_its_axis_and_its_inverse_the_other_sign(tmp_path, name, axis, sense):
     frames = fields(
-        **{
-            f"{name}Transform": [matrix(sense * angle, axis) for angle in TURNED],
-            f"{name}TransformStatus": ["OK"] * 5,
-        }
+        **{f"{name}Transform": [matrix(sense * angle, axis) for angle in TURNED], f"{name}TransformStatus": ["OK"] * 5}
     )
-    path = write_mha(tmp_path / "a.mha", rf()[0], frames, kind="RF_REAL", orientation="FM")
+    path = write_mha(tmp_path / "a.mha", rf()[0], frames, **RF)
     for given in (name, f"{name}Transform"):
         found = angles_of(open_sequence(path), angle_field=given)
         assert list(found.values()) == pytest.approx(TURNED, abs=1e-3)
@@ -204,7 +201,7 @@ def test_a_transform_into_another_frame_than_the_probes_at_rest_is_refused(tmp_p
     moved = [Rotation.from_euler("xyz", (30, 20, angle), degrees=True).as_matrix() for angle in TURNED]
     texts = [" ".join(map(str, np.vstack([np.c_[each, np.zeros(3)], (0, 0, 0, 1)]).flat)) for each in moved]
     frames = fields(ProbeToTrackerTransform=texts, ProbeToTrackerTransformStatus=["OK"] * 5)
-    path = write_mha(tmp_path / "a.mha", rf()[0], frames, kind="RF_REAL", orientation="FM")
+    path = write_mha(tmp_path / "a.mha", rf()[0], frames, **RF)
     with pytest.raises(RecordError, match=r"tilts the axis . by up to .* deg, at most 1 deg"):
         read_sequence(path, angle_field="ProbeToTracker")
 
@@ -227,7 +224,7 @@ def test_a_transform_into_another_frame_than_the_probes_at_rest_is_refused(tmp_p
 )
 def test_a_frame_without_a_valid_angle_or_image_is_left_out_and_named(tmp_path, changed, named):
     lines, peaks = rf()
-    path = write_mha(tmp_path / "a.mha", lines, fields(**changed), kind="RF_REAL", orientation="FM")
+    path = write_mha(tmp_path / "a.mha", lines, fields(**changed), **RF)
     with pytest.warns(UserWarning, match="1 of 5 frames are left out") as caught:
         bank = read_bank(path)
     assert named in str(caught[0].message)
@@ -236,17 +233,9 @@ def test_a_frame_without_a_valid_angle_or_image_is_left_out_and_named(tmp_path, 
     assert bank.started_s == pytest.approx([100, 101, 101.5, 102])
 
 
-def test_a_field_of_another_name_is_named_by_the_user(tmp_path):
-    frames = fields(encoder=["1", "2", "3", "4", "5"])
-    path = write_mha(tmp_path / "a.mha", rf()[0], frames, kind="RF_REAL", orientation="FM")
-    assert read_sequence(path, angle_field="encoder").angles_deg == (1, 2, 3, 4, 5)
-    with pytest.raises(RecordError, match="no frame has turn; its fields are ProbeRotation, ProbeToStepper"):
-        read_sequence(path, angle_field="turn")
-
-
 def test_angles_in_any_order_and_repeated_ones_are_averaged_with_a_word(tmp_path):
     lines, peaks = rf()
-    path = write_mha(tmp_path / "a.mha", lines, fields((5, -5, 0, 5, 9)), kind="RF_REAL", orientation="FM")
+    path = write_mha(tmp_path / "a.mha", lines, fields((5, -5, 0, 5, 9)), **RF)
     with pytest.warns(UserWarning, match="1 repeated angle"):
         bank = read_bank(path)
     assert bank.angles_deg == (-5, 0, 5, 9)
@@ -269,10 +258,8 @@ def test_iq_data_are_read_by_their_envelope(tmp_path, kind):
 
 def test_big_endian_and_separate_pixels_are_read(tmp_path):
     lines, peaks = rf()
-    big = write_mha(
-        tmp_path / "a.mha", lines, fields(), kind="RF_REAL", orientation="FM", BinaryDataByteOrderMSB="True"
-    )
-    apart = write_mha(tmp_path / "b.mhd", lines, fields(), kind="RF_REAL", orientation="FM", separate=True)
+    big = write_mha(tmp_path / "a.mha", lines, fields(), **RF, BinaryDataByteOrderMSB="True")
+    apart = write_mha(tmp_path / "b.mhd", lines, fields(), **RF, separate=True)
     for path in (big, apart):
         np.testing.assert_allclose(read_bank(path).intensities, peaks, rtol=0.02)
 
@@ -281,7 +268,7 @@ def test_b_mode_is_for_the_tip_and_says_so(tmp_path):
     path = write_mha(tmp_path / "a.mha", np.zeros((5, 20, 30), np.uint8), fields())
     with pytest.raises(RecordError, match=r"5 B-mode images of 30 × 20 pixels: .*markerseek tooltip"):
         read_bank(path)
-    lines = write_mha(tmp_path / "b.mha", rf()[0], fields(), kind="RF_REAL", orientation="FM")
+    lines = write_mha(tmp_path / "b.mha", rf()[0], fields(), **RF)
     with pytest.raises(RecordError, match="it holds RF_REAL and no B-mode images"):
         read_image_sequence(lines)
 
@@ -295,7 +282,6 @@ def test_the_size_of_a_pixel_is_that_of_the_spacing_where_it_is_one(tmp_path):
         assert found == (None if expected is None else pytest.approx(expected))
 
 
-RF = {"kind": "RF_REAL", "orientation": "FM"}
 HOSTILE = {
     "ten terabytes": ({"DimSize": "1000000 1000000 5"}, "at most"),
     "more than the file": ({"DimSize": "400 12 500"}, "the file holds 48000; it is cut off"),

@@ -59,11 +59,7 @@ def test_what_numpy_writes_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("names", "columns"),
-    [
-        ("Winkel [°];Höhe", ("Winkel [°]", "Höhe")),
-        ("Winkel [°];Höhe", ("1", "2")),
-        ("", ("1", "2")),
-    ],
+    [("Winkel [°];Höhe", ("Winkel [°]", "Höhe")), ("Winkel [°];Höhe", ("1", "2")), ("", ("1", "2"))],
 )
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "cp1252"])
 def test_columns_by_name_and_by_number(tmp_path: Path, names: str, columns: tuple[str, str], encoding: str) -> None:
@@ -123,14 +119,6 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
     assert bank.intensities == pytest.approx(mean.tolist(), rel=1e-12)
     with pytest.warns(UserWarning, match="1 repeated angle;"):
         assert len(read_bank(written(tmp_path, "angle_deg,intensity\n0,1\n1e-300,3\n2,3\n5,1\n")).angles_deg) == 3
-
-
-@pytest.mark.parametrize("data", [b"\x89PNG\r\n\x1a\n\x9d\x81", b'{"cells": [\n "metadata": {}\n]}\n'])
-def test_a_file_of_another_kind_is_told_what_a_bank_is(tmp_path: Path, data: bytes) -> None:
-    path = tmp_path / "scan.csv"
-    path.write_bytes(data)
-    with pytest.raises(RecordError, match=r"scan\.csv.*: this is .*, and a bank is expected; give a CSV of angle_deg"):
-        read_bank(path)
 
 
 def test_rows_without_numbers_are_left_out_and_named(tmp_path: Path) -> None:

@@ -58,9 +58,7 @@ def frames_of(bank):
 def test_frames_and_angles_come_back(tmp_path, rotation):
     kind, values = rotation
     path = write(
-        tmp_path / "a.hdf5",
-        metadata__probe_pose__rotation=values,
-        metadata__probe_pose__rotation_representation=kind,
+        tmp_path / "a.hdf5", metadata__probe_pose__rotation=values, metadata__probe_pose__rotation_representation=kind
     )
     bank = read_bank(path)
     assert bank.angles_deg == pytest.approx((-10.0, 5.5, 20.0), abs=1e-5)

@@ -1,7 +1,9 @@
-"""Round trips of journal entries, and the state and result of the run derived from them."""
+"""Journal entries as bytes: they come back equal; non-finite numbers are refused, unusual texts are escaped."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -10,26 +12,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.core import ChannelFrame, Measured, RecordError
-from markerseek.records.journal import (
-    Journal,
-    JournalEvent,
-    decode,
-    encode,
-    read_journal,
-)
+from markerseek.core import Asked, ChannelFrame, Measured, RecordError, Refused, Sample
+from markerseek.records.journal import Journal, JournalEvent, decode, encode, read_journal
 from tests.unit.records.journal.synthetic_journals import (
     EVENTS,
+    FULL_READING,
     HEADER,
     configuration,
     counts,
+    frame,
     whole_run,
 )
 
 
 @pytest.mark.parametrize("event", EVENTS.values(), ids=EVENTS.keys())
 def test_answers_and_frames_are_read_back_equal(event: JournalEvent, tmp_path: Path) -> None:
-    """Every other kind of event: `test_lines_versions`."""
+    """Every other kind of event: `test_lines`."""
     path = tmp_path / "run.journal"
     with Journal.create(path, configuration()) as journal:
         journal.commit(event, clock_s=0.1 + 0.2)
@@ -66,3 +64,39 @@ def test_any_bytes_are_a_row_or_a_record_error(body: bytes) -> None:
         except RecordError:
             continue
         assert encode(event).kind == kind
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_not_finite_is_refused_by_its_name(number: float) -> None:
+    header = replace(HEADER, angle_before_deg=number)
+    channels = ChannelFrame(header=header, samples=np.ones((2, 3), np.int16), sampling_hz=40e6)
+    for event, name in (
+        (Asked(role="search", index=1, angle_deg=number), "angle_deg"),
+        (replace(EVENTS["Ambiguous"], travel_deg=number), "travel_deg"),
+        (
+            Measured(role="search", index=1, sample=Sample(angle_deg=0.0, reading=FULL_READING, frame=channels)),
+            "before",
+        ),
+    ):
+        with pytest.raises(RecordError, match=rf"{name}.*not finite and cannot be recorded"):
+            encode(event)
+
+
+def test_a_refused_frame_whose_numbers_are_why_it_was_refused_is_left_out() -> None:
+    whole = frame(1)
+    broken = replace(whole, header=replace(whole.header, angle_before_deg=math.nan))
+    row = encode(Refused(angle_deg=1.0, reason="not finite", frame=broken))
+    assert decode(row.kind, row.body, row.samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
+    assert row.samples is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [({"face_radius_m": math.nan}, "not finite"), ({"versions": {"numpy": 2}}, "cannot be recorded: .*versions")],
+)
+def test_a_configuration_that_could_not_be_read_again_is_refused_and_no_file_is_left(
+    changes: dict[str, object], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordError, match=said):
+        Journal.create(tmp_path / "run.journal", configuration(**changes))
+    assert list(tmp_path.iterdir()) == []

@@ -12,15 +12,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import Asked, Started
-from markerseek.records.journal import (
-    Interrupted,
-    Journal,
-    default_journal,
-    make_folder,
-    read_journal,
-    salvage,
-    writer,
-)
+from markerseek.records.journal import Interrupted, Journal, default_journal, make_folder, read_journal, salvage, writer
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration
 
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from markerseek.core import PaImage
-from markerseek.records.banks import BankFacts
-from markerseek.records.exports import Series
+from markerseek.records.banks import BankFacts, Series
 
 ANGLES = (-30.0, 0.25, 12.5)
 TIMES = (35.25, 46.5, 1000.0)

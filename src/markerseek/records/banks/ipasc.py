@@ -1,20 +1,77 @@
-"""Reads banks in IPASC HDF5: our own one frame at a time, and the arrays of files of other programs."""
+"""Reads banks in IPASC HDF5: our own one frame at a time, and the arrays of files of other programs.
+
+The names of its fields are the standard ones, and our own under ``meta_data``; `ipasc_writer` writes them.
+"""
 
 from __future__ import annotations
 
 import math
-import warnings
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
-from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced
-from markerseek.records.banks.ipasc import fields
+from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced, warn
 from markerseek.records.banks.table import amplitudes
-from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
+from markerseek.records.hdf5 import CheckedHdf5, as_record_error
+
+BANK_VERSION = 1
+"""Version of our own fields; a reader refuses a newer one."""
+
+FRAMES, DARK_FRAMES = "binary_time_series_data", "meta_data/dark_time_series_data"
+"""Channel data of (elements, samples, wavelengths, measurements); without laser of (elements, samples, frames).
+
+When it reads, pacfish drops axes of length 1 of every dataset but the first.
+"""
+
+VERSION = "meta_data/markerseek_bank_version"
+ANGLES, INTENSITIES, REFERENCE = "meta_data/trus_angle_deg", "meta_data/intensity", "meta_data/reference_angle_deg"
+PULSES = "meta_data/pulses"
+ENERGY = "meta_data/energy_over_usual"
+"""Energy of the pulses of each measurement as in `FrameHeader`, by which its intensity has been divided; NaN where it
+was not measured. `PULSE_ENERGY` has it in joules too, where that of a usual pulse is known."""
+TIMES, RIG_CLOCK, CLOCK_ZERO = (
+    "meta_data/measurement_timestamps",
+    "meta_data/rig_clock_s",
+    "meta_data/clock_zero_unix_s",
+)
+"""When a measurement began: since 1970, and on the rig's clock; and when that read 0, since 1970. All in seconds."""
+
+POSES = "meta_data/measurement_spatial_poses"
+FACE_RADIUS, PROBE, DESCRIPTION = "meta_data/trus_face_radius_m", "meta_data/probe_preset", "meta_data/description"
+PROBE_SETTINGS = "meta_data/probe_settings"
+SIMULATED = "meta_data/simulated"
+CONFIGURATION, SEED, MADE_WITH = "meta_data/configuration_fingerprint", "meta_data/seed", "meta_data/made_with"
+FIRST_SAMPLE = "meta_data/first_sample_s"
+SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
+WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
+DEVICE = "meta_data_device"
+DETECTORS = f"{DEVICE}/detectors"
+
+TEXTS = {
+    "description": DESCRIPTION,
+    "probe": PROBE,
+    "probe_settings": PROBE_SETTINGS,
+    "configuration": CONFIGURATION,
+    "made_with": MADE_WITH,
+}
+"""Fields of the facts that are texts."""
+
+NUMBERS = {
+    "sampling_hz": SAMPLING,
+    "first_sample_s": FIRST_SAMPLE,
+    "sound_speed_m_s": SOUND_SPEED,
+    "face_radius_m": FACE_RADIUS,
+    "reference_angle_deg": REFERENCE,
+    "clock_zero_unix_s": CLOCK_ZERO,
+}
+"""Fields of the facts that are numbers."""
+
+_RANGES = {SAMPLING: (1e5, 1e9), FIRST_SAMPLE: (0.0, 1e-3), SOUND_SPEED: (300.0, 7000.0), FACE_RADIUS: (0.0, 1.0)}
+"""Physical ranges of such numbers, in SI units."""
 
 # In digits: int() of a longer text takes time with the square of its length.
 _LONGEST_SEED = 100
@@ -37,28 +94,23 @@ class IpascBank(FrameBank):
         """
         row = self.rows[index]
         header = self.header(index, token=self.path.name, row=row)
-        return self._frame(header, fields.FRAMES, row, what=f"frame at {header.commanded_deg:g} deg")
+        return self._frame(header, FRAMES, row, what=f"frame at {header.commanded_deg:g} deg")
 
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, from the disk; `RecordError` where it cannot be read."""
         if not 0 <= index < self.dark_frames:
             return FrameBank.dark_frame(self, index)
         header = FrameHeader(
-            sequence=index + 1,
-            token=self.path.name,
-            pulses=0,
-            commanded_deg=0.0,
-            started_s=math.nan,
-            ended_s=math.nan,
+            sequence=index + 1, token=self.path.name, pulses=0, commanded_deg=0.0, started_s=math.nan, ended_s=math.nan
         )
-        return self._frame(header, fields.DARK_FRAMES, index, what=f"dark frame {index + 1}")
+        return self._frame(header, DARK_FRAMES, index, what=f"dark frame {index + 1}")
 
     def _frame(self, header: FrameHeader, name: str, row: int, *, what: str) -> ChannelFrame:
         cure = "it has changed since it was written: take the file from a backup or scan again"
         with as_record_error(self.path, what=what, cure=cure), CheckedHdf5(self.path) as file:
             samples = _numbers(file, name, row)
         if self.facts.sampling_hz is None:
-            raise RecordError(f"{self.path}: {fields.SAMPLING} is missing; its frames cannot be read without it")
+            raise RecordError(f"{self.path}: {SAMPLING} is missing; its frames cannot be read without it")
         samples = silenced(np.ascontiguousarray(samples[::-1]) if self.falling else samples, self.left_out)
         return ChannelFrame(header=header, samples=samples, sampling_hz=self.facts.sampling_hz)
 
@@ -73,15 +125,15 @@ def read_probed(path: Path) -> IntensityBank | IpascBank:
 
 
 def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
-    if not file.has(fields.ANGLES):
-        raise RecordError(f"{path}: {fields.ANGLES} is missing; without the angles it is no bank of a scan")
-    angles_deg, order = rising(path, file.numbers(fields.ANGLES))
+    if not file.has(ANGLES):
+        raise RecordError(f"{path}: {ANGLES} is missing; without the angles it is no bank of a scan")
+    angles_deg, order = rising(path, file.numbers(ANGLES))
     count = len(angles_deg)
 
     def column(name: str, otherwise: float = math.nan) -> tuple[float, ...]:
         return tuple(_one_each(file, name, count, otherwise=otherwise)[order].tolist())
 
-    intensities, started_s = column(fields.INTENSITIES), column(fields.RIG_CLOCK)
+    intensities, started_s = column(INTENSITIES), column(RIG_CLOCK)
     known = np.array([each for each in intensities if math.isfinite(each)])
     amplitudes(known, db=False, where=lambda _index: str(path))
     frames = _frame_shape(path, file, count)
@@ -101,8 +153,8 @@ def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
         facts=_read_facts(file, pitch_m=array.pitch_m),
         dark_frames=_dark_frames(file, frames),
         started_s=started_s,
-        pulses=tuple(int(each) if each >= 0 else 1 for each in column(fields.PULSES, 1.0)),
-        energies=column(fields.ENERGY),
+        pulses=tuple(int(each) if each >= 0 else 1 for each in column(PULSES, 1.0)),
+        energies=column(ENERGY),
         path=path,
         rows=tuple(order.tolist()),
         falling=array.falling,
@@ -125,53 +177,33 @@ def _read_facts(file: CheckedHdf5, *, pitch_m: float | None) -> BankFacts:
 
     Raises `ValueError` if a field does not hold what it should.
     """
-    simulated = file.number(fields.SIMULATED)
-    return BankFacts(
-        description=file.text(fields.DESCRIPTION) or "",
-        probe=file.text(fields.PROBE),
-        probe_settings=file.text(fields.PROBE_SETTINGS),
-        sampling_hz=_between(file, fields.SAMPLING, 1e5, 1e9),
-        first_sample_s=_between(file, fields.FIRST_SAMPLE, 0.0, 1e-3),
-        sound_speed_m_s=_between(file, fields.SOUND_SPEED, 300.0, 7000.0),
-        pitch_m=pitch_m,
-        wavelength_m=_wavelength_m(file),
-        pulse_energy_j=_usual_energy_j(file),
-        face_radius_m=_between(file, fields.FACE_RADIUS, 0.0, 1.0),
-        reference_angle_deg=file.number(fields.REFERENCE),
-        clock_zero_unix_s=file.number(fields.CLOCK_ZERO),
-        simulated=None if simulated is None else simulated != 0,
-        configuration=file.text(fields.CONFIGURATION),
-        seed=_seed(file.text(fields.SEED)),
-        made_with=file.text(fields.MADE_WITH),
-    )
-
-
-def _wavelength_m(file: CheckedHdf5) -> float | None:
-    """The first wavelength in metres; some programs write nanometres."""
-    written = _first(file, fields.WAVELENGTH)
-    return None if written is None else written * 1e-9 if written >= 1.0 else written
-
-
-def _seed(text: str | None) -> int | None:
-    return int(text) if text is not None and text.isdecimal() and len(text) <= _LONGEST_SEED else None
-
-
-def _between(file: CheckedHdf5, name: str, low: float, high: float) -> float | None:
-    """A number in SI units within its physical range; None if it is missing."""
-    value = file.number(name)
-    if value is not None and not low <= value <= high:
-        # A value far out is a flipped bit or a wrong unit, such as km/s.
-        raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
-    return value
+    known: dict[str, object] = {fact: file.text(name) for fact, name in TEXTS.items()}
+    for fact, name in NUMBERS.items():
+        known[fact] = value = file.number(name)
+        low, high = _RANGES.get(name, (-math.inf, math.inf))
+        if value is not None and not low <= value <= high:
+            # A value far out is a flipped bit or a wrong unit, such as km/s.
+            raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
+    simulated, seed, wavelength_m = file.number(SIMULATED), file.text(SEED), _first(file, WAVELENGTH)
+    known |= {
+        "description": known["description"] or "",
+        "pitch_m": pitch_m,
+        # Some programs write nanometres.
+        "wavelength_m": wavelength_m and wavelength_m * (1e-9 if wavelength_m >= 1.0 else 1.0),
+        "pulse_energy_j": _usual_energy_j(file),
+        "simulated": None if simulated is None else simulated != 0,
+        "seed": int(seed) if seed is not None and seed.isdecimal() and len(seed) <= _LONGEST_SEED else None,
+    }
+    return msgspec.convert(known, BankFacts)
 
 
 def _usual_energy_j(file: CheckedHdf5) -> float | None:
     """Energy of a usual pulse in joules: the first, without what it had more or less than a usual one."""
-    joules = _first(file, fields.PULSE_ENERGY)
+    joules = _first(file, PULSE_ENERGY)
     if joules is None or not joules > 0:
         return None
     # Where the energy over the usual one was not measured, that of a usual pulse is written.
-    return joules / (_first(file, fields.ENERGY) or 1.0)
+    return joules / (_first(file, ENERGY) or 1.0)
 
 
 def _numbers_of(file: CheckedHdf5, name: str) -> Float64[np.ndarray, " values"]:
@@ -190,17 +222,17 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
 
     Nothing for a file of ours, or one with neither. Pulse energies that differ come as ``energy``.
     """
-    if _is_ours(path, file) or not (file.has(fields.FRAMES) or file.has(fields.INTENSITIES)):
+    if _is_ours(path, file) or not (file.has(FRAMES) or file.has(INTENSITIES)):
         return {}
     arrays: dict[str, object] = {}
     pitch_m = None
-    if file.has(fields.FRAMES):
-        data = file.dataset(fields.FRAMES)
+    if file.has(FRAMES):
+        data = file.dataset(FRAMES)
         # Pacfish drops the last axes where they have the length 1.
         shape = (*data.shape, 1, 1)[: max(4, data.ndim)]
         if len(shape) != 4 or shape[2] != 1 or 0 in shape:
             raise RecordError(
-                f"{path}: {fields.FRAMES} has the shape {data.shape}, (elements, samples, 1, measurements) is "
+                f"{path}: {FRAMES} has the shape {data.shape}, (elements, samples, 1, measurements) is "
                 "expected; save the measurements of one wavelength alone"
             )
         array = element_row(path, file, elements=shape[0])
@@ -208,13 +240,13 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
         frames = np.asarray(data[()]).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
         arrays["frames"] = frames[:, ::-1] if array.falling else frames
     else:
-        arrays["intensity"] = intensities = file.numbers(fields.INTENSITIES)
+        arrays["intensity"] = intensities = file.numbers(INTENSITIES)
         count = intensities.size
-    if file.has(fields.ANGLES):
-        arrays["angle_deg"] = file.numbers(fields.ANGLES)
-    if _numbers_of(file, fields.TIMES).size:
+    if file.has(ANGLES):
+        arrays["angle_deg"] = file.numbers(ANGLES)
+    if _numbers_of(file, TIMES).size:
         # Seconds since 1970.
-        arrays |= {"started_s": _one_each(file, fields.TIMES, count), "clock_zero_unix_s": np.array(0.0)}
+        arrays |= {"started_s": _one_each(file, TIMES, count), "clock_zero_unix_s": np.array(0.0)}
     facts = _read_facts(file, pitch_m=pitch_m)
     known = {name: getattr(facts, name) for name in NUMERIC_FACTS} | _energies(path, file, count) | arrays
     return {name: np.asarray(value) for name, value in known.items() if value is not None}
@@ -222,28 +254,26 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
 
 def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:
     """Usual energy of a pulse, and ``energy`` of each measurement where they differ, NaN where it was not measured."""
-    joules = _numbers_of(file, fields.PULSE_ENERGY)
+    joules = _numbers_of(file, PULSE_ENERGY)
     joules = np.where(np.isfinite(joules) & (joules > 0), joules, np.nan)
     known = joules[np.isfinite(joules)]
     if not known.size or np.ptp(known) == 0:
         return {"pulse_energy_j": known[0] if known.size else None}
     if joules.size != count:
-        warnings.warn(
-            f"{path}: {fields.PULSE_ENERGY} holds {joules.size} energies for {count} measurements, and only their mean "
+        warn(
+            path,
+            f"{PULSE_ENERGY} holds {joules.size} energies for {count} measurements, and only their mean "
             "is used; give one for each",
-            stacklevel=4,
         )
     return {"pulse_energy_j": known.mean(), "energy": joules if joules.size == count else None}
 
 
 def walk_bank(path: Path) -> None:
     """Read a bank's metadata, the index of its chunks and its first frame."""
-    # A missing library must not be reported as damage of the file.
-    require_h5py()
     bank = read_probed(path)
     if isinstance(bank, IpascBank):
         with as_bank_error(path), CheckedHdf5(path) as file:
-            for name in (fields.FRAMES, fields.DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
+            for name in (FRAMES, DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
                 data = file.dataset(name)
                 if data.chunks is not None:
                     data.id.chunk_iter(lambda _place: None)
@@ -258,23 +288,23 @@ def as_bank_error(path: Path) -> AbstractContextManager[None]:
 
 def _is_ours(path: Path, file: CheckedHdf5) -> bool:
     """Whether markerseek wrote the file; refuses a newer version."""
-    version = file.number(fields.VERSION)
-    if version is not None and version != fields.BANK_VERSION:
+    version = file.number(VERSION)
+    if version is not None and version != BANK_VERSION:
         raise RecordError(
             f"{path}: it was written by a newer markerseek: the bank has version {version:g}, this one reads "
-            f"{fields.BANK_VERSION}; install a newer one"
+            f"{BANK_VERSION}; install a newer one"
         )
     return version is not None
 
 
 def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] | None:
     """Elements and samples of the frames; None if there are none."""
-    if not file.has(fields.FRAMES):
+    if not file.has(FRAMES):
         return None
-    shape = file.dataset(fields.FRAMES).shape
+    shape = file.dataset(FRAMES).shape
     if len(shape) != 4 or shape[2:] != (1, count):
         raise RecordError(
-            f"{path}: {fields.FRAMES} has the shape {shape}, (elements, samples, 1, {count}) is expected: "
+            f"{path}: {FRAMES} has the shape {shape}, (elements, samples, 1, {count}) is expected: "
             "one wavelength, and one measurement for each angle"
         )
     return None if 0 in shape else (shape[0], shape[1])
@@ -282,11 +312,11 @@ def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] |
 
 def _dark_frames(file: CheckedHdf5, frames: tuple[int, int]) -> int:
     """Number of dark frames that can be read."""
-    if not file.has(fields.DARK_FRAMES):
+    if not file.has(DARK_FRAMES):
         return 0
-    shape: tuple[int, ...] = file.dataset(fields.DARK_FRAMES).shape
+    shape: tuple[int, ...] = file.dataset(DARK_FRAMES).shape
     if shape[:2] != frames or not 2 <= len(shape) <= 3:
-        raise ValueError(f"{fields.DARK_FRAMES} has the shape {shape}")
+        raise ValueError(f"{DARK_FRAMES} has the shape {shape}")
     return 1 if len(shape) == 2 else shape[2]
 
 
@@ -315,13 +345,13 @@ class ElementRow:
 
 def element_row(path: Path, file: CheckedHdf5, *, elements: int) -> ElementRow:
     """Pitch and direction of the array, from the positions of all its elements."""
-    names = [f"{fields.DETECTORS}/{each}/detector_position" for each in file.names(fields.DETECTORS)]
+    names = [f"{DETECTORS}/{each}/detector_position" for each in file.names(DETECTORS)]
     present = [file.has(name) for name in names]
     if not any(present):
         return ElementRow(pitch_m=None, falling=False)
     if not all(present) or len(names) != elements:
         raise RecordError(
-            f"{path}: {fields.DETECTORS} holds positions of {sum(present)} elements for {elements} channels; "
+            f"{path}: {DETECTORS} holds positions of {sum(present)} elements for {elements} channels; "
             "each channel must have one"
         )
     positions = [file.numbers(name) for name in names]

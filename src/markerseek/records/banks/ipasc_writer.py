@@ -19,18 +19,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek._version import __version__
-from markerseek.core import (
-    ChannelFrame,
-    ConfigError,
-    Float64,
-    FrameHeader,
-    LinearArray,
-    RecordError,
-    Sample,
-)
+from markerseek.core import ChannelFrame, ConfigError, Float64, FrameHeader, LinearArray, RecordError, Sample
 from markerseek.files import create_atomically, require_new
+from markerseek.records.banks import ipasc
 from markerseek.records.banks.bank import HDF5_SUFFIXES, MAX_DEG, BankFacts
-from markerseek.records.banks.ipasc import fields
 from markerseek.records.hdf5 import require_h5py
 
 if TYPE_CHECKING:
@@ -124,7 +116,7 @@ class BankWriter:
             self._taken[sample.angle_deg] = sample.reading.intensity, header
         if frame is not None:
             require_room(self._path, frame.samples.nbytes)
-            data = self._file[fields.DARK_FRAMES if sample.dark else fields.FRAMES]
+            data = self._file[ipasc.DARK_FRAMES if sample.dark else ipasc.FRAMES]
             data.resize(max(row + 1, data.shape[-1]), axis=data.ndim - 1)
             data[..., row] = frame.samples if sample.dark else frame.samples[..., None]
 
@@ -132,12 +124,12 @@ class BankWriter:
         """Write everything but the frames."""
         device = DEVICE_IDENTIFIERS.get(self._facts.probe or "") or str(uuid.uuid4())
         if self._first is None:
-            self._file.create_dataset(fields.FRAMES, shape=(0, 0, 1, self.taken), dtype="<i2")
+            self._file.create_dataset(ipasc.FRAMES, shape=(0, 0, 1, self.taken), dtype="<i2")
         for group in ("general", "illuminators", "detectors"):
             # PATATO opens a file without elements, but not one without their group.
-            self._file.create_group(f"{fields.DEVICE}/{group}")
+            self._file.create_group(f"{ipasc.DEVICE}/{group}")
         for name, value in (self._acquisition(device) | self._device(device)).items():
-            if isinstance(value, np.ndarray) and not name.startswith(fields.DEVICE):
+            if isinstance(value, np.ndarray) and not name.startswith(ipasc.DEVICE):
                 # One chunk, because only chunks have checksums.
                 self._file.create_dataset(name, data=value, chunks=value.shape, fletcher32=True)
             else:
@@ -147,7 +139,7 @@ class BankWriter:
         self._first = frame
         if frame is None:
             return
-        for name, each in ((fields.FRAMES, (*frame.samples.shape, 1)), (fields.DARK_FRAMES, frame.samples.shape)):
+        for name, each in ((ipasc.FRAMES, (*frame.samples.shape, 1)), (ipasc.DARK_FRAMES, frame.samples.shape)):
             # One chunk per frame, so that a frame is written and read in one piece.
             self._file.create_dataset(
                 name, shape=(*each, 0), maxshape=(*each, None), dtype="<i2", chunks=(*each, 1), fletcher32=True
@@ -181,37 +173,31 @@ class BankWriter:
             "meta_data/data_type": "short",
             "meta_data/dimensionality": "time and space",
             "meta_data/photoacoustic_imaging_device_reference": device,
-            fields.SIZES: np.array([*shape, 1, len(angles_deg)]),
-            fields.SAMPLING: facts.sampling_hz if first is None else first.sampling_hz,
-            fields.FIRST_SAMPLE: facts.first_sample_s,
-            fields.SOUND_SPEED: facts.sound_speed_m_s,
+            ipasc.SIZES: np.array([*shape, 1, len(angles_deg)]),
+            **{name: getattr(facts, fact) or None for fact, name in ipasc.TEXTS.items()},
+            **{name: getattr(facts, fact) for fact, name in ipasc.NUMBERS.items()},
+            ipasc.SAMPLING: facts.sampling_hz if first is None else first.sampling_hz,
             # PATATO does not open a file without this field: NaN where it is not known.
-            fields.WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
-            fields.PULSE_ENERGY: None
+            ipasc.WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
+            ipasc.PULSE_ENERGY: None
             if facts.pulse_energy_j is None
             else facts.pulse_energy_j * np.where(np.isnan(energies), 1.0, energies),
-            fields.TIMES: started_s + (math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s),
-            fields.POSES: None if facts.face_radius_m is None else probe_poses(angles_deg, facts.face_radius_m),
+            ipasc.TIMES: started_s + (math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s),
+            ipasc.POSES: None if facts.face_radius_m is None else probe_poses(angles_deg, facts.face_radius_m),
             "meta_data/measurements_per_image": 1,
             "meta_data/scanning_method": "full_scan",
             "meta_data/scanning_motion": "rotation of the probe about its long axis",
-            fields.VERSION: fields.BANK_VERSION,
-            fields.ANGLES: np.array(angles_deg),
-            fields.INTENSITIES: np.array([intensity for intensity, _ in self._taken.values()]),
-            fields.RIG_CLOCK: started_s,
-            fields.CLOCK_ZERO: math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s,
-            fields.PULSES: np.array([each.pulses for each in headers], np.int64),
-            fields.ENERGY: energies,
-            fields.REFERENCE: facts.reference_angle_deg,
-            fields.FACE_RADIUS: facts.face_radius_m,
-            fields.PROBE: facts.probe,
-            fields.PROBE_SETTINGS: facts.probe_settings,
-            fields.DESCRIPTION: facts.description or None,
-            fields.SIMULATED: None if facts.simulated is None else int(facts.simulated),
-            fields.CONFIGURATION: facts.configuration,
+            ipasc.VERSION: ipasc.BANK_VERSION,
+            ipasc.ANGLES: np.array(angles_deg),
+            ipasc.INTENSITIES: np.array([intensity for intensity, _ in self._taken.values()]),
+            ipasc.RIG_CLOCK: started_s,
+            ipasc.CLOCK_ZERO: math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s,
+            ipasc.PULSES: np.array([each.pulses for each in headers], np.int64),
+            ipasc.ENERGY: energies,
+            ipasc.SIMULATED: None if facts.simulated is None else int(facts.simulated),
             # As text: a seed may be larger than any number of HDF5.
-            fields.SEED: None if facts.seed is None else str(facts.seed),
-            fields.MADE_WITH: facts.made_with or f"markerseek {__version__}",
+            ipasc.SEED: None if facts.seed is None else str(facts.seed),
+            ipasc.MADE_WITH: facts.made_with or f"markerseek {__version__}",
         }
         return {name: value for name, value in known.items() if value is not None}
 
@@ -227,14 +213,14 @@ class BankWriter:
         if facts.sound_speed_m_s is not None and self._first is not None:
             depth_m = samples / self._first.sampling_hz * facts.sound_speed_m_s
         known: dict[str, object] = {
-            f"{fields.DEVICE}/general/unique_identifier": device,
-            f"{fields.DEVICE}/general/field_of_view": np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]),
-            f"{fields.DEVICE}/general/num_detectors": len(laterals_m),
-            f"{fields.DEVICE}/general/num_illuminators": 0,
+            f"{ipasc.DEVICE}/general/unique_identifier": device,
+            f"{ipasc.DEVICE}/general/field_of_view": np.array([-half_m, half_m, 0.0, 0.0, 0.0, depth_m]),
+            f"{ipasc.DEVICE}/general/num_detectors": len(laterals_m),
+            f"{ipasc.DEVICE}/general/num_illuminators": 0,
         }
         for number, lateral_m in enumerate(laterals_m):
-            known[f"{fields.DETECTORS}/{number:010d}/detector_position"] = np.array([lateral_m, 0.0, 0.0])
-            known[f"{fields.DETECTORS}/{number:010d}/detector_orientation"] = np.array([0.0, 0.0, 1.0])
+            known[f"{ipasc.DETECTORS}/{number:010d}/detector_position"] = np.array([lateral_m, 0.0, 0.0])
+            known[f"{ipasc.DETECTORS}/{number:010d}/detector_orientation"] = np.array([0.0, 0.0, 1.0])
         return known
 
 

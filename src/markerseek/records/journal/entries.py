@@ -1,37 +1,138 @@
-"""Encodes events for a journal: kind, JSON body, and the raw samples or pixels of a frame.
+"""What a journal holds, the configuration of a run and then its entries, and how the event of an entry is stored.
 
-The body of an event is its dataclass, field by field. Where a field can hold one of several classes (a frame, an
-estimate), ``type`` names the class. Two things are stored elsewhere: the arrays of a frame behind the line, one behind
-the other, and the confirmation of `Finished` in the entry of that acquisition.
+An event is stored as its kind, a JSON body, and the raw samples or pixels of a frame. The body is its dataclass, field
+by field. Where a field can hold one of several classes (a frame, an estimate), ``type`` names the class. Two things are
+stored elsewhere: the arrays of a frame behind the line, one behind the other, and the confirmation of `Finished` in the
+entry of that acquisition.
 """
 
 from __future__ import annotations
 
 import math
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
+import scipy
 
+from markerseek._version import __version__
 from markerseek.core import (
     Asked,
+    ChannelFrame,
     Estimate,
+    Event,
     Failed,
     Finished,
     Frame,
     Measured,
+    Reading,
     RecordError,
     Refused,
+    RigFacts,
     Sample,
+    SearchPlan,
     Started,
     Swept,
     Turning,
 )
-from markerseek.records.journal.events import Checked, Interrupted, JournalEvent, RecordedError, Resuming
+
+
+def versions() -> dict[str, str]:
+    """Versions of the libraries on which the last bit of a result depends."""
+    return {
+        "markerseek": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "machine": platform.machine(),
+    }
+
+
+class Configuration(msgspec.Struct, frozen=True, kw_only=True):
+    """Search and rig of a run."""
+
+    plan: SearchPlan
+    """What was asked of the search."""
+    facts: RigFacts
+    """What was known of the rig."""
+    # Raw JSON, not decoded here: records may not import the settings of rigs and drivers.
+    recipe: msgspec.Raw
+    """All settings of the rig, as JSON; null for a rig that was not assembled from settings."""
+    imaging: msgspec.Raw = msgspec.Raw(b"null")
+    """Preset of the rig's imaging chain, as JSON; null where there are intensities only."""
+    bank: msgspec.Raw = msgspec.Raw(b"null")
+    """Facts of the bank that a scan becomes, as JSON; null for a search."""
+    versions: dict[str, str] = msgspec.field(default_factory=versions)
+
+    def flat(self) -> dict[str, object]:
+        """Plan and facts as one flat table for JSON output; ``rig`` is the kind of the rig."""
+        plan: dict[str, object] = msgspec.to_builtins(self.plan)
+        facts: dict[str, object] = msgspec.to_builtins(self.facts)
+        # Beside the keys of the plan, "kind" alone would not say of what.
+        facts["rig"] = facts.pop("kind")
+        return plan | facts | {"recipe": self.recipe, "imaging": self.imaging, "versions": self.versions}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interrupted:
+    """The run was stopped from outside and can be resumed; after a sudden death there is no such entry."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resuming:
+    """A person armed the rig again; before the search continues, its strongest angle is measured again."""
+
+    by: str
+    check_deg: float | None
+    """This angle; None if nothing has been measured yet."""
+    fault_reset: bool
+    """Whether the run had ended with a fault, and the person reset it."""
+    versions: dict[str, str]
+    """Versions of the program that continues, as in `Configuration`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """What was measured at the angle of `Resuming`."""
+
+    reading: Reading
+    difference: str | None
+    """How the reading differs from the earlier one, in words, so that the search begins again; None if it does not."""
+    frame: ChannelFrame | None = None
+    """None if there are intensities only."""
+
+
+JournalEvent: TypeAlias = Event | Interrupted | Resuming | Checked
+"""Every kind of event that a journal holds."""
+
+
+class RecordedError(Exception):
+    """The error that ended a recorded run; only its name and message are known."""
+
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """One committed event."""
+
+    number: int
+    """Counted from 1."""
+    written: str
+    """When it was committed, UTC, ISO 8601."""
+    clock_s: float
+    """The rig's clock then."""
+    event: JournalEvent
+
 
 _KINDS: dict[str, type[JournalEvent]] = {
     each.__name__.lower(): each
@@ -39,9 +140,6 @@ _KINDS: dict[str, type[JournalEvent]] = {
 }
 _TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
 """Classes whose name is stored with their fields."""
-
-_STORED = {np.dtype(np.int16): "<i2", np.dtype(np.uint8): "|u1"}
-"""How arrays of each type are stored."""
 
 _ARRAYS = {"samples": "<i2", "pixels": "|u1"}
 """Fields of frames and images that are arrays, and how they are stored."""
@@ -119,8 +217,7 @@ def json_values(value: object, *, what: str, blobs: list[memoryview] | None = No
             return {
                 escaped(name): json_values(each, what=f"{what}.{name}", blobs=blobs) for name, each in value.items()
             }
-        case np.ndarray() if blobs is not None and value.dtype in _STORED:
-            stored = _STORED[value.dtype]
+        case np.ndarray() if blobs is not None and (stored := value.dtype.newbyteorder("<").str) in _ARRAYS.values():
             blobs.append(np.ascontiguousarray(value, dtype=stored).data.cast("B"))
             return {"dtype": stored, "shape": list(value.shape)}
         case Exception():

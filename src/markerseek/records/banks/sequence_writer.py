@@ -25,7 +25,7 @@ import numpy as np
 
 from markerseek.core import Float64, PaImage, RecordError, ScanGeometry
 from markerseek.files import new_file
-from markerseek.records.exports.series import Series
+from markerseek.records.banks.bank import Series
 
 MAX_FRAMES = 9999
 """Frames that four digits of a field's name can count."""
