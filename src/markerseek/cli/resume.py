@@ -50,22 +50,21 @@ def command(
     from the journal, and differences between the two are printed. If the run is over, its result is printed.
     """
     from markerseek.cli.show_result import conclude
-    from markerseek.records.journal import read_journal, run_state, since_started
+    from markerseek.records.journal import read_journal, since_started
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(heartbeat=heartbeat)
     # Frames are needed for the picture only, and have half a megabyte each.
     recorded = read_journal(journal, frames=plot)
-    state = run_state(recorded.entries)
-    if state.state == "finished":
-        view = runs.RunView.of(recorded)
+    view = runs.RunView.of(recorded)
+    if view.state == "finished":
         imaging, policy = None, None
         if plot:
             imaging = runs.rebuild_image_reader(recorded.configuration)
             policy = runs.rebuild_policy(recorded.configuration)
             runs.tell_recorded(policy, since_started(recorded.entries))
     else:
-        runs.require_reset(recorded.path, state, reset_fault=reset_fault)
+        runs.require_reset(recorded.path, view, reset_fault=reset_fault)
         bench = _bench_named(recorded, rig, arm=arm)
         announce_compilation()
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
@@ -141,21 +140,20 @@ def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> boo
 def _print_state(recorded: RecordedRun, *, as_json: bool, rig_file_needed: bool) -> None:
     """Print the state of the run, and how to continue."""
     from markerseek.cli.session import resume_command
-    from markerseek.records.journal import run_state
 
-    state = run_state(recorded.entries)
+    view = runs.RunView.of(recorded)
     if as_json:
         print_json(
             {
-                "state": state.state,
+                "state": view.state,
                 "armed": False,
-                "acquisitions": state.acquisitions,
+                "acquisitions": view.acquisitions,
                 "journal": str(recorded.path),
                 "rig_file_needed": rig_file_needed,
             }
         )
         return
-    kept = counted(state.acquisitions, "acquisition is", "acquisitions are")
+    kept = counted(view.acquisitions, "acquisition is", "acquisitions are")
     plan, facts = recorded.configuration.plan, recorded.configuration.facts
     stdout.print(escape(f"{plan.method} on a {facts.rig_name}: {kept} kept, the strongest is measured again"))
     if rig_file_needed:

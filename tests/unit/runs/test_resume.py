@@ -29,7 +29,6 @@ from markerseek.records.journal import (
     Journal,
     Resuming,
     read_journal,
-    run_state,
     salvage,
     since_started,
 )
@@ -86,7 +85,7 @@ def test_a_run_that_never_started_begins_when_it_is_armed(tmp_path: Path) -> Non
     path = tmp_path / "run.journal"
     Journal.create(path, begin()[2]).close()
     assert isinstance(resume_run(path)[0], Started)
-    assert run_state(read_journal(path).entries).state == "finished"
+    assert RunView.of(read_journal(path)).state == "finished"
 
 
 def test_a_run_that_is_over_is_not_resumed(whole: Path) -> None:
@@ -198,7 +197,7 @@ def test_a_fault_is_kept_and_left_by_a_reset_only(when: str, tmp_path: Path) -> 
         with pytest.raises(MoveError):
             resume_run(path, rig=rig)
     held = read_journal(path)
-    assert isinstance(held.entries[-1].event, Failed) or run_state(held.entries).state == "finished"
+    assert isinstance(held.entries[-1].event, Failed) or RunView.of(held).state == "finished"
     if when == "at the stop":
         return
     with pytest.raises(DeviceError, match=r"ended with a fault: the stage was sent .* --reset-fault"):

@@ -5,25 +5,21 @@ Numbers are stored exactly.
 """
 
 from markerseek.records.configuration import Configuration, versions
-from markerseek.records.journal.encoding import decode, encode
+from markerseek.records.journal.encoding import decode, encode, escaped
 from markerseek.records.journal.events import Checked, Entry, Interrupted, JournalEvent, RecordedError, Resuming
 from markerseek.records.journal.file import is_journal, is_written, journals_folder, lock
 from markerseek.records.journal.folder import (
-    JournalSummary,
     default_journal,
     journals_in,
     make_folder,
     size_bytes_of,
-    summary,
 )
 from markerseek.records.journal.reader import (
     JournalItem,
     RecordedRun,
-    RunState,
     follow,
     has_begun,
     read_journal,
-    run_state,
     salvage,
     since_started,
 )
@@ -37,14 +33,13 @@ __all__ = [
     "Journal",
     "JournalEvent",
     "JournalItem",
-    "JournalSummary",
     "RecordedError",
     "RecordedRun",
     "Resuming",
-    "RunState",
     "decode",
     "default_journal",
     "encode",
+    "escaped",
     "follow",
     "has_begun",
     "is_journal",
@@ -54,10 +49,8 @@ __all__ = [
     "lock",
     "make_folder",
     "read_journal",
-    "run_state",
     "salvage",
     "since_started",
     "size_bytes_of",
-    "summary",
     "versions",
 ]

@@ -7,15 +7,15 @@ reads a journal while it is written.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
-from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Sample, Started
+from markerseek.core import Finished, Measured, RecordError, Refused, Sample, Started
 from markerseek.records.configuration import Configuration
-from markerseek.records.journal.events import Checked, Entry, Resuming
+from markerseek.records.journal.events import Checked, Entry
 from markerseek.records.journal.file import as_record_error, is_written, open_for_reading
 from markerseek.records.journal.lines import EntryReader, UnfinishedError
 
@@ -118,41 +118,6 @@ def follow(
             if over:
                 return
             wait()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunState:
-    """State of a run."""
-
-    state: Literal["finished", "fault", "open"]
-    """Finished with an answer, ended by a fault, or open: it was stopped or it died, and can be resumed."""
-    acquisitions: int
-    """Acquisitions with light that the policy received, or will receive."""
-    fault: str | None
-    """None unless it was a fault."""
-
-
-def run_state(entries: Iterable[Entry]) -> RunState:
-    """State of the run of these entries.
-
-    ``entries``: all of them, in order.
-    """
-    state: Literal["finished", "fault", "open"] = "open"
-    acquisitions = 0
-    fault: str | None = None
-    for entry in entries:
-        match entry.event:
-            case Started():
-                acquisitions = 0
-            case Measured(role=role):
-                acquisitions += role == "search"
-            case Finished():
-                state = "finished"
-            case Failed(error=error):
-                state, fault = "fault", str(error)
-            case Resuming(fault_reset=True):
-                state, fault = "open", None
-    return RunState(state=state, acquisitions=acquisitions, fault=fault)
 
 
 def since_started(entries: Sequence[Entry]) -> tuple[Entry, ...]:

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import Finished, Measured, Refused
-from markerseek.records.journal import Checked, Entry, Journal, read_journal, salvage, summary
+from markerseek.records.journal import Checked, Entry, Journal, read_journal, salvage
+from markerseek.runs import journal_summary
 from tests.unit.records.journal.every_kind_of_entry import journal_events
 from tests.unit.records.journal.synthetic_journals import configuration, counts, died, whole_run, write
 
@@ -37,7 +38,7 @@ def most_bytes(work: Callable[[], object]) -> int:
 
 
 @pytest.mark.parametrize(
-    "look", [summary, lambda path: salvage(path, frames=False), lambda path: read_journal(path, frames=False)]
+    "look", [journal_summary, lambda path: salvage(path, frames=False), lambda path: read_journal(path, frames=False)]
 )
 def test_unused_frames_are_not_kept_in_memory(look: Callable[[Path], object], long_run: Path) -> None:
     assert most_bytes(lambda: look(long_run)) < 10 * FRAME_BYTES
