@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .fault import Fault
+from .vocabulary import Fault
 
 ANSWER_S = 0.5
 """How long a driver waits for an answer."""

@@ -12,8 +12,8 @@ import numpy as np
 from markerseek.core import DeviceTimeoutError, LaserError, Permit, Pulse, SweepPermit
 from markerseek.sim import SimulatedLaser, VirtualClock
 
-from .fault import Fault
 from .faulty import ANSWER_S, SLOWER, Faulty
+from .vocabulary import Fault
 from .world import WatchedWorld
 
 DARK_S = 1.0

@@ -12,8 +12,8 @@ import numpy as np
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame, SweepPermit
 from markerseek.sim import SimulatedReceiver, VirtualClock
 
-from .fault import Fault
 from .faulty import SLOWER, Faulty
+from .vocabulary import Fault
 
 
 class FaultyReceiver(Faulty):

@@ -11,8 +11,8 @@ import numpy as np
 from markerseek.core import DeviceTimeoutError, Interval, MoveError, StageReading
 from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
 
-from .fault import Fault
 from .faulty import ANSWER_S, SLOWER, Faulty
+from .vocabulary import Fault
 from .world import WatchedWorld
 
 COUNTS_PER_DEG = StageMotion().counts_per_deg

@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -50,13 +49,12 @@ from markerseek.sim import (
     VirtualClock,
 )
 
-from .fault import Fault
 from .faulty import Host, HostKilled
 from .faulty_laser import FaultyLaser
 from .faulty_receiver import FaultyReceiver
 from .faulty_stage import FaultyStage
 from .held_lines import HeldLines
-from .vocabulary import FAULTS, IN_SWEEPS, drawn
+from .vocabulary import FAULTS, IN_SWEEPS, DeviceName, Fault, drawn
 from .world import WatchedWorld
 
 CELLS = 460_000
@@ -289,7 +287,7 @@ class Campaign:
         return rig, world, clock, (stage, laser, receiver)
 
 
-_DEVICES: tuple[Literal["stage", "laser", "receiver"], ...] = ("stage", "laser", "receiver")
+_DEVICES: tuple[DeviceName, ...] = ("stage", "laser", "receiver")
 
 
 def _left_alone(world: WatchedWorld, clock: VirtualClock, laser: FaultyLaser) -> tuple[float, ...]:

@@ -1,16 +1,55 @@
-"""Faults of the simulated stage, laser and receiver that the campaign injects.
+"""What a fault is, and the faults of the simulated stage, laser and receiver that the campaign injects.
 
 `Injected.harm` says what is done in truth before anybody can see it, and `covered_by` which hardware must prevent that.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Literal
 
 import numpy as np
 
-from .fault import DeviceName, Fault, FaultKind
+DeviceName = Literal["stage", "laser", "receiver"]
+
+
+class FaultKind(StrEnum):
+    """The seven ways in which a device fails."""
+
+    OFF = "off"
+    STUCK = "stuck"
+    GARBAGE = "garbage"
+    WRONG = "wrong"
+    SLOW = "slow"
+    DELAYED = "delayed"
+    INTERMITTENT = "intermittent"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """Something wrong with a device."""
+
+    device: DeviceName
+    name: str
+    """Which of that device's faults."""
+    kind: FaultKind
+    """What sort of fault it is."""
+    observable: bool
+    """Whether the evidence is in what the devices send. What command and readback share is not observable: another
+    device must cover it, as a hard stop or a second encoder does."""
+    meaning: str
+    """What happens, in a sentence."""
+    amount: float = 0.0
+    """How much, in the unit that the meaning names."""
+    from_step: int = 0
+    """First step at which it holds; 0 from the start. What a step is, each device says."""
+    to_step: int | None = None
+    """First step at which it no longer holds; None for never."""
+
+    def holds_at(self, step: int) -> bool:
+        """Whether the device is at fault in that step."""
+        return self.from_step <= step and (self.to_step is None or step < self.to_step)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,14 +202,5 @@ def drawn(rng: np.random.Generator, injected: Injected, *, steps: int) -> Fault:
     lasts = int(rng.integers(1, 4)) if rng.random() < 0.4 or injected.fault.name == "burst" else None
     low, high = injected.amounts
     spread = np.exp(rng.uniform(np.log(low), np.log(high))) if low > 0 else rng.uniform(low, high)
-    fault = injected.fault
-    return Fault(
-        device=fault.device,
-        name=fault.name,
-        kind=fault.kind,
-        observable=fault.observable,
-        meaning=fault.meaning,
-        amount=float(spread),
-        from_step=from_step,
-        to_step=None if lasts is None else from_step + lasts,
-    )
+    to_step = None if lasts is None else from_step + lasts
+    return replace(injected.fault, amount=float(spread), from_step=from_step, to_step=to_step)

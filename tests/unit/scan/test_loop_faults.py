@@ -1,16 +1,17 @@
-"""Devices that do not do their part: the run ends, the rig stops, and the guard distinguishes faults from refusals."""
+"""What devices raise: the run ends, the rig stops, and the guard distinguishes faults from refusals.
+
+Devices that answer wrongly are in `tests.faults.test_campaign`.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 
 from markerseek.core import (
     AcquisitionError,
     ConfigError,
-    DeviceError,
     DeviceTimeoutError,
     Failed,
     Finished,
@@ -23,29 +24,10 @@ from markerseek.core import (
     ReadingFrame,
     Refused,
     RunPlan,
-    SaturationError,
 )
 from markerseek.guard import State
 from markerseek.scan import run
-from tests.unit.scan.scan_bench import Bench, Tour, drain, kinds, scanner
-
-
-@pytest.mark.parametrize(
-    ("bench", "error"),
-    [
-        (Bench(short_by_deg=0.2), MoveError),
-        (Bench(short_by_deg=float("nan")), LimitError),
-        (Bench(missing_pulses=1), LaserError),
-        (Bench(intensity=float("nan")), AcquisitionError),
-    ],
-)
-def test_a_device_that_does_not_do_its_part_ends_the_run(bench: Bench, error: type[DeviceError]) -> None:
-    policy, made = Tour(0.0), scanner(bench)
-    events = drain(run(policy, made), error)
-    assert isinstance(events[-1], Failed)
-    assert policy.samples == []
-    assert bench.log[-1] == "stop"
-    assert made.guard.state is State.FAULT
+from tests.unit.scan.scan_bench import Bench, Tour, drain, scanner
 
 
 def test_a_laser_that_cannot_be_disarmed_does_not_keep_the_stage_from_stopping() -> None:
@@ -125,17 +107,6 @@ def test_a_reader_that_makes_no_number_of_a_frame_has_the_frame_refused() -> Non
     assert isinstance(events[-1], Finished)
 
 
-def test_a_saturated_frame_ends_the_search_and_is_no_fault_of_a_device() -> None:
-    class Noisy(Bench):
-        def read(self, frame: Frame) -> Reading:
-            return replace(super().read(frame), saturated_fraction=0.5)
-
-    made = scanner(Noisy())
-    events = drain(run(Tour(0.0), made), SaturationError)
-    assert kinds(events) == ["Started", "Failed"]
-    assert made.guard.state is State.DISARMED
-
-
 def test_ctrl_c_in_mid_move_stops_the_rig_and_disarms_it() -> None:
     bench = broken("move_to", KeyboardInterrupt())  # type: ignore[arg-type]
     made = scanner(bench)
@@ -173,21 +144,14 @@ def test_a_receiver_that_takes_longer_than_the_permit_lives_is_not_fired_for() -
     assert not [entry for entry in bench.log if entry.startswith("fire")]
 
 
-@pytest.mark.parametrize(
-    ("late_s", "moved_deg", "reason"),
-    [(6.0, 0.0, "the limit of age is 5.0 s"), (0.0, 0.06, "the probe moved by 0.06")],
-)
-def test_a_frame_that_is_old_or_of_a_probe_that_moved_never_reaches_the_policy(
-    late_s: float, moved_deg: float, reason: str
-) -> None:
-    class Late(Bench):
+def test_a_frame_of_a_probe_that_moved_never_reaches_the_policy() -> None:
+    class Moved(Bench):
         def acquire(self, permit: Permit) -> Frame:
             frame = super().acquire(permit)
-            self.time_s += late_s
-            self.angle_deg += moved_deg
+            self.angle_deg += 0.06
             return frame
 
     policy = Tour(0.0)
-    events = drain(run(policy, scanner(Late())), AcquisitionError)
-    assert reason in [event.reason for event in events if isinstance(event, Refused)][-1]
+    events = drain(run(policy, scanner(Moved())), AcquisitionError)
+    assert "the probe moved by 0.06" in [event.reason for event in events if isinstance(event, Refused)][-1]
     assert policy.samples == []
