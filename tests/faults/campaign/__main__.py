@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rich.progress import track
 
-from .report import faults, in_words, observable_keys, promises
+from .report import faults, observable_keys, promises
 from .tally import CHUNK, Broken, Tally, readings
 
 
@@ -49,7 +49,7 @@ def _page(whole: Tally, *, seed: int, commit: str) -> str:
         "",
         "## Promises",
         "",
-        *promises(whole, preventable=observable_keys()),
+        *promises(whole),
         "",
         (
             f"Outcomes: {', '.join(f'{count:,} {name}' for name, count in sorted(whole.outcomes.items()))}; "
@@ -58,7 +58,7 @@ def _page(whole: Tally, *, seed: int, commit: str) -> str:
             f"longest {whole.longest_s:,.0f} s of virtual time."
         ),
         "",
-        *faults(whole, seen=observable_keys(), words=in_words()),
+        *faults(whole),
         "",
         *_broken_section(whole.broken, set(observable_keys())),
     ]

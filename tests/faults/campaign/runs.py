@@ -113,10 +113,7 @@ def draw_plan(seed: int, number: int) -> Plan:
     steps = 4 if sweeps else 3 + (acquisitions or 20)
     how_many = int(rng.choice(3, p=[0.08, 0.84, 0.08]))
     share = np.array(
-        [
-            (1.0 if each.harm == "none" else 0.3) * (sweeps or each.fault.name not in IN_SWEEPS)
-            for each in FAULTS.values()
-        ]
+        [(1.0 if each.harm == "none" else 0.3) * (sweeps or each.name not in IN_SWEEPS) for each in FAULTS.values()]
     )
     dies = np.random.default_rng([seed, number, 3])
     chosen = rng.choice(len(FAULTS), size=how_many, replace=False, p=share / share.sum())

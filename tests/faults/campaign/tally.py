@@ -90,19 +90,22 @@ class Tally(msgspec.Struct, kw_only=True):
             excess_pulses=verdict.excess_pulses,
             moving_pulses=verdict.moving_pulses,
         )
-        self.rows.setdefault(key, Row()).add(row)
-        self.outcomes[verdict.outcome] = self.outcomes.get(verdict.outcome, 0) + 1
-        self.in_fault += verdict.outcome == "fault"
-        self.accepted += accepted
-        self.noticed_later += verdict.noticed_later
-        self.slowest_s = max(self.slowest_s, real_s)
-        self.longest_s = max(self.longest_s, virtual_s)
-        for promise, said in verdict.broken[:3]:
-            self.broken.append(Broken(promise=promise, run=number, faults=faults, said=said[:300]))
-        if verdict.off:
-            self.broken.append(
-                Broken(promise="P10", run=number, faults=faults, said=f"found, and off by more than {OFF_DEG:g} deg")
+        broken = [
+            *verdict.broken[:3],
+            *([("P10", f"found, and off by more than {OFF_DEG:g} deg")] if verdict.off else []),
+        ]
+        self.add(
+            Tally(
+                rows={key: row},
+                broken=[Broken(promise=each, run=number, faults=faults, said=said[:300]) for each, said in broken],
+                outcomes={verdict.outcome: 1},
+                in_fault=verdict.outcome == "fault",
+                accepted=accepted,
+                noticed_later=verdict.noticed_later,
+                slowest_s=real_s,
+                longest_s=virtual_s,
             )
+        )
 
     def add(self, other: Tally) -> None:
         """Add the counts of another."""

@@ -27,13 +27,14 @@ from markerseek.records.journal import (
     Checked,
     Configuration,
     Journal,
+    RecordedRun,
     Resuming,
     read_journal,
     salvage,
     since_started,
 )
 from markerseek.rigs import Rig
-from markerseek.runs import RunView, answer_again, rebuild_policy
+from markerseek.runs import RunView, answer_again, rebuild_policy, rebuild_rig
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import change_of, pulses_before, resumed
 from markerseek.sim import GaussianCurve
@@ -268,3 +269,16 @@ def test_the_pulses_of_all_sessions_are_counted_together(tmp_path: Path, whole: 
     rig.scanner.guard._permits._limits = FiringLimits(pulses_per_session=spent + rig.scanner.pulses)
     with pytest.raises(LimitError, match=f"{spent + rig.scanner.pulses} pulses were permitted in this session"):
         resume_run(path, rig=rig)
+
+
+def test_a_replay_and_a_rig_of_python_are_not_resumed(tmp_path: Path) -> None:
+    def recorded(rig: Rig) -> RecordedRun:
+        return RecordedRun(path=Path("run.journal"), configuration=configured(rig), entries=())
+
+    scan = tmp_path / "scan.csv"
+    rows = [f"{angle},{1 + 90 * 2.0 ** -((angle - 8) ** 2 / 9)}" for angle in range(-35, 36)]
+    scan.write_text("angle_deg,intensity\n" + "\n".join(rows) + "\n")
+    with pytest.raises(RecordError, match=f"it is of a recorded scan, which takes seconds: replay {scan} again"):
+        rebuild_rig(recorded(rigs.replayed(scan)))
+    with pytest.raises(RecordError, match="from Python, with the rig"):
+        rebuild_rig(recorded(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)))
