@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import DeviceTimeoutError, Interval, MoveError, StageReading
+from markerseek.core import DeviceTimeoutError, MoveError, StageReading
 from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
 
-from .faulty import ANSWER_S, SLOWER, Faulty
+from .faulty import SLOWER, Faulty
 from .vocabulary import Fault
 from .world import WatchedWorld
 
@@ -25,6 +25,8 @@ reading is refused; and how far beyond its end one is, in degrees, with some roo
 class FaultyStage(Faulty):
     """A stage as its driver shows it."""
 
+    device = "stage"
+
     def __init__(
         self,
         inner: SimulatedStage,
@@ -34,11 +36,8 @@ class FaultyStage(Faulty):
         rng: np.random.Generator,
         turning: Callable[[], None],
     ) -> None:
-        super().__init__(faults, rng)
-        self.limits: Interval = inner.limits
-        self._inner = inner
+        super().__init__(inner, clock, faults, rng)
         self._world = world
-        self._clock = clock
         self._turning = turning
         self._frozen_deg: float | None = None
         self._before_deg = inner.angle_deg
@@ -49,12 +48,8 @@ class FaultyStage(Faulty):
 
     @property
     def angle_deg(self) -> float:
-        self.reach()
-        if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
-            self._clock.wait(ANSWER_S)
-            raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
-        reported_deg = self._reported_deg(self._inner.angle_deg)
-        return self._stale(reported_deg) if reported_deg == self._inner.angle_deg else reported_deg
+        self._answer()
+        return self._told_deg(self._inner.angle_deg)
 
     def _reported_deg(self, true_deg: float) -> float:
         """The angle that it reports for a true one."""
@@ -85,10 +80,7 @@ class FaultyStage(Faulty):
     def move_to(self, angle_deg: float) -> float:
         self.step += 1
         self._creep_deg = 0.0
-        self._before_deg = self._inner.angle_deg
-        if self.has("frozen readback", silently=True) and self._frozen_deg is None:
-            self._frozen_deg = self._inner.angle_deg
-        self.reach()
+        self._begin()
         self._world.moving = True
         try:
             self._turn(angle_deg)
@@ -102,18 +94,6 @@ class FaultyStage(Faulty):
         self.reach(silently=True)
         self._inner.stop()
 
-    @property
-    def fastest_sweep_deg_s(self) -> float:
-        return self._inner.fastest_sweep_deg_s
-
-    @property
-    def acceleration_deg_s2(self) -> float:
-        return self._inner.acceleration_deg_s2
-
-    @property
-    def play_deg(self) -> float:
-        return self._inner.play_deg
-
     def prepare_sweep(self, *, speed_deg_s: float) -> None:
         self.step += 1
         self._asked_deg_s = speed_deg_s
@@ -126,10 +106,7 @@ class FaultyStage(Faulty):
         self._inner.prepare_sweep(speed_deg_s=speed_deg_s)
 
     def begin_sweep(self, to_deg: float) -> None:
-        self._before_deg = self._inner.angle_deg
-        if self.has("frozen readback", silently=True) and self._frozen_deg is None:
-            self._frozen_deg = self._inner.angle_deg
-        self.reach()
+        self._begin()
         self._target_deg = to_deg
         self._until = int(self._rng.integers(2, 60))
         self._forth = math.copysign(1.0, to_deg - self._before_deg)
@@ -146,10 +123,7 @@ class FaultyStage(Faulty):
 
     def read_sweep(self) -> StageReading:
         self.host.read()
-        self.reach()
-        if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
-            self._clock.wait(ANSWER_S)
-            raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
+        self._answer()
         reading = self._inner.read_sweep()
         self._until -= 1
         if self._until == 0:
@@ -183,7 +157,7 @@ class FaultyStage(Faulty):
                 self.act(beyond)
 
     def _told_deg(self, true_deg: float) -> float:
-        """The angle that it tells in a sweep for a true one."""
+        """The angle that it tells for a true one."""
         reported_deg = self._reported_deg(true_deg)
         return self._stale(true_deg) if reported_deg == true_deg else reported_deg
 
@@ -267,8 +241,18 @@ class FaultyStage(Faulty):
             self._world.slip_deg = play.amount
         self._world.settle()
 
-    def _lost(self, fault: Fault) -> bool:
-        if not self.chance(fault.amount):
-            return False
-        self.act(fault)
-        return True
+    def _answer(self) -> None:
+        """Raise if no answer comes to a question for the angle."""
+        self.reach()
+        if self.has("silent"):
+            self.no_answer()
+        if (lost := self.has("drop-outs", silently=True)) and self.chance(lost.amount):
+            self.act(lost)
+            self.no_answer()
+
+    def _begin(self) -> None:
+        """Begin to turn from where it is."""
+        self._before_deg = self._inner.angle_deg
+        if self.has("frozen readback", silently=True) and self._frozen_deg is None:
+            self._frozen_deg = self._inner.angle_deg
+        self.reach()
