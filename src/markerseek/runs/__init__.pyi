@@ -21,8 +21,8 @@ from .rebuild import (
     recorded_bench,
     require_same_measurement,
 )
-from .resume import commanded_deg, require_reset, strongest_of, tell_recorded
-from .run_view import FAULT_END, STOPPED, Phase, Point, RunView
+from .resume import require_reset, tell_recorded
+from .run_view import STOPPED, Phase, Point, RunView
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
 from .verdict import (
     Verdict,
@@ -36,7 +36,6 @@ from .verdict import (
 )
 
 __all__ = [
-    "FAULT_END",
     "STOPPED",
     "Calibration",
     "DelayRun",
@@ -56,7 +55,6 @@ __all__ = [
     "bank_images",
     "bank_samples",
     "calibrate",
-    "commanded_deg",
     "configuration_of",
     "curve_of",
     "dark_intensity",
@@ -83,7 +81,6 @@ __all__ = [
     "resumed_session",
     "scan_angles",
     "scan_bank",
-    "strongest_of",
     "tell_recorded",
     "verdict_of",
 ]

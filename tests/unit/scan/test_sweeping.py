@@ -267,12 +267,6 @@ def test_most_of_a_way_is_lit_on_which_the_probe_does_not_reach_its_speed(
     bench.require_permitted()
 
 
-def test_a_sweep_to_where_the_probe_is_gets_no_permit() -> None:
-    sweep = Sweep(to_deg=-35.0, speed_deg_s=10.0)
-    with pytest.raises(ConfigError, match="these must be two different angles"):
-        SweepBench().scanner.sweeping.permit(sweep, from_deg=-35.0)
-
-
 @pytest.mark.parametrize(
     ("readout_s", "there_deg", "lasts_s"), [(10.0, -5.0, 10.0), (2.0, 35.0, 2.0), (0.0, 35.0, 0.15)]
 )
