@@ -17,9 +17,12 @@ from .world import WatchedWorld
 
 COUNTS_PER_DEG = StageMotion().counts_per_deg
 
-TOO_SLOW, FASTER, ARRIVAL_DEG, BEYOND_DEG = 5.5, 1.25, 0.1, 0.15
-"""How many times as slowly as asked a sweep is never lit; how many times as fast, and by how much more in degrees, a
-reading is refused; and how far beyond its end one is, in degrees, with some room."""
+TOO_SLOW = 13.0
+"""A sweep this many times slower than the probe can turn is never lit: 1 over `markerseek.scan.sweeping.SLOWEST`."""
+
+FASTER, ARRIVAL_DEG, BEYOND_DEG = 1.25, 0.1, 0.15
+"""How many times as fast, and by how much more in degrees, a reading is refused; and how far beyond its end one is, in
+degrees, with some room."""
 
 
 class FaultyStage(Faulty):
@@ -101,8 +104,6 @@ class FaultyStage(Faulty):
             speed_deg_s *= fast.amount
         if (slow := self.has("slow", silently=True)) is not None:
             speed_deg_s /= slow.amount
-            if slow.amount > TOO_SLOW:
-                self.act(slow)
         self._inner.prepare_sweep(speed_deg_s=speed_deg_s)
 
     def begin_sweep(self, to_deg: float) -> None:
@@ -112,6 +113,10 @@ class FaultyStage(Faulty):
         self._forth = math.copysign(1.0, to_deg - self._before_deg)
         if self.has("frozen motor"):
             return
+        if (slow := self.has("slow", silently=True)) is not None:
+            reached_deg_s = math.sqrt(abs(to_deg - self._before_deg) * self._inner.acceleration_deg_s2)
+            if self._asked_deg_s / slow.amount < min(self._asked_deg_s, reached_deg_s) / TOO_SLOW:
+                self.act(slow)
         self._inner.begin_sweep(to_deg)
         now_s = self._clock.now_s()
         self._read = StageReading(angle_deg=self._before_deg, asked_s=now_s, answered_s=now_s)
