@@ -37,11 +37,8 @@ class Fault:
     _: KW_ONLY
     amounts: tuple[float, float] = (0.0, 0.0)
     """The range from which its amount is drawn."""
-    observable: bool = True
-    """Whether the evidence is in what the devices send. What command and readback share is not observable: another
-    device must cover it, as a hard stop or a second encoder does."""
     harm: Literal["none", "angle", "pulses", "result"] = "none"
-    """What is done in truth before anybody can see it."""
+    """What is done in truth before anybody can see it, or where nothing that the devices send shows it."""
     covered_by: str = ""
     """Which hardware must prevent that."""
     amount: float = 0.0
@@ -119,19 +116,19 @@ _ALL = (
     Fault("receiver", "garbage at times", INTERMITTENT, "this share of the frames is no number", amounts=(0.05, 0.7)),
     Fault(
         "stage", "slip", WRONG, "the probe slips on its shaft, deg; the encoder does not see it", amounts=(-5, 5),
-        observable=False, harm="angle", covered_by="hard stop; second encoder on the probe; repeated angle",
+        harm="angle", covered_by="hard stop; second encoder on the probe; repeated angle",
     ),
     Fault(
         "stage", "scale", WRONG, "an encoder degree turns the probe by this share more", amounts=(-0.1, 0.1),
-        observable=False, harm="angle", covered_by="hard stop; second encoder; calibration at start-up",
+        harm="angle", covered_by="hard stop; second encoder; calibration at start-up",
     ),
     Fault(
         "stage", "more play", WRONG, "the probe stands this far above the encoder after a move, deg", amounts=(0.2, 2),
-        observable=False, harm="angle", covered_by="approach from one side; second encoder",
+        harm="angle", covered_by="approach from one side; second encoder",
     ),
     Fault(
         "stage", "says it is there", STUCK, "it reports its target, and has not moved",
-        observable=False, harm="result", covered_by="second encoder; its driver's time of travel and moving bits",
+        harm="result", covered_by="second encoder; its driver's time of travel and moving bits",
     ),
     Fault(
         "stage", "runaway", WRONG, "it goes this far beyond its target before it is stopped, deg", amounts=(1.5, 10),
@@ -147,23 +144,23 @@ _ALL = (
     ),
     Fault(
         "laser", "fires by itself", WRONG, "so many pulses while the stage moves, reported to nobody", amounts=(1, 4),
-        observable=False, harm="pulses", covered_by="the laser box's output gate; photodiode; shutter",
+        harm="pulses", covered_by="the laser box's output gate; photodiode; shutter",
     ),
     Fault(
         "laser", "energy drops", WRONG, "the light is this share of the usual, the count is right", amounts=(0.1, 0.8),
-        observable=False, harm="result", covered_by="energy meter; repeated angle",
+        harm="result", covered_by="energy meter; repeated angle",
     ),
     Fault(
         "receiver", "one behind", DELAYED, "the data are those of the acquisition before, the header is the new one",
-        observable=False, harm="result", covered_by="closing dark frame, if it lasts; a counter in the data",
+        harm="result", covered_by="closing dark frame, if it lasts; a counter in the data",
     ),
     Fault(
         "receiver", "mixed triggers", WRONG, "this share of the triggers is of the acquisition before",
-        amounts=(0.0625, 0.9375), observable=False, harm="result", covered_by="closing dark frame, if it lasts",
+        amounts=(0.0625, 0.9375), harm="result", covered_by="closing dark frame, if it lasts",
     ),
     Fault(
         "receiver", "gain drops", WRONG, "the signal is this share of the usual, the noise is the same",
-        amounts=(0.1, 0.8), observable=False, harm="result", covered_by="test pulse; repeated angle",
+        amounts=(0.1, 0.8), harm="result", covered_by="test pulse; repeated angle",
     ),
 )  # fmt: skip
 
