@@ -96,7 +96,7 @@ HEIGHTS: dict[str, dict[str, object]] = {
     for name, by in (("that over the channels", Channels(1.0)), ("the mean of both", Channels(0.5)))
 }
 HEIGHTS["the energy of a spot: its peak"] = {HERE + "inference.with_energies": lambda samples: (samples, None)}
-METER: dict[str, dict[str, object]] = {"the meter": {"markerseek.scan.scanner._per_energy": lambda reading, _: reading}}
+METER: dict[str, dict[str, object]] = {"the meter": {"markerseek.scan.scanner.per_energy": lambda reading, _: reading}}
 # By study: parts, how many times as many searches, every which cell: one energy of four is steady, and has a meter.
 GROUPS = {
     "readings": {"tissues": (HEIGHTS, 1, 1), "energy": (METER, 1, 4)},
