@@ -139,10 +139,6 @@ def test_a_readback_outside_the_travel_is_a_fault(read: Callable[[Guard, float],
     assert made.fault == str(refusal.value)
 
 
-def test_a_readback_inside_the_travel_is_handed_on() -> None:
-    assert guard().readback(36.5) == 36.5
-
-
 @pytest.mark.parametrize("reached_deg", [4.875, 5.125])
 def test_the_probe_may_stop_beside_its_target_by_the_limit(reached_deg: float) -> None:
     made = armed(arrival_deg=0.125)
