@@ -9,8 +9,7 @@ from markerseek.acoustics import Absorber, AcousticModel, Noise, digitise
 from markerseek.core import ChannelFrame, FrameHeader
 from markerseek.signals import ImageReader, probe_preset
 from markerseek.signals.beamform import beamform, image_grid
-from markerseek.signals.envelope import envelope
-from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.filtering import band_pass, envelope
 
 CHAIN = "chain: filter, beamform, envelope, features"
 
@@ -22,13 +21,12 @@ def measure(effort: Effort) -> tuple[list[Single], list[str]]:
     reader = ImageReader(preset)
     picture = reader.picture(frame)
     reading = reader.read(frame)
-    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
-    filtered = band_pass(frame.samples, taps, blanked=preset.pickup_samples)
+    filtered = band_pass(frame.samples, preset)
     grid = image_grid(preset, samples=frame.samples.shape[1], depth_m=picture.depth_m)
     image = beamform(filtered, grid)
     singles = [
         alone(CHAIN, lambda: reader.read(frame), effort=effort),
-        alone("  of it: filter", lambda: band_pass(frame.samples, taps, blanked=100), effort=effort),
+        alone("  of it: filter", lambda: band_pass(frame.samples, preset), effort=effort),
         alone("  of it: beamform", lambda: beamform(filtered, grid), effort=effort),
         alone("  of it: envelope", lambda: envelope(image), effort=effort),
         alone("chain with all arrivals (`frame FILE`)", lambda: reader.findings(frame), effort=effort),

@@ -16,7 +16,7 @@ from sphinx.pycode import ModuleAnalyzer
 
 from markerseek.core import ConfigError
 from markerseek.drivers import BenchProbe, BenchSupervisor
-from markerseek.drivers.table import DRIVERS, entry_named
+from markerseek.drivers.entry import DRIVERS, entry_named
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim import SimulatedSettings
 from markerseek.studies import Study, study_policy

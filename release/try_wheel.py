@@ -37,7 +37,7 @@ WITHOUT = {
 WITH = {
     "plot": ("search", "--seed", "1", "--plot", "--no-journal"),
     "records": ("bank", "scan", "scan.hdf5", "--step-deg", "5"),
-    "devices": ("emulate", "kdc101", "--help"),
+    "devices": ("emulate", "bench", "--help"),
     "page": ("page", "--help"),
     "igtl": ("igtl", "--help"),
     "vision": ("tooltip", "--help"),

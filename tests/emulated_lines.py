@@ -9,19 +9,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from markerseek.core import Clock, NotConnectedError
+from markerseek.core import Clock, NotConnectedError, Permit
 from markerseek.emulators import ByteDevice
 from markerseek.sim import VirtualClock
 
 _POLL_S = 1e-3
 
 
+def permit(token: str = "a", *, pulses: int = 4, expires_s: float = math.inf) -> Permit:
+    """A permit at 0 degrees."""
+    return Permit(token=token, angle_deg=0.0, pulses=pulses, expires_s=expires_s)
+
+
 @dataclass(kw_only=True)
 class FaultyLine:
     """A line that delays, loses and garbles bytes, by its amounts, once `holds` is true."""
 
-    late_s: float = 0.0
-    """Delay of the answers."""
+    late_s: float | tuple[float, float] = 0.0
+    """Delay of the answers, or its least and largest."""
     cut: float = 0.0
     """Share of every second in which nothing comes through."""
     lost: float = 0.0
@@ -50,7 +55,10 @@ class FaultyLine:
         if now_s % 1.0 < self.cut:
             return b""
         # In order of sending: a serial line delays bytes, and never reorders them.
-        self._late.append((now_s + self.late_s, self._garbled(data, self.answers)))
+        if data:
+            late_s = self._rng.uniform(*self.late_s) if isinstance(self.late_s, tuple) else self.late_s
+            before_s = self._late[-1][0] if self._late else 0.0
+            self._late.append((max(before_s, now_s + late_s), self._garbled(data, self.answers)))
         due = bytearray()
         while self._late and self._late[0][0] <= now_s:
             due += self._late.popleft()[1]
@@ -66,7 +74,7 @@ class FaultyLine:
 
 
 class DirectPort:
-    """A `markerseek.wire.port.Port` that ends at an emulator in the same process: waiting is waiting on the clock."""
+    """A `markerseek.wire.Port` that ends at an emulator in the same process: waiting is waiting on the clock."""
 
     def __init__(self, *, device: ByteDevice, clock: Clock, line: FaultyLine | None = None) -> None:
         self.line = line or FaultyLine()

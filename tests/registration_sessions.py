@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.registration import (
     Begun,
@@ -13,6 +15,8 @@ from markerseek.registration import (
     PointPair,
     Registered,
     SessionRecord,
+    Spot,
+    TakenMarker,
     Waiting,
     register_pairs,
 )
@@ -58,6 +62,26 @@ def registered(markers: int, *, decided: bool = True) -> Registered:
         done=False,
         said=f"registered by {markers}" if decided else f"not certain after {markers}",
     )
+
+
+def taken(name: str, **changes: Any) -> TakenMarker:
+    """A marker that was not found, but for the changes."""
+    marker = TakenMarker(
+        name=name,
+        spot=Spot(left_px=(1.0, 2.0), right_px=(1.0, 2.0), sigma_px=0.1),
+        camera_m=[0.0, 0.0, 0.1],
+        camera_covariance_m2=[[0.0] * 3] * 3,
+        camera_shared_m=[[0.0]] * 3,
+        answer="not found",
+        reason=None,
+        candidates=[],
+        acquisitions=5,
+        rig_s=1.0,
+        prior=None,
+        journal=None,
+        at="2026-01-01T00:00:00+00:00",
+    )
+    return structs.replace(marker, **changes)
 
 
 def matrix_m(markers: int) -> np.ndarray:

@@ -16,23 +16,32 @@ from markerseek.acoustics import Probe
 from markerseek.sim import BModeSettings, BModeWorld
 
 
-def images_of_a_tip(angles_deg: Iterable[float]) -> npt.NDArray[np.uint8]:
-    """Grey images (angles, rows, columns) at these angles in degrees; the tip is at 0."""
-    world = BModeWorld(
-        settings=BModeSettings(),
+def tip_world(*, present: bool = True, seed: int = 1, **settings: Any) -> BModeWorld:
+    """A tip at 0 degrees; ``settings``: those of `BModeSettings`."""
+    return BModeWorld(
+        settings=BModeSettings(**settings),
         probe=Probe(),
         tip_deg=0.0,
         tip_radius_m=60e-3,
         tip_lateral_m=2e-3,
-        present=True,
+        present=present,
         start_deg=0.0,
-        rng=np.random.default_rng(1),
+        rng=np.random.default_rng(seed),
     )
+
+
+def scanned(world: BModeWorld, angles_deg: Iterable[float]) -> list[npt.NDArray[np.uint8]]:
+    """Grey images at these angles in degrees."""
     images = []
     for angle_deg in angles_deg:
         world.angle_deg = float(angle_deg)
         images.append(world.pixels())
-    return np.stack(images)
+    return images
+
+
+def images_of_a_tip(angles_deg: Iterable[float]) -> npt.NDArray[np.uint8]:
+    """Grey images (angles, rows, columns) at these angles in degrees; the tip is at 0."""
+    return np.stack(scanned(tip_world(), angles_deg))
 
 
 def dicom(path: Path, pixels: npt.NDArray[Any], **tags: object) -> Path:

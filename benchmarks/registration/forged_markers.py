@@ -9,27 +9,15 @@ from dataclasses import replace
 import numpy as np
 
 from markerseek.core import Float64, Interval, MarkerCandidate, MarkerPosition
-from markerseek.registration import (
-    FOCAL_LENGTH,
-    Place,
-    Reach,
-    RegistrationReport,
-    SeenMarker,
-    StereoSettings,
-    davinci_to_probe_home,
-    trus_shared_m,
-)
-from markerseek.registration.shared_errors import seen_point
+from markerseek.registration import RegistrationReport, StereoSettings
+from markerseek.registration.choice import SeenMarker
+from markerseek.registration.poses import Place, Reach
+from markerseek.registration.report import davinci_to_probe_home
+from markerseek.registration.shared_errors import FOCAL_LENGTH, seen_point, trus_shared_m
 from markerseek.sim import camera_above, endoscope
 
 CAMERAS = endoscope()
-STEREO = StereoSettings(
-    left=CAMERAS.left,
-    right=CAMERAS.right,
-    rotation_vector=(0.0, 0.0, 0.0),
-    translation_m=(-5e-3, 0.0, 0.0),
-    calibration_sigma_px=0.2,
-)
+STEREO = StereoSettings.of(CAMERAS, calibration_sigma_px=0.2)
 LIMITS = Interval(low_deg=-35.0, high_deg=35.0)
 REACH = Reach(angles=LIMITS, lateral_m=21.8e-3)
 """That of the usual simulated rig."""

@@ -27,19 +27,16 @@ from markerseek.acoustics import Absorber, Clutter
 from markerseek.core import AnglePrior, ConfigError, MarkerseekError, SearchPlan, StereoPair
 from markerseek.registration import (
     REGISTRATION_TOLERANCE_MM,
-    Place,
-    Poses,
-    Prediction,
     Registered,
     RegistrationSession,
-    SeenMarker,
     SessionPlan,
     SimulatedRoom,
     SimulatedRoomSettings,
     Spot,
     SpotRefused,
-    choose,
 )
+from markerseek.registration.choice import SeenMarker, choose
+from markerseek.registration.poses import Place, Poses, Prediction
 from markerseek.registration.spots import _POLL_S, Looked, SpotFinder
 from markerseek.rigs import Scene, image_peak
 from markerseek.sim import STREAMING, SimulatedEndoscope, SimulatedSettings
@@ -67,6 +64,9 @@ class _NoImages:
 
     name = "spots as images show them"
 
+    def __init__(self, endoscope: SimulatedEndoscope) -> None:
+        self.show = endoscope.show
+
     def newest(self) -> list[StereoPair]:
         return []
 
@@ -79,16 +79,14 @@ class _Room(SimulatedRoom):
 
     def __init__(self, settings: SimulatedRoomSettings, *, seed: int, images: bool) -> None:
         super().__init__(settings, seed=seed)
-        self._without_images = not images
+        self._endoscope = self.images
+        if not images:
+            self.images = cast("SimulatedEndoscope", _NoImages(self._endoscope))
         self._scatter = np.random.default_rng((seed, 1))
-
-    @property
-    def images(self) -> SimulatedEndoscope:
-        return cast("SimulatedEndoscope", _NoImages()) if self._without_images else self._images
 
     def spot(self) -> Spot:
         """The spot, as the mean of some images shows it."""
-        exact_px = self._images._spot_px  # noqa: SLF001  what no image source tells
+        exact_px = self._endoscope._spot_px  # noqa: SLF001  what no image source tells
         if exact_px is None or exact_px["left"] is None or exact_px["right"] is None:
             raise ConfigError("the spot is behind a camera")
         places = []
@@ -118,8 +116,8 @@ class _ToldSpots(SpotFinder):
             scanner.clock.wait(_POLL_S)
         return Looked(spot=self._told.spot())
 
-    def moved(self, looked: Looked, later: Sequence[StereoPair]) -> str | None:  # noqa: ARG002
-        return None
+    def require_still(self, looked: Looked, later: Sequence[StereoPair]) -> None:
+        pass
 
 
 class _Session(RegistrationSession):

@@ -12,12 +12,8 @@ import numpy as np
 from benchmarks.registration.marker_errors import MarkerError
 from markerseek.core import ConfigError, Float64, MarkerPosition, is_whole, require_range
 from markerseek.geometry import Registration, RigidTransform, register_points, triangulate
-from markerseek.registration import (
-    FOCAL_LENGTH,
-    TARGET_DEPTH_M,
-    camera_shared_m,
-    trus_shared_m,
-)
+from markerseek.registration.report import TARGET_DEPTH_M
+from markerseek.registration.shared_errors import FOCAL_LENGTH, camera_shared_m, trus_shared_m
 from markerseek.sim import camera_above, endoscope
 
 DISTANCE_FROM_AXIS_M, FACE_RADIUS_M = 60e-3, 10e-3

@@ -12,7 +12,7 @@ import sys
 import numpy as np
 
 from markerseek.studies.paper.fig5 import Condition, Marker, searches_for
-from markerseek.studies.paper.printed import printed_value
+from markerseek.studies.paper.section import printed_value
 
 RADII_M = (0.15e-3, 0.3e-3, 0.35e-3, 0.4e-3, 0.45e-3, 0.5e-3, 0.8e-3, 1.2e-3)
 """Radii of the absorber, which set the widths: from the default to half the stained patch of 5 mm at its waist."""

@@ -20,8 +20,8 @@ from measure_spots import percent
 from markerseek import find_marker
 from markerseek.acoustics import Probe
 from markerseek.core import Frame, FrameHeader
-from markerseek.rigs import Rig, draw_scene, image_reader, rig_in_world
-from markerseek.sim import Flash, MarkerSettings, NoiseSettings, SimulatedSettings, SimulatedWorld, VirtualClock
+from markerseek.rigs import Rig, draw_scene, rig_in_world
+from markerseek.sim import Flash, MarkerSettings, NoiseSettings, SimulatedSettings, SimulatedWorld
 from markerseek.studies import Share
 
 SEED = 20261127
@@ -90,13 +90,10 @@ def drawn_rig(kind: str, number: int) -> Rig:
         noise=NoiseSettings(peak_snr_db=rng.uniform(30.0, 42.0)),
     )
     scene = draw_scene(settings, rng)
-    imaging = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
     return rig_in_world(
         CoupledWorld(scene.world(settings, rng), coupling),
         settings,
-        clock=VirtualClock(),
-        reader=imaging,
-        description=kind,
+        kind,
         truth_deg=scene.marker.angle_deg,
         rng=rng,
     )

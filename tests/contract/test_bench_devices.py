@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Permit, Receiver
-from markerseek.drivers import LaserBox, SonixDaqReceiver, SonixDaqSettings
+from markerseek.core import DeviceTimeoutError, Laser, LaserError, NotConnectedError, Receiver, Stage
+from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.picolas import PicolasLaser
-from markerseek.emulators import EmulatedBench
+from markerseek.emulators import EmulatedBench, EmulatedKdc101
+from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import ReceiverSettings, SimulatedSettings, VirtualClock
-from markerseek.testing import LaserContract, ReceiverContract
-from tests.emulated_lines import BenchClock, DirectPort
+from markerseek.testing import LaserContract, ReceiverContract, StageContract
+from tests.emulated_lines import BenchClock, DirectPort, permit
 
 SETTINGS = SimulatedSettings(receiver=ReceiverSettings(readout_s=0.5))
 
@@ -70,10 +72,6 @@ class TestPicolas(LaserContract):
         return PicolasLaser(port=ScriptedPicolas(), clock=VirtualClock())
 
 
-def permit(pulses: int = 4) -> Permit:
-    return Permit(token="a", angle_deg=0.0, pulses=pulses, expires_s=100.0)
-
-
 def test_a_picolas_driver_is_switched_off_at_first_and_after_its_pulses() -> None:
     port = ScriptedPicolas()
     PicolasLaser(port=port, clock=VirtualClock(), rate_hz=50).fire(permit())
@@ -95,3 +93,19 @@ def test_a_picolas_driver_without_an_answer_is_not_connected_and_one_that_refuse
     port.answer = bytes(300)
     with pytest.raises(LaserError, match="is no answer; check the port"):
         laser.disarm()
+
+
+@pytest.mark.parametrize("approach_from", ["below", "above"])
+@pytest.mark.parametrize(
+    "stands", [EmulatedKdc101(), EmulatedKdc101(zero_deg=123.4), EmulatedKdc101(zero_deg=-10.0, turns=1)], ids=str
+)
+class TestKdc101Stage(StageContract):
+    @pytest.fixture(autouse=True)
+    def _choose(self, stands: EmulatedKdc101, approach_from: str) -> None:
+        self.stands = stands
+        self.settings = Kdc101Settings(port="", zero_deg=stands.zero_deg, approach_from=approach_from)  # type: ignore[arg-type]
+
+    def make(self) -> Stage:
+        clock = VirtualClock()
+        emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=3.0), settings=self.stands)
+        return Kdc101Stage(port=DirectPort(device=emulator, clock=clock), clock=clock, settings=self.settings)

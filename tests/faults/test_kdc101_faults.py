@@ -44,17 +44,13 @@ def tour(
     from_step: int = 0,
     line: FaultyLine | None = None,
     targets: tuple[float, ...] = TARGETS,
-    start_deg: float = 0.0,
 ) -> Outcome:
     """Connect, go from target to target until something is refused, and leave the stage alone for a while.
 
     ``name``, ``amount``, ``line``: fault of the stage, or of its line, from a step on.
     """
-    clock, probe = VirtualClock(), SimpleNamespace(angle_deg=start_deg)
-    emulator = Kdc101Emulator(
-        probe=probe,
-        settings=EmulatedKdc101(play_deg=PLAY_DEG),
-    )
+    clock, probe = VirtualClock(), SimpleNamespace(angle_deg=0.0)
+    emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(play_deg=PLAY_DEG))
     if name is not None:
         emulator.faults.inject(name, amount, from_step=from_step)
     line = line or FaultyLine()

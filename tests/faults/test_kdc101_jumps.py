@@ -14,7 +14,7 @@ from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
 from markerseek.wire import apt
-from tests.emulated_lines import DirectPort
+from tests.emulated_lines import DirectPort, FaultyLine
 
 RUNS = 25
 
@@ -36,40 +36,21 @@ class StruckClock(VirtualClock):
         super().wait(max(0.0, ends_s - self.now_s()))
 
 
-class LatePort(DirectPort):
-    """A line whose answers come later, each by another time, in their order."""
-
-    def __init__(self, *, device: Kdc101Emulator, clock: VirtualClock, late_s: tuple[float, float], seed: int) -> None:
-        super().__init__(device=device, clock=clock)
-        self._late_s = late_s
-        self._rng = np.random.Generator(np.random.PCG64(seed))
-        self._under_way: list[tuple[float, bytes]] = []
-
-    def read(self, size: int, *, timeout_s: float) -> bytes:
-        now_s = self._clock.now_s()
-        if data := super().read(size, timeout_s=timeout_s):
-            due_s = now_s + self._rng.uniform(*self._late_s)
-            self._under_way.append((max([due_s, *(each for each, _ in self._under_way)]), data))
-        arrived = b"".join(data for due_s, data in self._under_way if due_s <= now_s)
-        self._under_way = [(due_s, data) for due_s, data in self._under_way if due_s > now_s]
-        return arrived
-
-
 class Tour:
     """One move from somewhere to somewhere, of a stage that approaches from below or above."""
 
-    def __init__(self, number: int, *, late_s: tuple[float, float] = (0.0, 0.0), speed: float = 10.0) -> None:
+    def __init__(self, number: int, *, late_s: tuple[float, float] = (0.0, 0.0)) -> None:
         rng = np.random.Generator(np.random.PCG64(number))
         start_deg, self.target_deg = rng.uniform(-34, 34, 2).tolist()
         self.moment = float(rng.uniform())
         self.clock, self.probe = StruckClock(), SimpleNamespace(angle_deg=start_deg)
         self.emulator = Kdc101Emulator(probe=self.probe, settings=EmulatedKdc101(play_deg=0.0))
-        port = LatePort(device=self.emulator, clock=self.clock, late_s=late_s, seed=number)
+        port = DirectPort(device=self.emulator, clock=self.clock, line=FaultyLine(late_s=late_s, seed=number))
         self.settings = Kdc101Settings(
             port="",
             zero_deg=0.0,
-            speed_deg_s=speed,
-            acceleration_deg_s2=speed,
+            speed_deg_s=10.0,
+            acceleration_deg_s2=10.0,
             approach_from="above" if number % 2 else "below",
         )
         self.stage = Kdc101Stage(port=port, clock=self.clock, settings=self.settings)
@@ -99,15 +80,13 @@ class Tour:
         return None
 
 
-def detected(
-    jump_deg: float, *, runs: int, late_s: tuple[float, float] = (0.0, 0.0), speed: float = 10.0
-) -> list[bool]:
+def detected(jump_deg: float, *, runs: int, late_s: tuple[float, float] = (0.0, 0.0)) -> list[bool]:
     """Whether each of so many jumps of a turning stage was refused."""
     refused: list[bool] = []
     number = 0
     while len(refused) < runs:
-        within_s = Tour(number, late_s=late_s, speed=speed).duration_s()
-        tour = Tour(number, late_s=late_s, speed=speed)
+        within_s = Tour(number, late_s=late_s).duration_s()
+        tour = Tour(number, late_s=late_s)
         refusal = tour.refusal(jump_deg, within_s=within_s)
         if tour.heading is not None:
             refused.append(refusal is not None)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import select
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
 
 import pytest
 
-from markerseek.core import ConfigError, DeviceError, NotConnectedError
+from markerseek.core import ConfigError, DeviceError, MissingExtraError, NotConnectedError
 from markerseek.files import Line
 from markerseek.supervisor import Supervisor
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_beat, step_of, unpacked
@@ -213,6 +214,13 @@ def test_a_line_that_another_program_holds_is_refused(held: Supervisor, laser: D
         Supervisor(lines=[Line(name="laser", path=laser.path, safe_command=b"x")])
     with pytest.raises(NotConnectedError, match="/dev/nowhere cannot be opened"):
         Supervisor(lines=[Line(name="laser", path="/dev/nowhere", safe_command=b"x")])
+
+
+def test_a_missing_package_is_named_before_a_process_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(MissingExtraError, match=r"pyserial.*markerseek\[devices\]") as raised:
+        Supervisor(lines=[Line(name="laser", path="/dev/null", safe_command=b"x")])
+    assert raised.value.exit_code == 2
 
 
 def test_lines_and_leases_that_protect_nothing_are_refused() -> None:

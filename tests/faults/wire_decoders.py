@@ -29,9 +29,8 @@ from markerseek.drivers.picolas import PicolasLaser
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash, VirtualClock
-from markerseek.wire import igtl, laserbox
-from markerseek.wire.apt_frames import CONTROLLER, TO_CONTROLLER, AptFramer
-from markerseek.wire.port import Port
+from markerseek.wire import Port, igtl, laserbox
+from markerseek.wire.apt import CONTROLLER, TO_CONTROLLER, AptFramer
 from tests.emulated_lines import DirectPort
 from tests.faults.decoders import read_or_refused
 
@@ -118,8 +117,8 @@ class AllIsWell:
         pass
 
 
-def _permit(clock: Clock, token: str = "a") -> Permit:
-    return Permit(token=token, angle_deg=0.0, pulses=PULSES, expires_s=clock.now_s() + 50.0)
+def _permit(clock: Clock) -> Permit:
+    return Permit(token="a", angle_deg=0.0, pulses=PULSES, expires_s=clock.now_s() + 50.0)
 
 
 def _use_stage(port: Port, clock: Clock) -> None:

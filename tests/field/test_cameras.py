@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError
 from markerseek.registration import read_stereo
-from markerseek.sim import EndoscopeSettings, spot_images
+from markerseek.sim import EndoscopeSettings
+from tests.spot_images import spot_images
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -83,13 +84,13 @@ def seen(left: Part, right: Part) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def table(path: Path, left: Part, right: Part, *, noise_px: float = 0.1, seed: int = 1) -> Path:
+def table(path: Path, left: Part, right: Part, *, seed: int = 1) -> Path:
     rng = np.random.default_rng(seed)
     trus_m = TRUS_M + rng.normal(0, 1e-4, TRUS_M.shape)
-    pixels = np.hstack(seen(left, right)) + rng.normal(0, noise_px, (len(TRUS_M), 4))
+    pixels = np.hstack(seen(left, right)) + rng.normal(0, 0.1, (len(TRUS_M), 4))
     head = "trus_x_m,trus_y_m,trus_z_m,left_x_px,left_y_px,right_x_px,right_y_px,spot_sigma_px,"
     head += "trus_sigma_x_m,trus_sigma_y_m,trus_sigma_z_m"
-    rows = np.hstack([trus_m, pixels, np.tile([noise_px, 1e-4, 1e-4, 1e-4], (len(TRUS_M), 1))])
+    rows = np.hstack([trus_m, pixels, np.tile([0.1, 1e-4, 1e-4, 1e-4], (len(TRUS_M), 1))])
     path.write_text("\n".join([head, *(",".join(map(repr, row)) for row in rows.tolist())]), encoding="utf-8")
     return path
 
@@ -195,11 +196,10 @@ PAIR_TURN = Rotation.from_rotvec([0.01, -0.02, 0.005]).as_matrix()
 PAIR_SHIFT_M = np.array([-5.2e-3, 1e-4, 2e-4])
 
 
-def opencv_values(*, unit_m: float = 1e-3, names: str = "MD") -> dict[str, object]:
+def opencv_values(*, unit_m: float = 1e-3) -> dict[str, object]:
     """What ``stereo_calib`` writes, with the size of the images."""
-    matrix, distortion = names
     values: dict[str, object] = {
-        f"{matrix}1": MATRIX, f"{distortion}1": DISTORTION, f"{matrix}2": RIGHT, f"{distortion}2": DISTORTION[None, :4],
+        "M1": MATRIX, "D1": DISTORTION, "M2": RIGHT, "D2": DISTORTION[None, :4],
     }  # fmt: skip
     return values | {"R": PAIR_TURN, "T": PAIR_SHIFT_M[:, None] / unit_m, "image_width": 1280, "image_height": 1024}
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from markerseek.core import AcquisitionError, Clock, DeviceTimeoutError, NotConnectedError, Permit
+from markerseek.core import AcquisitionError, Clock, DeviceTimeoutError, NotConnectedError
 from markerseek.drivers import (
     LaserBoxSettings,
     PlusReceiver,
@@ -33,14 +33,11 @@ from markerseek.rigs.bench_rig import bench
 from markerseek.sim import SimulatedSettings, VirtualClock
 from markerseek.wire import igtl
 from markerseek.wire.vantage import VantageFrame, encode
+from tests.emulated_lines import permit
 from tests.field.openigtlink_server import ImpoliteServer
 from tests.unit.drivers.test_sonixdaq import Bench as SonixDaqBench
 
 DEVICE = "RfVideo_Reference"
-
-
-def permit(pulses: int = 3) -> Permit:
-    return Permit(token="a", angle_deg=1.5, pulses=pulses, expires_s=math.inf)
 
 
 def hand_rig(folder: Path, port: int, *, more: str = "") -> Path:
@@ -100,14 +97,14 @@ def test_b2_the_energy_in_the_fields_of_images_comes_with_version_2(highest: int
         plain = PlusReceiver(connection=connection, clock=SystemClock(), settings=settings, dark_triggers=3)
         # Nothing of this laser is used.
         receiver = metered(keys, None, plain, full_scale=2047)  # type: ignore[arg-type]
-        receiver.arm(permit())
+        receiver.arm(permit(pulses=3))
         for number in range(3):
             server.send_image(DEVICE, 1e-3 * number, PulseEnergy="2.5")
         if highest == 2:
-            assert receiver.acquire(permit()).header.energy == 1.25
+            assert receiver.acquire(permit(pulses=3)).header.energy == 1.25
         else:
             with pytest.raises(AcquisitionError, match=r"header version 1, which has no fields; version 2 was asked"):
-                receiver.acquire(permit())
+                receiver.acquire(permit(pulses=3))
         plain.close()
 
 
@@ -208,12 +205,12 @@ def test_b9_a_flood_ends_an_acquisition_in_seconds_with_a_sentence(flood: str) -
     make, first, again = FLOODS[flood]
     line = Flood(first, again)
     receiver = make(line)
-    receiver.arm(permit())
+    receiver.arm(permit(pulses=3))
     line.start()
     began_s, said = time.monotonic(), []
     for act in (receiver.acquire, receiver.arm, receiver.acquire):
         try:
-            act(permit())
+            act(permit(pulses=3))
         except (AcquisitionError, NotConnectedError, DeviceTimeoutError) as problem:
             said.append(str(problem))
     # The time limit of the rig is 2 s.
@@ -243,11 +240,11 @@ def test_b9_what_a_server_streams_during_a_long_pause_is_no_flood() -> None:
     clock.wait(20.0)
     # The buffers of the system hold them.
     end.sendall(20_000 * message(igtl.Transform(matrix=np.eye(4))))
-    receiver.arm(permit())
+    receiver.arm(permit(pulses=3))
     for number in range(3):
         image = igtl.Image(pixels=np.ones((1, 2, 2), np.int16), matrix=np.eye(4))
         end.sendall(igtl.encode(igtl.Message(device=DEVICE, content=image, time_s=1.0 + number)))
-    assert receiver.acquire(permit()).samples.tolist() == [[1, 1], [1, 1]]
+    assert receiver.acquire(permit(pulses=3)).samples.tolist() == [[1, 1], [1, 1]]
     receiver.close()
     end.close()
 
@@ -311,12 +308,12 @@ def test_b3_files_that_stay_held_are_named_at_the_time_limit(
 ) -> None:
     daq = SonixDaqBench(tmp_path / "daq")
     held = Held(monkeypatch, daq.clock, tmp_path / "daq")
-    daq.receiver.arm(permit(4))
+    daq.receiver.arm(permit(pulses=4))
     held.number, held.files, held.until_s = number, files, math.inf
     daq.daq.trigger(4)
     name = errno.errorcode[number]
     with pytest.raises(DeviceTimeoutError, match=rf"after 5 s .*{said} cannot be read \({name}: .*; check trigger"):
-        daq.receiver.acquire(permit(4))
+        daq.receiver.acquire(permit(pulses=4))
 
 
 def test_b3_files_that_are_held_again_while_they_are_read_are_read_again(

@@ -33,10 +33,10 @@ def table(path: Path, angles_deg: Array, intensities: Array) -> Path:
     return path
 
 
-def humps(path: Path, *places: tuple[float, float], seed: int = 1, angles: int = 141) -> Path:
+def humps(path: Path, *places: tuple[float, float], angles: int = 141) -> Path:
     """A table with a hump (σ 2°) at each place, of an angle in degrees and a height."""
     angles_deg = np.linspace(-35, 35, angles)
-    noise = 0.008 * np.random.default_rng(seed).normal(size=angles)
+    noise = 0.008 * np.random.default_rng(1).normal(size=angles)
     curve = sum((height * np.exp(-(((angles_deg - at) / 2) ** 2) / 2) for at, height in places), 0 * angles_deg)
     return table(path, angles_deg, 1000 * (curve + noise))
 

@@ -19,13 +19,13 @@ from markerseek.drivers import (
     SerialPort,
 )
 from markerseek.drivers.kdc101 import ENTRY
-from markerseek.emulators import EmulatedKdc101
+from markerseek.emulators import ByteDevice, EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
-from markerseek.emulators.lines import ByteDevice
 from markerseek.rigs import read_rig_file
 from markerseek.rigs.bench_rig import bench
 from markerseek.sim import VirtualClock
-from markerseek.wire import AptFramer, apt
+from markerseek.wire import apt
+from markerseek.wire.apt import AptFramer
 from tests.emulated import emulation
 from tests.emulated_lines import DirectPort
 from tests.unit.drivers.kdc101_bench import bench as kdc101_bench

@@ -201,6 +201,7 @@ def test_the_client_of_pyigtl_gets_what_is_sent(tmp_path: Path) -> None:
     assert image.metadata["rig"] == "simulated"
     moved_mm = 1e3 * np.array(registered.davinci_to_trus)[:3, 3]
     assert camera.matrix[:3, 3] == pytest.approx(moved_mm, rel=1e-6)
+    assert camera.metadata["registration"] == "measured"
     # The image's plane holds the axis of rotation, and turns with the probe.
     assert turned.matrix.shape == (4, 4)
     assert np.linalg.det(turned.matrix) == pytest.approx(1)

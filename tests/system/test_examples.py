@@ -19,7 +19,8 @@ from markerseek.cli.app import app
 from markerseek.core import ConfigError
 from markerseek.drivers import bench_settings_from
 from markerseek.records.journal import read_journal
-from markerseek.sim import EndoscopeSettings, spot_images
+from markerseek.sim import EndoscopeSettings
+from tests.spot_images import spot_images
 from tests.unit.records.journal.synthetic_journals import counts, whole_run
 
 ROOT = Path(__file__).parents[2]

@@ -6,14 +6,16 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from markerseek.registration import read_registration
 from markerseek.registration.points import read_camera_images
-from markerseek.sim import EndoscopeSettings, endoscope, spot_images
+from markerseek.sim import EndoscopeSettings, endoscope
 from markerseek.vision import find_spot
+from tests.spot_images import spot_images
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -27,22 +29,19 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "points.csv"
 TRUS, CAMERA = "trus_x_m,trus_y_m,trus_z_m", "camera_x_m,camera_y_m,camera_z_m"
 
 
-@pytest.fixture(autouse=True)
-def _elsewhere(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """``register`` writes registration.json into the current folder."""
-    monkeypatch.chdir(tmp_path_factory.mktemp("here"))
+def rows(head: str, *columns: np.ndarray) -> str:
+    """The text of a table."""
+    return "\n".join([head, *(",".join(map(repr, row)) for row in np.hstack(columns).tolist())]) + "\n"
 
 
-def table(
-    path: Path, trus_m: np.ndarray = TRUS_M, camera_m: np.ndarray = CAMERA_M, head: str = f"{TRUS},{CAMERA}"
-) -> Path:
-    rows = [",".join(map(repr, row)) for row in np.hstack([trus_m, camera_m]).tolist()]
-    path.write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+def table(path: Path, trus_m: np.ndarray = TRUS_M, camera_m: np.ndarray = CAMERA_M) -> Path:
+    path.write_text(rows(f"{TRUS},{CAMERA}", trus_m, camera_m), encoding="utf-8")
     return path
 
 
 @pytest.fixture(autouse=True)
 def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``register`` writes registration.json into the current folder."""
     monkeypatch.chdir(tmp_path)
 
 
@@ -117,25 +116,13 @@ def changed(row: int, column: int, value: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("trus_m", "camera_m", "words"),
-    [
-        (changed(1, 2, np.nan), CAMERA_M, "line 3: trus_z_m is nan, it must be finite; leave that point out"),
-        (TRUS_M, 1e3 * CAMERA_M, "give metres, not millimetres"),
-    ],
-    ids=["NaN", "one in millimetres"],
-)
-def test_points_that_cannot_be_used_are_refused(
-    shell: Shell, tmp_path: Path, trus_m: np.ndarray, camera_m: np.ndarray, words: str
-) -> None:
-    code, out, err = shell("register", table(tmp_path / "p.csv", trus_m, camera_m), "--json")
-    assert code == 2
-    assert words in json.loads(out)["error"]
-    assert words.split(";", maxsplit=1)[0] in err
-
-
-@pytest.mark.parametrize(
     ("text", "words"),
     [
+        (
+            rows(f"{TRUS},{CAMERA}", changed(1, 2, np.nan), CAMERA_M),
+            "line 3: trus_z_m is nan, it must be finite; leave that point out",
+        ),
+        (rows(f"{TRUS},{CAMERA}", TRUS_M, 1e3 * CAMERA_M), "give metres, not millimetres"),
         (f"{TRUS}\n0,0,0\n", "the columns camera_x_m, camera_y_m, camera_z_m are missing, or left_x_px"),
         (f"{CAMERA}\n0,0,0\n", "the columns trus_x_m, trus_y_m, trus_z_m are missing; add them, or name the searches"),
         (f"{TRUS},camera_x_m\n0,0,0,0\n", "the columns camera_y_m and camera_z_m are missing beside"),
@@ -153,12 +140,13 @@ def test_points_that_cannot_be_used_are_refused(
         ),
     ],
 )
-def test_tables_that_cannot_be_read_are_refused(shell: Shell, tmp_path: Path, text: str, words: str) -> None:
+def test_tables_that_cannot_be_used_are_refused(shell: Shell, tmp_path: Path, text: str, words: str) -> None:
     file = tmp_path / "p.csv"
     file.write_text(text, encoding="utf-8")
-    code, out, _ = shell("register", file, "--json")
+    code, out, err = shell("register", file, "--json")
     assert code == 2
     assert words in json.loads(out)["error"]
+    assert words.split(";", maxsplit=1)[0] in " ".join(err.split())
 
 
 def test_a_point_that_does_not_fit_is_named_and_nothing_is_registered(shell: Shell, tmp_path: Path) -> None:
@@ -189,7 +177,7 @@ def test_a_mirror_image_that_fits_better_is_reported(shell: Shell, tmp_path: Pat
 def test_markers_come_from_journals_and_results_of_searches(shell: Shell, tmp_path: Path) -> None:
     camera = np.array([[-0.02, -0.02, 0.1], [0.02, -0.02, 0.1], [0.0, 0.02, 0.103]])
     file = tmp_path / "camera.csv"
-    file.write_text("\n".join([CAMERA, *(",".join(map(repr, row)) for row in camera.tolist())]), encoding="utf-8")
+    file.write_text(rows(CAMERA, camera), encoding="utf-8")
     searches, markers = [], []
     for seed, kind in ((1, "journal"), (2, "json"), (3, "journal")):
         path = tmp_path / f"{seed}.{kind}"
@@ -215,9 +203,9 @@ def test_pixels_are_triangulated_with_the_calibration_of_the_endoscope(shell: Sh
     head = (
         f"{TRUS},trus_sigma_x_m,trus_sigma_y_m,trus_sigma_z_m,left_x_px,left_y_px,right_x_px,right_y_px,spot_sigma_px"
     )
-    rows = np.hstack([TRUS_M, np.full((6, 3), 5e-5), left, right, np.full((6, 1), 0.06)])
     file = tmp_path / "pixels.csv"
-    file.write_text("\n".join([head, *(",".join(map(repr, row)) for row in rows.tolist())]), encoding="utf-8")
+    columns = [TRUS_M, np.full((6, 3), 5e-5), left, right, np.full((6, 1), 0.06)]
+    file.write_text(rows(head, *columns), encoding="utf-8")
     code, out, _ = shell("register", file, "--cameras", stereo, "--json")
     report = json.loads(out)
     assert code == 0
@@ -266,8 +254,7 @@ def test_a_search_that_is_unsure_for_its_width_only_is_taken(shell: Shell, tmp_p
         path = tmp_path / f"{number}.json"
         path.write_text(json.dumps(json.loads(out) | unsure | {"marker_trus_m": marker_m}), encoding="utf-8")
         searches += ["--journal", path]
-    rows = [CAMERA, *(",".join(map(repr, row)) for row in CAMERA_M[:4].tolist())]
-    (tmp_path / "camera.csv").write_text("\n".join(rows), encoding="utf-8")
+    (tmp_path / "camera.csv").write_text(rows(CAMERA, CAMERA_M[:4]), encoding="utf-8")
     code, said, _ = shell("register", tmp_path / "camera.csv", *searches, "--json")
     assert code == 0
     np.testing.assert_allclose(np.array(json.loads(said)["davinci_to_trus"])[:3, 3], MOVE_M, atol=1e-6)
@@ -275,7 +262,6 @@ def test_a_search_that_is_unsure_for_its_width_only_is_taken(shell: Shell, tmp_p
 
 def spots_in_folders(folder: Path, points_m: np.ndarray, names: list[str]) -> tuple[Path, Path]:
     """Images of both simulated cameras of a spot at each point."""
-    cv2 = pytest.importorskip("cv2")
     cameras, settings, rng = endoscope(), EndoscopeSettings(frames=5), np.random.default_rng(1)
     for side, places in zip(("left", "right"), cameras.project(points_m), strict=True):
         for name, place in zip(names, places, strict=True):
@@ -301,26 +287,29 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
     by_images = json.loads(out)
     assert [point["name"] for point in by_images["points"]] == names
     places = [[find_spot(read_camera_images(side / name)) for side in (left, right)] for name in names]
-    rows = [",".join(str(each) for spot in pair for each in (spot.x_px, spot.y_px)) for pair in places]
-    sigmas = [max(spot.sigma_px for spot in pair) for pair in places]
-    table = tmp_path / "pixels.csv"
-    head = "name,left_x_px,left_y_px,right_x_px,right_y_px,spot_sigma_px"
-    table.write_text(
-        "\n".join([head, *(f"{each[0]},{each[1]},{each[2]}" for each in zip(names, rows, sigmas, strict=True))]),
-        encoding="utf-8",
-    )
-    _, out, _ = shell("register", table, "--cameras", stereo, *journals, "--json")
+    lines = ["name,left_x_px,left_y_px,right_x_px,right_y_px,spot_sigma_px"]
+    for name, (one, other) in zip(names, places, strict=True):
+        sigma_px = max(one.sigma_px, other.sigma_px)
+        lines.append(f"{name},{one.x_px},{one.y_px},{other.x_px},{other.y_px},{sigma_px}")
+    pixels = tmp_path / "pixels.csv"
+    pixels.write_text("\n".join(lines), encoding="utf-8")
+    _, out, _ = shell("register", pixels, "--cameras", stereo, *journals, "--json")
     assert by_images["points"] == json.loads(out)["points"]
     for point, true_m in zip(by_images["points"], camera_m, strict=True):
         assert np.linalg.norm(np.array(point["camera_m"]) - true_m) < 1e-3
-    (left / "a" / "0.png").write_bytes(b"no image")
+    for data, said in (
+        (cv2.imencode(".png", np.zeros((130, 130), np.uint16))[1].tobytes(), "pixels of uint16, they must have 8 bits"),
+        (b"no image", "0.png: it cannot be read as an image: it is cut off, or no PNG"),
+    ):
+        (left / "a" / "0.png").write_bytes(data)
+        code, out, _ = shell("register", "--frames", left, right, *words)
+        assert (code, said in json.loads(out)["error"]) == (2, True)
     for change, said in (
-        (["--frames", left, right, *words], "cannot be read as an image"),
         (["--frames", left, tmp_path / "none", *words], "is no folder"),
         (["--frames", left, right, "--cameras", stereo, *journals[:4], "--json"], "--journal names a, b; give each"),
         (["--frames", left, right, *journals, "--json"], "name the calibration of the endoscope"),
-        ([table, "--frames", left, right, *words], "both give points"),
-        ([table, "--calibration-sigma-px", 0.2, *journals, "--json"], "belongs to a calibration"),
+        ([pixels, "--frames", left, right, *words], "both give points"),
+        ([pixels, "--calibration-sigma-px", 0.2, *journals, "--json"], "belongs to a calibration"),
     ):
         code, out, _ = shell("register", *change)
         assert (code, said in json.loads(out)["error"]) == (2, True)
@@ -332,7 +321,6 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
 
 
 def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
-    pytest.importorskip("cv2")
     code, out, _ = shell(
         "register", "--simulate", "--sweep", "--markers", 3, "--seed", 2, "--record", "first", "--json"
     )

@@ -107,6 +107,7 @@ def test_fig_9_stands_beside_the_paper_with_strip_and_curve(shell: Shell, tmp_pa
     [
         (("fig10",), "'fig10' is unknown; there are: fig5, fig6"),
         (("fig5", "--markers", 3), "between 10 and"),
+        (("fig5", "--seed", -1), "seed is -1, it must be 0 or more"),
         (("fig5", "--workers", 0), "--workers is '0'"),
         (("fig7", "--bank", EXAMPLE), "uses no bank"),
         (("fig6", "--reference-deg", 3), "give --bank too"),

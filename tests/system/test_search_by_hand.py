@@ -44,7 +44,7 @@ def by_hand(seed: int, *, motion: HandMotion | None = None) -> Rig:
         motion=motion,
     )
     stage = GuidedStage(encoder=turner, clock=clock, settings=settings, limits=rig.limits, asks=turner.turn_to)
-    # As `markerseek.rigs.bench_devices.guard_of`.
+    # As `markerseek.rigs.bench_rig.guard_of`.
     guard = Guard(
         limits=rig.limits,
         firing=FiringLimits(),

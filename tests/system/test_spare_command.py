@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.acoustics import Absorber, AcousticModel, RectanglePulse
 from markerseek.core import LinearArray
-from tests.unit.signals.machine_rf import post_beamformed
+from tests.unit.signals.pulse_frames import post_beamformed
 
 ELEMENT_M = LinearArray().lateral_m
 

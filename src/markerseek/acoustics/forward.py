@@ -2,7 +2,7 @@
 
 Each channel is the mean of the pressure over one element's face (rigid baffle: no weight by direction),
 taken by quadrature over its height, less the lens delay, and over its width. Sound travels in a straight line
-through a uniform medium. Noise and converter are in `noise` and `digitise`; imaging is in `signals`.
+through a uniform medium. Noise and converter are in `receiver`; imaging is in `signals`.
 """
 
 from __future__ import annotations
@@ -11,21 +11,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Annotated
 
 import numpy as np
 from scipy.special import roots_legendre
 
-from markerseek.acoustics._checks import positive
 from markerseek.acoustics._kernel import add_absorbers, nodes_needed
-from markerseek.acoustics.absorber import Absorber
-from markerseek.acoustics.band import Band
-from markerseek.acoustics.echoes import Reverberation
-from markerseek.acoustics.laser import LaserPulse, RectanglePulse
-from markerseek.acoustics.medium import Medium
-from markerseek.acoustics.probe import Probe
+from markerseek.acoustics.medium import Medium, Reverberation
 from markerseek.acoustics.pulse import REFERENCE_RANGE_M, PulseTable, pulse_table
-from markerseek.acoustics.source import GaussianAbsorber
-from markerseek.core import ConfigError, Float32, Float64, require_range
+from markerseek.acoustics.receiver import Band, Probe
+from markerseek.acoustics.source import Absorber, GaussianAbsorber, LaserPulse, RectanglePulse
+from markerseek.core import ConfigError, Float32, Float64, Within, require_fields
 
 NEAREST_M = 1e-3
 """An absorber nearer in front of the face's plane than this, in metres, gives no signal, like one behind it."""
@@ -56,21 +52,15 @@ class AcousticModel:
     medium: Medium = field(default_factory=Medium)
     laser: LaserPulse = field(default_factory=RectanglePulse)
     band: Band = field(default_factory=Band)
-    sampling_hz: float = 40e6
-    samples: int = 2080
+    sampling_hz: Annotated[float, Within(0, 1e9, "Hz", open_low=True, cure="40 MHz is usual")] = 40e6
+    samples: Annotated[int, Within(1, 1e6, cure="2080 is usual")] = 2080
     """Samples of one channel; sample 0 is the trigger."""
-    trigger_offset_s: float = 0.0
+    trigger_offset_s: Annotated[float, Within(-1e-3, 1e-3, "s", cure="±1 µs are usual")] = 0.0
     """Time from the trigger to the middle of the laser pulse."""
     reverberation: Reverberation | None = None
 
     def __post_init__(self) -> None:
-        positive(self.sampling_hz, name="acoustic model: sampling_hz", unit="Hz", cure="40 MHz is usual")
-        if self.samples < 1:
-            raise ConfigError(f"acoustic model: samples is {self.samples}, it must be at least 1; 2080 is usual")
-        offset_s = self.trigger_offset_s
-        require_range(
-            "acoustic model: trigger_offset_s", offset_s, low=-1e-3, high=1e-3, unit="s", cure="±1 µs are usual"
-        )
+        require_fields(self, "acoustic model")
 
     def pulse(self, source: GaussianAbsorber) -> PulseTable:
         """Pulse of a source under this model's light, medium and band; computed once.

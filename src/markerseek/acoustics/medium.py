@@ -1,14 +1,14 @@
-"""The medium between source and probe: speed of sound and attenuation. It is uniform, and it does not disperse."""
+"""What lies between source and probe: speed of sound and attenuation of a uniform medium, and repeats of an arrival."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from markerseek.acoustics._checks import not_negative
-from markerseek.core import Float64, require_range
+from markerseek.core import Float64, Within, require_fields
 
 # Divided by 20 and not by 10, because this is an amplitude.
 _NEPER_PER_METRE = math.log(10) / 20 * 100
@@ -24,28 +24,14 @@ class Medium:
     dispersion is below 0.1 % of the speed of sound over the band).
     """
 
-    sound_speed_m_s: float = 1540.0
-    attenuation_db_cm_mhz: float = 0.1
+    sound_speed_m_s: Annotated[float, Within(300, 7000, "m/s", cure="water and tissue have 1450 to 1600")] = 1540.0
+    attenuation_db_cm_mhz: Annotated[float, Within(0, 1000, "dB/cm/MHz", cure="soft tissue has about 0.5")] = 0.1
     """Amplitude attenuation a in dB/(cm MHzⁿ): about 0.1 for gel pads, 0.3 to 0.7 for soft tissue."""
-    power: float = 1.0
+    power: Annotated[float, Within(0, 2, cure="soft tissue has about 1, water 2")] = 1.0
     """Exponent n of the frequency, 1 to 2."""
 
     def __post_init__(self) -> None:
-        require_range(
-            "medium: sound_speed_m_s",
-            self.sound_speed_m_s,
-            low=300.0,
-            high=7000.0,
-            unit="m/s",
-            cure="water and tissue have 1450 to 1600",
-        )
-        not_negative(
-            self.attenuation_db_cm_mhz,
-            name="medium: attenuation_db_cm_mhz",
-            unit="dB/cm/MHz",
-            cure="soft tissue has about 0.5",
-        )
-        require_range("medium: power", self.power, low=0.0, high=2.0, cure="soft tissue has about 1, water 2")
+        require_fields(self, "medium")
 
     def attenuation_np_m(
         self, frequency_hz: Float64[np.ndarray, " frequencies"]
@@ -55,3 +41,17 @@ class Medium:
         ``frequency_hz``: frequencies, not negative.
         """
         return _NEPER_PER_METRE * self.attenuation_db_cm_mhz * (frequency_hz / 1e6) ** self.power
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reverberation:
+    """Repeats of every arrival, as between the probe's face and a layer in front of it."""
+
+    delay_s: Annotated[float, Within(0, 1, "s", open_low=True, cure="1 to 20 µs are usual")]
+    """Time from one repeat to the next: twice the layer's thickness over the speed of sound."""
+    gain: Annotated[float, Within(-1, 1, cure="0.05 to 0.3 are usual")] = 0.1
+    """Amplitude of a repeat over that of the one before it, −1 to 1; negative turns each over."""
+    repeats: Annotated[int, Within(1, 100, cure="leave the reverberation out for none")] = 2
+
+    def __post_init__(self) -> None:
+        require_fields(self, "reverberation")

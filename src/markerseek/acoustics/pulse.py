@@ -14,10 +14,9 @@ from functools import lru_cache
 import numpy as np
 import scipy.fft
 
-from markerseek.acoustics.band import Band
-from markerseek.acoustics.laser import LaserPulse
 from markerseek.acoustics.medium import Medium
-from markerseek.acoustics.source import GaussianAbsorber
+from markerseek.acoustics.receiver import Band
+from markerseek.acoustics.source import GaussianAbsorber, LaserPulse
 from markerseek.core import Complex128, ConfigError, Float32
 
 REFERENCE_RANGE_M = 50e-3

@@ -8,12 +8,10 @@ from functools import lru_cache
 import numpy as np
 import scipy.fft
 
-from markerseek.acoustics.absorber import Absorber
 from markerseek.acoustics.forward import AcousticModel
-from markerseek.acoustics.laser import RectanglePulse
 from markerseek.acoustics.medium import Medium
-from markerseek.acoustics.probe import Probe
-from markerseek.acoustics.source import GaussianAbsorber
+from markerseek.acoustics.receiver import Probe
+from markerseek.acoustics.source import Absorber, GaussianAbsorber, RectanglePulse
 from markerseek.core import Complex128, Float64, LinearArray
 
 _SOURCE, _LASER = GaussianAbsorber(radius_m=0.02e-3), RectanglePulse(duration_s=10e-9)

@@ -1,28 +1,26 @@
 from ._stage_move import StageLogic, StageRules, StageStatus
 from .clock import SystemClock
-from .encoders import IgtlEncoder, Ros2Encoder
 from .energy_meter import EnergyMeter, metered
 from .entry import (
+    DRIVERS,
     PARTS,
-    AnyEntry,
     DeviceSettings,
     LaserSettings,
     Opening,
     Part,
     ReceiverSettings,
-    StageSettings,
+    entry_of,
     is_emulated,
 )
 from .exposure import exposure_line
 from .folder_images import FolderImages
-from .guided import GuidedStage, GuidedStageSettings
+from .guided import GuidedStage, GuidedStageSettings, IgtlEncoder, Ros2Encoder, TypedStage
 from .kdc101 import Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus
-from .ros2_acquisition import Ros2Acquisition, RosLaser, RosReceiver
 from .ros2_images import RosImages
-from .ros2_stage import Ros2Stage, Ros2StageSettings
+from .ros2_nodes import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver
 from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
 from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
@@ -31,8 +29,6 @@ from .standard_laser import LaserLogic, StandardLaser
 from .standard_receiver import Messages, StandardReceiver
 from .standard_stage import StandardStage
 from .stereo_images import open_stereo_images
-from .table import DRIVERS, entry_of
-from .typed_angle import TypedStage
 from .vantage import VantageReceiver, VantageSettings, await_sender
 from .video_images import VideoImages
 from .ximc import XimcSettings, XimcStage
@@ -40,7 +36,6 @@ from .ximc import XimcSettings, XimcStage
 __all__ = [
     "DRIVERS",
     "PARTS",
-    "AnyEntry",
     "BenchProbe",
     "BenchSettings",
     "BenchSupervisor",
@@ -69,7 +64,6 @@ __all__ = [
     "Ros2Stage",
     "Ros2StageSettings",
     "RosImages",
-    "RosLaser",
     "RosReceiver",
     "SerialPort",
     "SimulatedLaserKeys",
@@ -79,7 +73,6 @@ __all__ = [
     "SonixDaqSettings",
     "StageLogic",
     "StageRules",
-    "StageSettings",
     "StageStatus",
     "StandardLaser",
     "StandardReceiver",

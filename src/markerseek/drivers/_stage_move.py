@@ -25,6 +25,8 @@ from markerseek.core import (
     require_fields,
 )
 
+_RENEW_S = 0.1
+"""How often a target is renewed, in seconds."""
 _POLL_S, _NEAR_POLL_S = 0.05, 0.02
 _STABLE_READS = 3
 _TICK_S = 1e-6
@@ -90,10 +92,6 @@ class StageRules:
     """Largest distance from where it should be on its way, and at rest."""
     unsteady_deg: float = 0.0105
     """How far a servo may be ahead of its set point, at any speed."""
-    lead_deg: float = MAX_AHEAD_DEG
-    """How far ahead a target may be."""
-    renew_s: float = 0.1
-    """How often a target is renewed, in seconds."""
     begin_s: Annotated[float, Within(0, 60, "s", open_low=True)] = 0.5
     """Time without motion after which it counts as stuck, in seconds."""
     brake_s: float = 0.0
@@ -118,7 +116,7 @@ class StageRules:
     def longest_s(self, way_deg: float) -> float:
         """Longest time that a move of that length may take, in seconds."""
         # A fast stage waits for its next target.
-        speed_deg_s = min(self.speed_deg_s, self.lead_deg / (2 * self.renew_s))
+        speed_deg_s = min(self.speed_deg_s, MAX_AHEAD_DEG / (2 * _RENEW_S))
         return 2 * (way_deg / speed_deg_s + self.ramp_s) + 2 * self.begin_s
 
     def reach_deg(self, duration_s: float) -> float:
@@ -266,7 +264,7 @@ class Move:
                 raise self._stuck(status, target_deg, began=farthest_deg != start_deg)
             if not now_s < ends_s:
                 raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
-            if now_s - aimed_s >= rules.renew_s - _TICK_S or aim_deg is None:
+            if now_s - aimed_s >= _RENEW_S - _TICK_S or aim_deg is None:
                 # The nearer of two readings: a garbled reading must not carry the target further.
                 here_deg = min(status.angle_deg, self.look().angle_deg, key=lambda angle_deg: heading * angle_deg)
                 next_deg = self.ahead_deg(target_deg, here_deg, heading)
@@ -296,7 +294,7 @@ class Move:
     def ahead_deg(self, target_deg: float, here_deg: float, heading: int) -> float:
         """The target, or the angle as far ahead as allowed."""
         # Less two steps of the readback, since the motor may be anywhere within the step that is read.
-        lead_deg = self._rules.lead_deg - 2 * self._rules.resolution_deg
+        lead_deg = MAX_AHEAD_DEG - 2 * self._rules.resolution_deg
         return target_deg if heading * (target_deg - here_deg) <= lead_deg else here_deg + heading * lead_deg
 
     def aim(self, angle_deg: float) -> None:

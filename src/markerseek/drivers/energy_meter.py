@@ -142,7 +142,7 @@ def _measured_by(
         if not isinstance(receiver, PlusReceiver):
             raise ConfigError(_unfit("metadata", "receiver.driver plus"))
         field = keys.energy_field or ""
-        return lambda _frame: receiver.energy_of(field)
+        return lambda _frame: receiver.messages.energy_of(field)
     if keys.pickup_us is None:
         return None
     window_us = keys.pickup_us

@@ -1,11 +1,14 @@
-"""Entry of a driver in the table of drivers: its settings, how to open the device, and what a rig must know of it.
+"""Entry of a driver: its settings, how to open the device, and what a rig must know of it; and the table of drivers.
 
-A driver's file ends with its ``ENTRY``. A rig looks it up by the key ``driver`` of its file
-(`markerseek.drivers.table`), and treats all drivers alike.
+A driver of this package is one line in `DRIVERS` and one file, which ends with its ``ENTRY``. A rig looks it up by the
+key ``driver`` of its file, and treats all drivers alike. A name ``module:Class``, or that of an entry point, is a
+foreign driver (`markerseek.drivers.foreign`).
 """
 
 from __future__ import annotations
 
+import importlib
+import importlib.metadata
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -67,6 +70,11 @@ class MotorSettings(StageSettings, frozen=True, kw_only=True):
     """Distance over which every target is approached from one side: longer than the backlash of the gears."""
     begin_s: Annotated[float, Within(0.1, 5, "s")] = 0.5
     """Time without motion after which the stage counts as stuck."""
+
+    @property
+    def approach_from(self) -> Literal["below", "above"]:
+        """Side, by the probe's angle, from which every target is approached; a key where the driver has both."""
+        return "below"
 
     @property
     def sense(self) -> int:
@@ -198,8 +206,6 @@ class Entry(Generic[SettingsT, DeviceT]):
     same: tuple[str, ...] = ()
     """Keys that change the meaning of an angle or an intensity; a search is only resumed if their values are the same.
     ``("",)``: all keys except ``port``."""
-    require_room: Callable[[SettingsT, Limits], None] = lambda _settings, _limits: None
-    """Raises `ConfigError` if the travel range leaves no room to approach the ends of the search range."""
     by_hand: Callable[[SettingsT], ByHand | None] = lambda _settings: None
     """How a person turns the stage; None if a motor does."""
     paired: bool = False
@@ -216,3 +222,69 @@ AnyEntry: TypeAlias = Entry[Any, Any]
 def is_emulated(device: object) -> bool:
     """Whether a device says of itself that it is an emulator, or simulated."""
     return bool(getattr(device, "emulated", False))
+
+
+DRIVERS: dict[Part, dict[str, str]] = {
+    "stage": {
+        "kdc101": "kdc101:ENTRY",
+        "ros2": "ros2_nodes:STAGE_ENTRY",
+        "guided": "guided:ENTRY",
+        "ximc": "ximc:ENTRY",
+        "simulated": "simulated:STAGE_ENTRY",
+    },
+    "laser": {
+        "laserbox": "laserbox:ENTRY",
+        "picolas": "picolas:ENTRY",
+        "ros2": "ros2_nodes:LASER_ENTRY",
+        "simulated": "simulated:LASER_ENTRY",
+    },
+    "receiver": {
+        "sonixdaq": "sonixdaq:ENTRY",
+        "plus": "plus:ENTRY",
+        "vantage": "vantage:ENTRY",
+        "ros2": "ros2_nodes:RECEIVER_ENTRY",
+        "simulated": "simulated:RECEIVER_ENTRY",
+    },
+}
+"""File and name of each entry; the first of a part is the default."""
+
+_FOREIGN: dict[Part, str] = {
+    "stage": "foreign:STAGE_ENTRY",
+    "laser": "foreign:LASER_ENTRY",
+    "receiver": "foreign:RECEIVER_ENTRY",
+}
+
+
+GROUP = "markerseek.drivers"
+"""Entry points of installed drivers: a name, and ``module:Class``."""
+
+
+def installed_drivers() -> dict[str, str]:
+    """Names of the drivers that are installed by entry points, each with its ``module:Class``."""
+    return {each.name: each.value for each in importlib.metadata.entry_points(group=GROUP)}
+
+
+def entry_named(part: Part, driver: object = None) -> AnyEntry:
+    """Entry of a driver by its name, of the default one without a name; only its file is imported."""
+    known = DRIVERS[part]
+    driver = next(iter(known)) if driver is None else driver
+    if not isinstance(driver, str) or (driver not in known and ":" not in driver):
+        installed = installed_drivers()
+        if driver in installed:
+            return _entry(_FOREIGN[part])
+        raise ConfigError(
+            f"{part}.driver is {driver!r}, it must be one of: {', '.join((*known, *installed))}, or a class of "
+            'your own as "module:Class"'
+        )
+    return _entry(known.get(driver, _FOREIGN[part]))
+
+
+def entry_of(settings: DeviceSettings) -> AnyEntry:
+    """Entry of the driver that has these settings."""
+    return entry_named(settings.part, settings.driver)
+
+
+def _entry(place: str) -> AnyEntry:
+    module, _, name = place.partition(":")
+    entry: AnyEntry = getattr(importlib.import_module(f"markerseek.drivers.{module}"), name)
+    return entry

@@ -12,8 +12,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_PAIRS, AcquisitionError, ConfigError, NotConnectedError, RecordError, UInt8
-from markerseek.drivers._pair_source import PairSource
-from markerseek.drivers._pairing import Key, Pairing
+from markerseek.drivers._pair_source import Key, Pairing, PairSource
 from markerseek.files import MIB, os_reason, read_input
 from markerseek.geometry import Camera
 from markerseek.vision import SUFFIXES, decoded_image, says_its_end

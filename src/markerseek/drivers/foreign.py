@@ -9,10 +9,15 @@ holds.
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
+import inspect
 import sys
 import typing
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
+from functools import cache
+from pathlib import Path
 from typing import Any, ClassVar
 
 import msgspec
@@ -30,10 +35,9 @@ from markerseek.core import (
     MoveError,
     NotConnectedError,
     described,
+    is_absent,
     is_finite,
 )
-from markerseek.drivers._approach import require_room
-from markerseek.drivers._foreign_class import OFFERED, arguments_of, class_of
 from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import (
     DeviceSettings,
@@ -43,12 +47,29 @@ from markerseek.drivers.entry import (
     Part,
     ReceiverSettings,
     StageSettings,
+    installed_drivers,
 )
 from markerseek.drivers.standard_laser import StandardLaser
 from markerseek.drivers.standard_receiver import StandardReceiver, mean_counts
-from markerseek.drivers.standard_stage import StandardStage
-from markerseek.files import Line
+from markerseek.drivers.standard_stage import StandardStage, require_room
+from markerseek.files import Line, nearest_key, setting_from
 from markerseek.wire import Port
+
+METHODS: dict[Part, tuple[str, ...]] = {
+    "stage": ("read", "go", "stop"),
+    "laser": ("fire", "fired", "off"),
+    "receiver": ("read",),
+}
+"""Verbs that a class must have."""
+
+OFFERED = {
+    "clock": "all waiting is done on it",
+    "travel": "angles at which the probe may be",
+    "pulses": "pulses of one acquisition",
+    "rate_hz": "pulses per second",
+    "sampling_hz": "sampling frequency",
+}
+"""What a class may ask for by name, besides ``line`` and the keys of its table."""
 
 _NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
 """Packages whose classes are no devices; by name, because drivers do not import them."""
@@ -87,8 +108,140 @@ class ForeignReceiver(ReceiverSettings, frozen=True, kw_only=True, tag=False):
     beside: str = ""
 
 
-Foreign = (ForeignStage, ForeignLaser, ForeignReceiver)
-AnyForeign: typing.TypeAlias = ForeignStage | ForeignLaser | ForeignReceiver
+Foreign: typing.TypeAlias = ForeignStage | ForeignLaser | ForeignReceiver
+
+
+def _driver_key(settings: Foreign) -> str:
+    return f'{settings.part}.driver = "{settings.driver}"'
+
+
+def class_of(settings: Foreign) -> type:
+    """The class that a rig file names, with the methods of its part.
+
+    Raises `ConfigError` where it is not found, fails, or lacks a method.
+    """
+    driver, beside, name = settings.driver, settings.beside, _driver_key(settings)
+    module_name, _, class_name = installed_drivers().get(driver, driver).partition(":")
+    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
+    if not named or module_name.endswith(".py"):
+        raise ConfigError(
+            f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
+            ".py, a colon, and that of the class"
+        )
+    if not beside:
+        raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
+    module = _module(module_name, beside if ":" in driver else "", name=name)
+    made = getattr(module, class_name, None)
+    if not isinstance(made, type):
+        there = [
+            key
+            for key, value in vars(module).items()
+            if isinstance(value, type) and value.__module__ == module.__name__ and not key.startswith("_")
+        ]
+        raise ConfigError(
+            f"{name}: {module_name} has no class {class_name}; its classes are: {', '.join(there) or 'none'}"
+        )
+    missing = [method for method in METHODS[settings.part] if not callable(getattr(made, method, None))]
+    if missing:
+        raise ConfigError(
+            f"{name}: {class_name} has no {' and no '.join(missing)}; a {settings.part} has "
+            f"{', '.join(METHODS[settings.part])} "
+            "(docs/how-to/bring-your-own-stage.md)"
+        )
+    return made
+
+
+def _module(module_name: str, beside: str, *, name: str) -> Any:
+    """The module, imported.
+
+    ``beside``: folder of the rig file; empty: only an installed one is meant. ``name``: for messages.
+    """
+    file = Path(beside) / f"{module_name}.py"
+    if beside and beside not in sys.path:
+        # After all that is installed: what lies there replaces no library.
+        sys.path.append(beside)
+    try:
+        is_beside = bool(beside) and file.is_file()
+        return _from_file(module_name, str(file)) if is_beside else importlib.import_module(module_name)
+    except ModuleNotFoundError as problem:
+        if not is_absent(module_name, problem):
+            raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
+        raise ConfigError(
+            f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
+            "file beside the rig file"
+        ) from problem
+    except MarkerseekError:
+        raise
+    # Code of the user: any error in it is reported under its name, and not as one of this program.
+    except (Exception, SystemExit) as problem:
+        raise ConfigError(f"{name}: importing {module_name} failed: {described(problem)}; correct it") from problem
+
+
+@cache
+def _from_file(name: str, path: str) -> Any:
+    """Module of a file beside the rig file; an installed one of that name does not take its place."""
+    # A name of its own: another rig file's module may have the same.
+    spec = importlib.util.spec_from_file_location(f"markerseek_rig.{abs(hash(path)):x}.{name}", path)
+    assert spec is not None  # noqa: S101  a path that ends with .py has a loader
+    assert spec.loader is not None  # noqa: S101
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[spec.name]
+        raise
+    return module
+
+
+def arguments_of(made: type, settings: Foreign, offered: Mapping[str, object]) -> dict[str, object]:
+    """Keyword arguments of the class, from the keys of its table and what the rig has for it.
+
+    Raises `ConfigError` if a key is unknown, missing, or of another type.
+    """
+    try:
+        parameters = inspect.signature(made).parameters
+    except (ValueError, TypeError) as problem:
+        raise ConfigError(
+            f"{_driver_key(settings)}: its arguments are not known ({problem}); derive a class with an __init__"
+        ) from problem
+    takes_any = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
+    named = {
+        name: each for name, each in parameters.items() if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)
+    }
+    hints = _hints(made)
+    given: dict[str, object] = {}
+    supervised_port = hasattr(made, "safe_command")
+    # Before the keys: without a safe command the class has no port, and its key would be called unknown.
+    if "line" in named and "line" in offered and not supervised_port:
+        raise ConfigError(
+            f"{_driver_key(settings)}: it asks for a line, and has no safe_command; give the class the "
+            "bytes that make the device safe, as in safe_command = b'STOP\\r'"
+        )
+    for key, value in settings.keys.items():
+        if key == "port" and supervised_port and "port" not in named:
+            continue
+        if key not in named and takes_any and key not in offered:
+            given[key] = value
+            continue
+        nearest_key(key, [name for name in named if name not in offered], prefix=f"{settings.part}.")
+        given[key] = setting_from(value, hints[key], name=f"{settings.part}.{key}") if key in hints else value
+    for name, parameter in named.items():
+        if name in given:
+            continue
+        if name in offered:
+            given[name] = offered[name]
+        elif parameter.default is parameter.empty:
+            raise ConfigError(f"the key {settings.part}.{name} is missing; add it: {settings.driver} needs it")
+    return given
+
+
+def _hints(made: type) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(made.__init__)  # type: ignore[misc]
+    # An annotation that only a type checker can resolve says nothing here.
+    except Exception:  # noqa: BLE001
+        return {}
 
 
 def split_keys(table: Mapping[str, object], kind: type[DeviceSettings]) -> dict[str, object]:
@@ -98,41 +251,40 @@ def split_keys(table: Mapping[str, object], kind: type[DeviceSettings]) -> dict[
     return {key: value for key, value in table.items() if key in common} | {"keys": own}
 
 
-def require_class(part: Part, settings: AnyForeign) -> None:
+def require_class(settings: Foreign) -> None:
     """Import the class, and compare the keys with its arguments; `ConfigError` says what is missing or does not fit."""
-    made = class_of(part, settings.driver, beside=settings.beside)
-    _line(part, settings)
-    arguments_of(made, settings.keys, offered=dict.fromkeys((*OFFERED, "line")), part=part, driver=settings.driver)
+    made = class_of(settings)
+    _line(settings)
+    arguments_of(made, settings, dict.fromkeys((*OFFERED, "line")))
 
 
-def foreign_line(part: Part, settings: AnyForeign, *, supervised: bool) -> str:
+def foreign_line(settings: Foreign, *, supervised: bool) -> str:
     """What a person must know of a foreign driver before arming it, in one line."""
-    made = class_of(part, settings.driver, beside=settings.beside)
-    line = _line(part, settings)
+    made, line = class_of(settings), _line(settings)
     where = getattr(sys.modules.get(made.__module__), "__file__", None) or made.__module__
     if line is None or not supervised:
         reason = "supervisor.enabled is false" if line else f"{made.__name__} names no safe_command"
         how = f"when the search dies, nothing stops it ({reason}): stand by its switch"
     else:
         how = f"when the search dies, the supervisor sends {line.safe_command!r} to {line.path}"
-    return f"FOREIGN DRIVER of the {part}: {settings.driver}, of {where}; {how}"
+    return f"FOREIGN DRIVER of the {settings.part}: {settings.driver}, of {where}; {how}"
 
 
-def _line(part: Part, settings: AnyForeign) -> Line | None:
+def _line(settings: Foreign) -> Line | None:
     """The serial line of a class with a safe command."""
     if not settings.beside:
         return None
-    made, name = class_of(part, settings.driver, beside=settings.beside), f'{part}.driver = "{settings.driver}"'
+    made = class_of(settings)
     safe = getattr(made, "safe_command", None)
     if safe is None:
         return None
     if not isinstance(safe, bytes):
-        raise ConfigError(f"{name}: safe_command is {safe!r}, it must be bytes, as in b'STOP\\r'")
+        raise ConfigError(f"{_driver_key(settings)}: safe_command is {safe!r}, it must be bytes, as in b'STOP\\r'")
     port = settings.keys.get("port")
     if not isinstance(port, str):
-        raise ConfigError(f"the key {part}.port is missing; add it: the serial port on which {safe!r} is sent")
+        raise ConfigError(f"the key {settings.part}.port is missing; add it: the serial port on which {safe!r} is sent")
     return Line(
-        name=part,
+        name=settings.part,
         path=port,
         safe_command=safe,
         baud=getattr(made, "baud", 115200),
@@ -151,12 +303,11 @@ def _read_away(line: Port, clock: Clock) -> None:
 class OwnDevice:
     """A device of a class of one's own, whose errors become errors of a device that name its driver."""
 
-    part: ClassVar[Part]
     error: ClassVar[type[DeviceError]]
 
-    def __init__(self, settings: AnyForeign, opening: Opening) -> None:
+    def __init__(self, settings: Foreign, opening: Opening) -> None:
         self.driver: str = settings.driver
-        made = class_of(self.part, settings.driver, beside=settings.beside)
+        made = class_of(settings)
         offered: dict[str, object] = {
             "clock": opening.clock,
             "travel": opening.limits.travel,
@@ -165,13 +316,11 @@ class OwnDevice:
             "sampling_hz": getattr(settings, "sampling_hz", None),
             "line": None,
         }
-        if _line(self.part, settings) is not None:
+        if _line(settings) is not None:
             offered["line"] = opening.line
             _read_away(opening.line, opening.clock)
         with self._errors(NotConnectedError):
-            self.device: Any = made(
-                **arguments_of(made, settings.keys, offered=offered, part=self.part, driver=settings.driver)
-            )
+            self.device: Any = made(**arguments_of(made, settings, offered))
         opening.stack.enter_context(closing(self))
 
     def close(self) -> None:
@@ -225,7 +374,7 @@ class OwnDevice:
 class OwnStage(OwnDevice):
     """The verbs of a stage of one's own."""
 
-    part, error = "stage", MoveError
+    error = MoveError
 
     def read(self) -> StageStatus:
         """As of the class."""
@@ -274,7 +423,7 @@ class OwnStage(OwnDevice):
 class OwnLaser(OwnDevice):
     """The verbs of a laser of one's own."""
 
-    part, error = "laser", LaserError
+    error = LaserError
 
     def fire(self, pulses: int) -> None:
         """As of the class."""
@@ -294,7 +443,7 @@ class OwnLaser(OwnDevice):
 class OwnMessages(OwnDevice):
     """The frames that a receiver of one's own reads, one for each trigger."""
 
-    part, error = "receiver", AcquisitionError
+    error = AcquisitionError
     used = called = "frames"
     cure = "the device must give one frame for each trigger"
     check = "the trigger and the device"
@@ -353,14 +502,14 @@ STAGE_ENTRY: Entry[ForeignStage, StandardStage[OwnStage]] = Entry(
     settings=ForeignStage,
     open=_open_stage,
     describe=lambda _settings, stage: f"stage {stage.logic.description}",
-    line=lambda settings: _line("stage", settings),
+    line=_line,
     same=("",),
 )
 LASER_ENTRY: Entry[ForeignLaser, StandardLaser[OwnLaser]] = Entry(
     settings=ForeignLaser,
     open=_open_laser,
     describe=lambda _settings, laser: f"laser {laser.logic.description}",
-    line=lambda settings: _line("laser", settings),
+    line=_line,
     same=("",),
     without_supervisor="a foreign driver's laser may have no lease of its own",
 )
@@ -368,6 +517,6 @@ RECEIVER_ENTRY: Entry[ForeignReceiver, StandardReceiver[OwnMessages]] = Entry(
     settings=ForeignReceiver,
     open=_open_receiver,
     describe=lambda _settings, receiver: f"receiver {receiver.messages.description}",
-    line=lambda settings: _line("receiver", settings),
+    line=_line,
     same=("",),
 )

@@ -19,14 +19,13 @@ from markerseek.core import (
     NotConnectedError,
     Within,
 )
-from markerseek.drivers._approach import require_room, require_wide
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers._unread import Unread
 from markerseek.drivers.entry import Entry, MotorSettings, Opening
-from markerseek.drivers.standard_stage import StandardSweepingStage
+from markerseek.drivers.serial_port import Unread
+from markerseek.drivers.standard_stage import StandardSweepingStage, require_wide
 from markerseek.files import Line
 from markerseek.guard import Limits
-from markerseek.wire import AptFramer, Port, apt
+from markerseek.wire import Port, apt
 
 _TRIES = 3
 _WITH_PORTS = ("KDC101",)
@@ -37,7 +36,8 @@ _MAX_COUNTS = 2**30
 
 DISABLED = "its channel is disabled, and its motor gets no current: arming the rig enables it"
 
-_POLL_S = 1e-3
+_ANSWER_S, _POLL_S = 0.1, 1e-3
+"""Time for an answer before the request is repeated, and between two looks for it, in seconds."""
 _READ_BYTES = 4096
 _LOST_AGES = 2
 """Multiple of the age allowed after which a question counts as lost."""
@@ -64,7 +64,7 @@ class AptLine:
         self.since_s = clock.now_s()
         self._answer_s = answer_s
         self._age_s = age_s
-        self._framer = AptFramer()
+        self._framer = apt.AptFramer()
         self._open: defaultdict[int, deque[float]] = defaultdict(deque)
         self._garbled = False
         self._unread = Unread()
@@ -254,8 +254,8 @@ class Kdc101Logic:
 
     def _require_device(self) -> None:
         info, wanted = self.identity, self._settings.serial_number
-        if info.model not in apt.PRM1Z8.controllers:
-            known = ", ".join(apt.PRM1Z8.controllers)
+        if info.model not in apt.CONTROLLERS:
+            known = ", ".join(apt.CONTROLLERS)
             raise NotConnectedError(f"a {info.model} is at the stage's port, expected one of: {known}")
         if wanted is not None and info.serial_number != wanted:
             raise NotConnectedError(
@@ -298,7 +298,6 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
     - ``clock``: all waiting is done on it, so that each wait renews a lease.
     - ``settings``: None: those of a controller whose zero is the probe's.
     - ``travel``: angles at which the probe may be; written to the controller as its soft limits.
-    - ``answer_s``: time for an answer before the request is repeated.
 
     Raises `NotConnectedError` if it is no stage of this kind. Raises `MoveError` if it moves, is not homed, or does not
     keep what is written to it. Raises `LimitError` if it is outside its travel range. Raises `DeviceTimeoutError` if it
@@ -312,11 +311,10 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
         clock: Clock,
         settings: Kdc101Settings | None = None,
         travel: Interval | None = None,
-        answer_s: float = 0.1,
     ) -> None:
         settings, travel = settings or Kdc101Settings(port="", zero_deg=0.0), travel or Limits().travel
         require_wide(travel, approach_deg=settings.approach_deg)
-        line = AptLine(port=port, clock=clock, answer_s=answer_s, age_s=settings.age_s)
+        line = AptLine(port=port, clock=clock, answer_s=_ANSWER_S, age_s=settings.age_s)
         logic = Kdc101Logic(line=line, settings=settings, travel=travel)
         rules = StageRules(
             # As rounded to the controller's words, not as set: small accelerations are off by up to a third.
@@ -347,7 +345,4 @@ ENTRY: Entry[Kdc101Settings, Kdc101Stage] = Entry(
     describe=_describe,
     line=lambda settings: Line(name="stage", path=settings.port, safe_command=apt.stop(), rtscts=True),
     same=("zero_deg", "direction", "approach_from"),
-    require_room=lambda settings, limits: require_room(
-        limits, approach_from=settings.approach_from, approach_deg=settings.approach_deg
-    ),
 )

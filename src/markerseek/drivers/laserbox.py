@@ -24,8 +24,7 @@ from markerseek.core import (
     SweepPermit,
     Within,
 )
-from markerseek.drivers._laserbox_line import POLL_S, BoxLine, cure, require_known, stray_light
-from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.drivers._laserbox_line import POLL_S, BoxLine, BoxSweep, cure, require_known, stray_light
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
 from markerseek.drivers.standard_laser import Permits
@@ -116,7 +115,6 @@ class LaserBox:
         seen differ, or if the photodiode has seen light outside of firings. Raises `DeviceTimeoutError` if the box does
         not answer in time. An error during the firing also sends DISARM.
         """
-        self._permits.require_unused(permit)
         if not self._settled:
             self._settle()
         self._finish_sweep(within_s=_LONGEST_TRAIN_S)

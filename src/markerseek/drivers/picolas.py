@@ -8,9 +8,9 @@ switches it off when the search dies. Prefer the laser box.
 from __future__ import annotations
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
-from markerseek.drivers._unread import Unread
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, LaserSettings, Opening
+from markerseek.drivers.serial_port import Unread
 from markerseek.drivers.standard_laser import StandardLaser
 from markerseek.files import Line
 from markerseek.wire import Port

@@ -152,10 +152,6 @@ class PlusReceiver(ConnectionReceiver[PlusMessages]):
         # An emulator says so when a client comes; other servers say nothing, and no image may come before a trigger.
         self.until_quiet()
 
-    def energy_of(self, field: str) -> float:
-        """As of its messages."""
-        return self.messages.energy_of(field)
-
 
 def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
     """Mean of the channel data of images, rounded to counts."""

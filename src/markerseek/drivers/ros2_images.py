@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import AcquisitionError, ConfigError, UInt8
-from markerseek.drivers._pair_source import PairSource
-from markerseek.drivers._pairing import Pairing
-from markerseek.drivers._ros2_wait import require_found
+from markerseek.drivers._pair_source import Pairing, PairSource
 from markerseek.drivers.clock import SystemClock
+from markerseek.drivers.ros2_nodes import require_found
 from markerseek.geometry import Camera
 from markerseek.ros import RosNode, messages
 from markerseek.vision import brightness, decoded_image
@@ -47,9 +46,7 @@ class RosImages(PairSource):
     ``connect_s``: longest time until both topics have a publisher. Raises `NotConnectedError` if they have none.
     """
 
-    def __init__(
-        self, topics: tuple[str, str], cameras: tuple[Camera, Camera], *, connect_s: float = 10.0, name: str = "images"
-    ) -> None:
+    def __init__(self, topics: tuple[str, str], cameras: tuple[Camera, Camera], *, connect_s: float = 10.0) -> None:
         if topics[0] == topics[1]:
             raise ConfigError(f"{topics[0]}: it is given for both cameras; give each camera its own topic")
         super().__init__(
@@ -63,7 +60,7 @@ class RosImages(PairSource):
                 "both, or compare the clocks of their computers"
             ),
         )
-        self._node = RosNode(f"markerseek_{name}")
+        self._node = RosNode("markerseek_images")
         try:
             self._subscribe(connect_s)
         except BaseException:

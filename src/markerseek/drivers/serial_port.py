@@ -1,4 +1,4 @@
-"""A serial port as a stream of bytes, locked against other programs."""
+"""A serial port as a stream of bytes, locked against other programs; and what came on it that was no answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _WRITE_TIMEOUT_S = 0.5
 
 
 class SerialPort(Closing):
-    """A `markerseek.wire.port.Port` over pyserial, under an exclusive lock.
+    """A `markerseek.wire.Port` over pyserial, under an exclusive lock.
 
     ``baud``: bits per second. ``parity``: parity bit: none, even or odd. ``handshake``: whether RTS and CTS control the
     flow; ignored where the port has no such lines, as a pseudo-terminal. Raises `NotConnectedError` if the port cannot
@@ -59,3 +59,35 @@ class SerialPort(Closing):
 
     def _gone(self) -> NotConnectedError:
         return NotConnectedError(f"serial port {self._path} is gone; check the cable and the device's power")
+
+
+_SHOWN = 16
+
+
+class Unread:
+    """Bytes since the last question."""
+
+    def __init__(self) -> None:
+        self._count, self._first = 0, b""
+
+    def clear(self) -> None:
+        """Forget them: a question is asked, or was answered."""
+        self._count, self._first = 0, b""
+
+    def add(self, data: bytes) -> None:
+        """Note what came."""
+        self._count += len(data)
+        self._first += data[: _SHOWN - len(self._first)]
+
+    def said(self, *, cure: str) -> str:
+        """The end of an error: how many bytes came and the first of them, and what to do.
+
+        ``cure``: what to do where none came.
+        """
+        if not self._count:
+            return f"no byte came; {cure}"
+        text = "".join(chr(byte) if 32 <= byte < 127 else "." for byte in self._first)
+        return (
+            f"{self._count} bytes came that are no answer, the first: {self._first.hex(' ')} ({text!r}); are the ports "
+            "of stage and laser exchanged, or is it another device, firmware or speed of the line?"
+        )

@@ -16,9 +16,18 @@ from typing import Annotated, Any
 import msgspec
 
 from markerseek.core import ConfigError, Within, require_fields
-from markerseek.drivers.entry import PARTS, LaserSettings, Part, ReceiverSettings, StageSettings
-from markerseek.drivers.foreign import AnyForeign, Foreign, foreign_line, require_class, split_keys
-from markerseek.drivers.table import default_driver, entry_named, entry_of
+from markerseek.drivers.entry import (
+    PARTS,
+    LaserSettings,
+    MotorSettings,
+    Part,
+    ReceiverSettings,
+    StageSettings,
+    entry_named,
+    entry_of,
+)
+from markerseek.drivers.foreign import Foreign, foreign_line, require_class, split_keys
+from markerseek.drivers.standard_stage import require_room
 from markerseek.files import Line, settings_from
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
@@ -83,14 +92,15 @@ class BenchSettings:
                 f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}, "
                 f"and up to {max(self.pulses)} are fired at once, at most 1024; average fewer, or permit more"
             )
-        laser, receiver = entry_of("laser", self.laser), entry_of("receiver", self.receiver)
+        laser, receiver = entry_of(self.laser), entry_of(self.receiver)
         if (laser.paired or receiver.paired) and self.laser.driver != self.receiver.driver:
             name = self.laser.driver if laser.paired else self.receiver.driver
             raise ConfigError(
                 f"laser.driver is {self.laser.driver!r} and receiver.driver is {self.receiver.driver!r}; {name} is "
                 f"laser and receiver: name {name} in both, or in neither"
             )
-        ports = {part: port for part in ("laser", "stage", "receiver") if (port := _serial_port(getattr(self, part)))}
+        devices = (self.laser, self.stage, self.receiver)
+        ports = {each.part: port for each in devices if (port := _serial_port(each))}
         for (other, its), (name, port) in combinations(ports.items(), 2):
             # Links are followed, because the names below /dev/serial/by-id are links.
             if os.path.realpath(port) == os.path.realpath(its):
@@ -99,7 +109,8 @@ class BenchSettings:
                     + ("" if port == its else f" (which is {its!r})")
                     + "; each device has its own: see ls -l /dev/serial/by-id/"
                 )
-        entry_of("stage", self.stage).require_room(self.stage, self.limits)
+        if isinstance(self.stage, MotorSettings):
+            require_room(self.limits, approach_from=self.stage.approach_from, approach_deg=self.stage.approach_deg)
         if laser.without_supervisor and not self.supervisor.enabled:
             raise ConfigError(f"supervisor: enabled is false, and {laser.without_supervisor}; keep it enabled")
 
@@ -119,21 +130,20 @@ class BenchSettings:
     def lines(self) -> list[Line]:
         """The serial lines, each with the command that makes its device safe."""
         # The laser first: the supervisor sends the safe commands in this order.
-        found = [
-            entry_of(part, getattr(self, part)).line(getattr(self, part)) for part in ("laser", "stage", "receiver")
-        ]
+        found = [entry_of(each).line(each) for each in (self.laser, self.stage, self.receiver)]
         return [line for line in found if line is not None]
 
     @property
-    def foreign(self) -> dict[Part, AnyForeign]:
+    def foreign(self) -> dict[Part, Foreign]:
         """Settings of the foreign drivers."""
-        return {part: getattr(self, part) for part in PARTS if isinstance(getattr(self, part), Foreign)}
+        devices = (self.stage, self.laser, self.receiver)
+        return {each.part: each for each in devices if isinstance(each, Foreign)}
 
     @property
     def foreign_lines(self) -> list[str]:
         """What a person must know of each foreign driver before arming it."""
         supervised = self.supervisor.enabled
-        return [foreign_line(part, settings, supervised=supervised) for part, settings in self.foreign.items()]
+        return [foreign_line(settings, supervised=supervised) for settings in self.foreign.values()]
 
     @property
     def comparable(self) -> tuple[str, ...]:
@@ -141,7 +151,8 @@ class BenchSettings:
 
         A name that ends with a dot stands for all keys of that table.
         """
-        keys = [f"{part}.{key}" for part in PARTS for key in entry_of(part, getattr(self, part)).same]
+        devices = (self.stage, self.laser, self.receiver)
+        keys = [f"{each.part}.{key}" for each in devices for key in entry_of(each).same]
         return (
             *keys,
             "stage.driver",
@@ -184,9 +195,9 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
         keys = whole.get(part)
         if not isinstance(keys, Mapping):
             continue
-        entry = entry_named(part, default_driver(part, keys))
+        entry = entry_named(part, keys.get("driver"))
         kinds[part] = entry.settings
-        if entry.settings in Foreign:
+        if issubclass(entry.settings, Foreign):
             whole[part] = {**split_keys(keys, entry.settings), "beside": beside}
             continue
         # The name of a driver chooses its settings, and is no key of them.
@@ -195,6 +206,6 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
         paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := given.get(key), str)}
         whole[part] = given | {key: value for key, value in paths.items() if given[key] != "none"}
     settings = settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))
-    for part, each in settings.foreign.items() if beside else ():
-        require_class(part, each)
+    for each in settings.foreign.values() if beside else ():
+        require_class(each)
     return settings

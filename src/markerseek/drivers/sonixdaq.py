@@ -38,7 +38,7 @@ from markerseek.core import (
 )
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
-from markerseek.drivers.standard_receiver import acquired_frame, armed_for
+from markerseek.drivers.standard_receiver import Frames, armed_for
 from markerseek.files import MIB, open_input, os_reason, read_input
 from markerseek.wire import sonixdaq as wire
 
@@ -195,7 +195,7 @@ class SonixDaqReceiver:
         self._clock = clock
         self._dark_triggers = dark_triggers
         self._folder = DaqFolder(Path(settings.folder))
-        self._sequence = 0
+        self._frames = Frames(clock, settings.sampling_hz)
         self._armed: tuple[Permit, FolderState, float] | None = None
         self._untouched: tuple[FolderState, float] | None = (self._folder.state(), clock.now_s())
 
@@ -263,16 +263,7 @@ class SonixDaqReceiver:
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
         samples = self._await_files(before, lambda names: self._folder.read(names, pulses=self._triggers(permit)))
-        self._sequence += 1
-        return acquired_frame(
-            samples,
-            permit,
-            sequence=self._sequence,
-            pulses=permit.pulses,
-            started_s=started_s,
-            clock=self._clock,
-            sampling_hz=self._settings.sampling_hz,
-        )
+        return self._frames.made_of(samples, permit, pulses=permit.pulses, started_s=started_s)
 
     @property
     def frame_period_s(self) -> float:
@@ -324,21 +315,8 @@ class SonixDaqReceiver:
                 f"sonixdaq: {len(lit)} of {len(samples)} triggers had light, and the last {self._dark_triggers} must "
                 "be dark: the sweep took longer than it should; check the stage's speed"
             )
-        frames = []
-        for each, seen in [*((each, 1) for each in lit), (wire.mean_of(dark), 0)]:
-            self._sequence += 1
-            frames.append(
-                acquired_frame(
-                    each,
-                    permit,
-                    sequence=self._sequence,
-                    pulses=seen,
-                    started_s=started_s,
-                    clock=self._clock,
-                    sampling_hz=self._settings.sampling_hz,
-                )
-            )
-        return frames
+        pulses_seen = [*((each, 1) for each in lit), (wire.mean_of(dark), 0)]
+        return [self._frames.made_of(each, permit, pulses=seen, started_s=started_s) for each, seen in pulses_seen]
 
     def _triggers(self, permit: Permit) -> int:
         """Number of triggers that the laser box sends under a permit."""

@@ -8,7 +8,8 @@ from typing import Generic, Protocol, TypeVar
 from markerseek.core import Clock, DeviceError, DeviceTimeoutError, LaserError, Permit, SweepPermit
 from markerseek.drivers.clock import polls
 
-_POLL_S = 0.005
+_ANSWER_S, _POLL_S = 1.0, 0.005
+"""Longest time from the last pulse to the count of the pulses, and between two looks for it, in seconds."""
 
 
 class LaserLogic(Protocol):
@@ -40,14 +41,13 @@ class Permits:
         self._name, self._clock = name, clock
         self._used: set[str] = set()
 
-    def require_unused(self, permit: Permit | SweepPermit) -> None:
-        """Refuse a permit that was used; `LaserError`."""
+    def use(self, permit: Permit | SweepPermit, *, needed_s: float) -> float:
+        """Use a permit up, and return how long it is good for, in seconds.
+
+        Raises `LaserError` if it was used before, or is good for a shorter time than needed.
+        """
         if permit.token in self._used:
             raise LaserError(f"{self._name}: the permit {permit.token!r} was used before; nothing was fired")
-
-    def use(self, permit: Permit | SweepPermit, *, needed_s: float) -> float:
-        """Use it up, and return how long it is good for, in seconds; `LaserError` if that is too short."""
-        self.require_unused(permit)
         left_s = permit.expires_s - self._clock.now_s()
         if not left_s > 0:
             raise LaserError(f"{self._name}: the permit {permit.token!r} has expired; nothing was fired")
@@ -65,12 +65,11 @@ class Permits:
 class StandardLaser(Generic[LogicT]):
     """A `markerseek.core.Laser` that fires by the verbs of its logic.
 
-    ``name``: begins each error. ``rate_hz``: pulses per second. ``answer_s``: longest time from the last pulse to the
-    count of the pulses.
+    ``name``: begins each error. ``rate_hz``: pulses per second.
     """
 
-    def __init__(self, logic: LogicT, *, clock: Clock, rate_hz: float, name: str, answer_s: float = 1.0) -> None:
-        self.logic, self._clock, self._rate_hz, self._name, self._answer_s = logic, clock, rate_hz, name, answer_s
+    def __init__(self, logic: LogicT, *, clock: Clock, rate_hz: float, name: str) -> None:
+        self.logic, self._clock, self._rate_hz, self._name = logic, clock, rate_hz, name
         self._permits = Permits(name, clock)
 
     @property
@@ -103,11 +102,11 @@ class StandardLaser(Generic[LogicT]):
         return fired
 
     def _await(self, needed_s: float) -> int:
-        for _ in polls(self._clock, within_s=needed_s + self._answer_s, every_s=_POLL_S):
+        for _ in polls(self._clock, within_s=needed_s + _ANSWER_S, every_s=_POLL_S):
             if (fired := self.logic.fired()) is not None:
                 return fired
         raise DeviceTimeoutError(
-            f"{self._name}: the end of the pulses was not confirmed within {self._answer_s:g} s; it is switched off; "
+            f"{self._name}: the end of the pulses was not confirmed within {_ANSWER_S:g} s; it is switched off; "
             "check its cable and its power"
         )
 

@@ -47,28 +47,26 @@ def armed_for(permit: Permit, armed: tuple[Permit, *Noted] | None, *, driver: st
     return armed
 
 
-def acquired_frame(
-    samples: Int16[np.ndarray, "channels samples"],
-    permit: Permit,
-    *,
-    sequence: int,
-    pulses: int,
-    started_s: float,
-    clock: Clock,
-    sampling_hz: float,
-    energy: float | None = None,
-) -> ChannelFrame:
-    """Channel data as the frame of a permit; the acquisition ends now."""
-    header = FrameHeader(
-        sequence=sequence,
-        token=permit.token,
-        pulses=pulses,
-        commanded_deg=permit.commanded_deg,
-        started_s=started_s,
-        ended_s=clock.now_s(),
-        energy=energy,
-    )
-    return ChannelFrame(header=header, samples=samples, sampling_hz=sampling_hz)
+class Frames:
+    """Makes the frames of a receiver, numbered; an acquisition ends when its frame is made."""
+
+    def __init__(self, clock: Clock, sampling_hz: float) -> None:
+        self._clock, self._sampling_hz, self._sequence = clock, sampling_hz, 0
+
+    def made_of(
+        self, samples: Int16[np.ndarray, "channels samples"], permit: Permit, *, pulses: int, started_s: float
+    ) -> ChannelFrame:
+        """Channel data as the next frame, of a permit."""
+        self._sequence += 1
+        header = FrameHeader(
+            sequence=self._sequence,
+            token=permit.token,
+            pulses=pulses,
+            commanded_deg=permit.commanded_deg,
+            started_s=started_s,
+            ended_s=self._clock.now_s(),
+        )
+        return ChannelFrame(header=header, samples=samples, sampling_hz=self._sampling_hz)
 
 
 def mean_counts(each: list[Int16[np.ndarray, "channels samples"]]) -> Int16[np.ndarray, "channels samples"]:
@@ -128,9 +126,8 @@ class StandardReceiver(Generic[MessagesT]):
         quiet_s: float = 0.2,
     ) -> None:
         self.messages, self._clock, self._dark_triggers = messages, clock, dark_triggers
-        self._sampling_hz, self._timeout_s, self._quiet_s = sampling_hz, timeout_s, quiet_s
+        self._frames, self._timeout_s, self._quiet_s = Frames(clock, sampling_hz), timeout_s, quiet_s
         self._armed: tuple[Permit, float] | None = None
-        self._sequence = 0
 
     @property
     def emulated(self) -> bool:
@@ -182,16 +179,7 @@ class StandardReceiver(Generic[MessagesT]):
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
         samples = self.messages.samples(self._exactly(permit.pulses or self._dark_triggers))
-        self._sequence += 1
-        return acquired_frame(
-            samples,
-            permit,
-            sequence=self._sequence,
-            pulses=permit.pulses,
-            started_s=started_s,
-            clock=self._clock,
-            sampling_hz=self._sampling_hz,
-        )
+        return self._frames.made_of(samples, permit, pulses=permit.pulses, started_s=started_s)
 
     def until_quiet(self) -> list[object]:
         """Messages that come before none came for a while: none, or the first that is too many and those with it."""

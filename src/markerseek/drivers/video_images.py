@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import AcquisitionError, ConfigError, NotConnectedError, UInt8, require_range
-from markerseek.drivers._pair_source import PairSource
-from markerseek.drivers._pairing import WAIT_S, Pairing
+from markerseek.drivers._pair_source import WAIT_S, Pairing, PairSource
 from markerseek.geometry import Camera
 from markerseek.vision import brightness, opencv
 

@@ -21,7 +21,6 @@ from markerseek.core import (
     Within,
     needs_package,
 )
-from markerseek.drivers._approach import require_room
 from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.standard_stage import StandardStage
@@ -236,7 +235,4 @@ ENTRY: Entry[XimcSettings, XimcStage] = Entry(
         "beyond the supervisor"
     ),
     same=("steps_per_deg", "zero_deg", "direction"),
-    require_room=lambda settings, limits: require_room(
-        limits, approach_from="below", approach_deg=settings.approach_deg
-    ),
 )

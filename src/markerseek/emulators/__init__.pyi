@@ -1,10 +1,8 @@
-from .bench import EmulatedBench, serve
+from .bench import ByteDevice, EmulatedBench, PtyLine, serve
 from .endoscope import EmulatedEndoscope
 from .kdc101 import EmulatedKdc101
 from .laserbox import LIGHT_COUNTS
-from .lines import ByteDevice, PtyLine
-from .senders import EmulatedPlus, EmulatedVantage
-from .sonixdaq import EmulatedSonixDaq
+from .receivers import EmulatedPlus, EmulatedSonixDaq, EmulatedVantage
 
 __all__ = [
     "LIGHT_COUNTS",

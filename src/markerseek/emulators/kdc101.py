@@ -25,10 +25,12 @@ from markerseek.emulators._kdc101_motion import (
     TARGET,
     VELOCITY,
     MotionControl,
+    Prm1z8,
+    Turned,
 )
-from markerseek.emulators._prm1z8 import Prm1z8, Turned
 from markerseek.emulators.faults import Faults
-from markerseek.wire import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage, apt
+from markerseek.wire import apt
+from markerseek.wire.apt import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage
 
 _UPDATES_S = 0.1
 _PROFILED = 2

@@ -18,7 +18,7 @@ from markerseek.emulators.faults import Faults
 from markerseek.sim import LaserSettings, SimulatedWorld, vary_last_flash
 from markerseek.wire import laserbox as wire
 
-_NEVER_US = 1 << 62
+_NEVER_US, _LEASE_US = 1 << 62, 1000 * wire.LEASE_MS
 
 _BOOT_TEXT = b"MicroPython v1.22.2 on 2024-02-22; laser box with RP2040\r\n"
 """What a board prints when it starts."""
@@ -48,11 +48,10 @@ class EmulatedLaserBox:
     """A laser box and its laser; it reads its inputs once per turn of a loop, as the firmware does.
 
     ``on_triggers``: called at the end of a train with the number of triggers sent to the acquisition, those without
-    light after a permit was taken away included. ``lease_ms``: at most `markerseek.wire.laserbox.LEASE_MS`.
-    ``turn_us``: time between two turns of its loop. ``laser``: how the energy of an acquisition varies, and the noise
-    of the light meter, without which it has none. ``rng``: source of randomness for both. ``moment``: called with the
-    box's time in seconds at a stamp, turns the probe to where it is then, and returns what an ideal clock shows; None:
-    the probe is there.
+    light after a permit was taken away included. ``turn_us``: time between two turns of its loop. ``laser``: how the
+    energy of an acquisition varies, and the noise of the light meter, without which it has none. ``rng``: source of
+    randomness for both. ``moment``: called with the box's time in seconds at a stamp, turns the probe to where it is
+    then, and returns what an ideal clock shows; None: the probe is there.
     """
 
     def __init__(
@@ -60,19 +59,16 @@ class EmulatedLaserBox:
         *,
         world: SimulatedWorld,
         on_triggers: Callable[[int], None],
-        lease_ms: int = wire.LEASE_MS,
         turn_us: int = 200,
         laser: LaserSettings | None = None,
         rng: np.random.Generator | None = None,
         moment: Callable[[float], float] | None = None,
     ) -> None:
-        require_range("laser box: lease_ms", lease_ms, low=1, high=wire.LEASE_MS, unit="ms")
         require_range("laser box: turn_us", turn_us, low=1, high=50_000, unit="us")
         self.pulses: list[Pulse] = []
         self.faults = Faults("laser")
         self._world = world
         self._on_triggers = on_triggers
-        self._lease_us = 1000 * lease_ms
         self._turn_us = turn_us
         self._now_us = self._until_us = 0
         self._interlock_closed = True
@@ -237,7 +233,7 @@ class EmulatedLaserBox:
         return wire.Greeting(
             identity=wire.EMULATOR,
             version=wire.VERSION,
-            lease_ms=self._lease_us // 1000,
+            lease_ms=wire.LEASE_MS,
             last_token=self._last_token,
             seen=self._seen & wire.MAX_COUNT,
             meter=int(self._laser.energy_meter_noise is not None),
@@ -262,7 +258,7 @@ class EmulatedLaserBox:
             return wire.Refusal(reason="BUDGET")
         self._last_token = permit.token
         self._permit = permit
-        self._ends_us = self._now_us + self._lease_us
+        self._ends_us = self._now_us + _LEASE_US
         self._expires_us = self._now_us + 1000 * permit.expiry_ms
         answer = wire.SweepPermitted if isinstance(permit, wire.PermitSweep) else wire.Permitted
         return answer(token=permit.token, seen=self._seen & wire.MAX_COUNT)
@@ -277,7 +273,7 @@ class EmulatedLaserBox:
         if step <= self._last_step:
             return wire.Refusal(reason="STEP")
         self._last_step = step
-        self._ends_us = self._now_us + self._lease_us
+        self._ends_us = self._now_us + _LEASE_US
         return None
 
     def _fire(self, token: int) -> wire.Reply | None:
@@ -354,13 +350,7 @@ class EmulatedLaserBox:
         """Light the world, with the probe at an angle; None: where it is."""
         at_s = self._last_trigger_us / 1e6
         self._world.flash(pulses=pulses, at_s=at_s)
-        vary_last_flash(
-            self._world,
-            spread=self._laser.energy_spread,
-            drift_per_min=self._laser.energy_drift_per_min,
-            now_s=at_s,
-            rng=self._rng,
-        )
+        vary_last_flash(self._world, self._laser, now_s=at_s, rng=self._rng)
         if angle_deg is not None:
             self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=angle_deg)
 

@@ -11,7 +11,7 @@ from markerseek.files.atomic import create_atomically, new_file, replace_file, r
 from markerseek.files.csv_rows import DECIMAL_COMMA, CsvRows, csv_rows, is_number, may_be_number
 from markerseek.files.inputs import MIB, as_read_error, open_input, os_reason, quoted, read_input, require_input
 from markerseek.files.names import angle_in, in_natural_order, natural
-from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial
+from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 from markerseek.files.text import read_json, read_text
 from markerseek.files.user_data import data_folder
@@ -37,6 +37,7 @@ __all__ = [
     "open_input",
     "open_serial",
     "os_reason",
+    "pyserial",
     "quoted",
     "read_input",
     "read_json",

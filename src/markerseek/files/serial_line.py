@@ -42,16 +42,21 @@ class Line:
         require_fields(self, f"line {self.name!r}")
 
 
+def pyserial() -> Any:
+    """The module `serial`; `MissingExtraError` where the package pyserial is not installed."""
+    with needs_package("pyserial", extra="devices", purpose="a serial port", module="serial"):
+        import serial  # type: ignore[import-untyped, unused-ignore]
+    return serial
+
+
 def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float, rtscts: bool = False) -> Any:
     """Serial port as an object of pyserial; reads return at once.
 
     ``baud``: bits per second. ``write_timeout_s``: longest time that a write may block; 0: never. ``rtscts``: whether
     to use RTS/CTS flow control. Raises `NotConnectedError` if the port cannot be opened, or if another program uses it.
     """
-    with needs_package("pyserial", extra="devices", purpose="a serial port", module="serial"):
-        import serial  # type: ignore[import-untyped, unused-ignore]
     try:
-        return serial.Serial(
+        return pyserial().Serial(
             port=path,
             baudrate=baud,
             parity=parity,

@@ -1,8 +1,14 @@
 """Registration of two frames from points measured in both, with its errors.
 
-Horn's closed form gives the transform. Where covariances are known it is then refined to maximum likelihood, because
+Horn's closed form gives the transform: B. K. P. Horn, "Closed-form solution of absolute orientation using unit
+quaternions", J. Opt. Soc. Am. A 4 (1987). Where covariances are known it is then refined to maximum likelihood, because
 the error of a camera in depth is many times that across. Points that cannot determine a transform are refused here;
 whether the result is good enough is the caller's decision.
+
+The expected errors, FRE and TRE at any target, are of first order. For points with equal, isotropic errors they are the
+result of Fitzpatrick, West and Maurer (IEEE Trans. Med. Imaging 17, 1998). Covariances that differ in direction and
+from point to point, and weights, follow from the same linear equations (Danilchenko and Fitzpatrick, IEEE Trans. Med.
+Imaging 30, 2011).
 """
 
 from __future__ import annotations
@@ -12,11 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtrc
+from scipy.special import chdtrc, gammaincinv
 
 from markerseek.core import ConfigError, Float64
-from markerseek.geometry.errors import RegistrationErrors, effect_of_motion, registration_errors
-from markerseek.geometry.horn import best_rotation
 from markerseek.geometry.transform import RigidTransform
 
 MIN_POINTS = 3
@@ -36,6 +40,136 @@ _STEPS = 200
 
 _SMALL = 1e-8
 """A step with which the refinement ends, in rad and m."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RegistrationErrors:
+    """Expected errors of a registration."""
+
+    covariance: Float64[np.ndarray, "unknowns unknowns"]
+    """Covariance of the small rotation about the middle of the points (rad), of the translation (m), and of the errors
+    that all points share, in their standard deviations, where these were estimated; shape (6 + errors, 6 + errors)."""
+    middle_m: Float64[np.ndarray, " 3"]
+    """That middle, in the frame of the target points."""
+    fre_m: float
+    """Expected fiducial registration error (FRE), root mean square."""
+
+    def tre_covariance_m2(self, target_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "3 3"]:
+        """Covariance of the position of a target, given in the frame of the target points, in m²."""
+        effect = effect_of_motion(target_m[None, :] - self.middle_m)[0]
+        return np.asarray(effect @ self.covariance[:6, :6] @ effect.T)
+
+    def tre_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
+        """Expected target registration error (TRE), root mean square in metres, at a target."""
+        return float(np.sqrt(np.trace(self.tre_covariance_m2(target_m))))
+
+    def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
+        """Length in metres that 95 % of the errors at a target do not exceed.
+
+        The square of a Gaussian vector's length is a sum of chi squares; its quantile is that of the gamma distribution
+        with the same mean and variance (Satterthwaite), exact for equal variances and for one direction only.
+        """
+        spread = self.tre_covariance_m2(target_m)
+        mean, half_variance = np.trace(spread), np.sum(spread**2)
+        if mean == 0:
+            return 0.0
+        return float(np.sqrt(half_variance / mean * 2 * gammaincinv(mean**2 / half_variance / 2, 0.95)))
+
+
+def registration_errors(
+    points_m: Float64[np.ndarray, "points 3"],
+    covariances_m2: Float64[np.ndarray, "points 3 3"],
+    weights: Float64[np.ndarray, "points 3 3"],
+    *,
+    shared_m: Float64[np.ndarray, "points 3 errors"] | None = None,
+    shared_estimated: bool = True,
+) -> RegistrationErrors:
+    """Expected errors of a registration to points.
+
+    - ``points_m``: the points in the target frame.
+    - ``covariances_m2``: covariance of each residual, which is that of both measurements of the point, in the target
+      frame.
+    - ``weights``: weight matrix of each residual in the least squares fit; the inverse covariances for a maximum
+      likelihood fit.
+    - ``shared_m``: change of each residual, by one standard deviation of each error that all points share; None: there
+      are no such errors.
+    - ``shared_estimated``: whether the fit estimated these errors together with the transform; else it took them for 0.
+    """
+    middle_m = points_m.mean(axis=0)
+    shared = np.zeros((len(points_m), 3, 0)) if shared_m is None else shared_m
+    # Residuals as a linear function of the unknowns x, which are rotation, translation and shared errors: A x + noise.
+    motion = effect_of_motion(points_m - middle_m)
+    effect = np.concatenate([motion, shared], axis=2) if shared_estimated else motion
+    weighted = np.swapaxes(effect, 1, 2) @ weights
+    normal = np.einsum("nij,njk->ik", weighted, effect)
+    # The prior of a shared error has the variance 1; where it is estimated, it is an unknown of its own.
+    own = np.eye(normal.shape[0])[:, 6:] if shared_estimated else np.zeros((6, shared.shape[2]))
+    normal += own @ own.T
+    # Least squares: x = Σ G (noise + B s), G = (Σ Aᵀ W A + prior)⁻¹ Aᵀ W; its error is Σ G noise + (Σ G B − own) s.
+    gain = np.linalg.inv(normal) @ weighted
+    offset = np.einsum("nij,njk->ik", gain, shared) - own
+    covariance = np.einsum("nij,njk,nlk->il", gain, covariances_m2, gain) + offset @ offset.T
+    # The residuals of the transform alone, e = noise + B s − J x, have, with the rows of G and x for the transform,
+    # E|e|² = tr C − 2 tr(J G C) + tr(J Σ G C Gᵀ Jᵀ) + |B − J Σ G B|².
+    gain = gain[:, :6]
+    moved = np.einsum("nij,njk,nlk->il", gain, covariances_m2, gain)
+    left = shared - motion @ np.einsum("nij,njk->ik", gain, shared)
+    mean_square = (
+        np.einsum("nii->", covariances_m2)
+        - 2 * np.einsum("nij,njk,nki->", motion, gain, covariances_m2)
+        + np.einsum("nij,jk,nik->", motion, moved, motion)
+        + np.sum(left**2)
+    ) / len(points_m)
+    return RegistrationErrors(covariance=covariance, middle_m=middle_m, fre_m=float(np.sqrt(max(mean_square, 0.0))))
+
+
+def effect_of_motion(offsets_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 6"]:
+    """Displacement ω × d + τ of points by a small rotation ω about the origin and a translation τ, as matrices."""
+    effect = np.zeros((len(offsets_m), 3, 6))
+    x, y, z = offsets_m.T
+    # ω × d, column by column of ω.
+    effect[:, 1, 0], effect[:, 2, 0] = -z, y
+    effect[:, 0, 1], effect[:, 2, 1] = z, -x
+    effect[:, 0, 2], effect[:, 1, 2] = -y, x
+    effect[:, :, 3:] = np.eye(3)
+    return effect
+
+
+def best_rotation(
+    source_m: Float64[np.ndarray, "points 3"],
+    target_m: Float64[np.ndarray, "points 3"],
+    weights: Float64[np.ndarray, " points"],
+) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 3"]]:
+    """Rotation R and translation t, in metres, that minimise Σ w ‖R p + t − q‖².
+
+    ``source_m``, ``target_m``: the points p and q, at least three that are not on a line (`register_points` checks
+    that). ``weights``: weight of each point, positive.
+    """
+    share = weights / weights.sum()
+    from_middle, to_middle = share @ source_m, share @ target_m
+    s = np.einsum("n,ni,nj->ij", share, source_m - from_middle, target_m - to_middle)
+    # Horn's eq. for the 4 x 4 matrix N; its eigenvector with the largest eigenvalue is the quaternion (w, x, y, z).
+    cross = np.array([s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]])
+    n = np.empty((4, 4))
+    n[0, 0] = np.trace(s)
+    n[0, 1:] = n[1:, 0] = cross
+    n[1:, 1:] = s + s.T - np.trace(s) * np.eye(3)
+    # eigh sorts the eigenvalues in rising order; SciPy has the scalar last.
+    w, x, y, z = np.linalg.eigh(n)[1][:, -1]
+    rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
+    return rotation, to_middle - rotation @ from_middle
+
+
+def mirror_image_fre(source_m: Float64[np.ndarray, "points 3"], target_m: Float64[np.ndarray, "points 3"]) -> float:
+    """Root mean square residual, in metres, of the best fit with a mirror image of the source points.
+
+    Every improper rotation is a rotation of the points reflected through the origin. For points in a plane, as any
+    three are, it is the same as that of the best fit without reflection.
+    """
+    even = np.ones(len(source_m))
+    rotation, translation_m = best_rotation(-source_m, target_m, even)
+    residual = -source_m @ rotation.T + translation_m - target_m
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,7 +1,4 @@
-from .choice import Choice, SeenMarker, choose
-from .device_room import DeviceRoom
 from .points import point_pairs, spot_pairs
-from .poses import Place, Poses, Prediction, Reach
 from .record import (
     CAMERA_IMAGES,
     REGISTRATION,
@@ -14,25 +11,22 @@ from .record import (
     session_folder,
 )
 from .report import (
-    TARGET_DEPTH_M,
     KnownRegistration,
     PointPair,
     RegistrationReport,
-    davinci_to_probe_home,
     read_registration,
     register_pairs,
+    target_pixels,
 )
-from .room import Room
+from .room import DeviceRoom, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .session import REGISTRATION_TOLERANCE_MM, RegistrationSession, SessionPlan
-from .shared_errors import FOCAL_LENGTH, camera_shared_m, focal_shared_m, trus_shared_m
-from .simulated_room import SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
-from .state import RegistrationState
 from .steps import (
     Begun,
     Ended,
     MovedMarker,
     RecordedStep,
     Registered,
+    RegistrationState,
     Searching,
     Spot,
     SpotRefused,
@@ -42,25 +36,17 @@ from .steps import (
     Waiting,
 )
 from .stereo_files import StereoSettings, read_stereo
-from .target_pixels import target_pixels
 
 __all__ = [
     "CAMERA_IMAGES",
-    "FOCAL_LENGTH",
     "REGISTRATION",
     "REGISTRATION_TOLERANCE_MM",
-    "TARGET_DEPTH_M",
     "Begun",
-    "Choice",
     "DeviceRoom",
     "Ended",
     "KnownRegistration",
     "MovedMarker",
-    "Place",
     "PointPair",
-    "Poses",
-    "Prediction",
-    "Reach",
     "RecordedStep",
     "Registered",
     "RegistrationReport",
@@ -68,7 +54,6 @@ __all__ = [
     "RegistrationState",
     "Room",
     "Searching",
-    "SeenMarker",
     "SessionPlan",
     "SessionRecord",
     "SimulatedRoom",
@@ -81,12 +66,8 @@ __all__ = [
     "StereoSettings",
     "TakenMarker",
     "Waiting",
-    "camera_shared_m",
     "camera_text",
-    "choose",
-    "davinci_to_probe_home",
     "default_folder",
-    "focal_shared_m",
     "follow_session",
     "is_running",
     "point_pairs",
@@ -97,5 +78,4 @@ __all__ = [
     "session_folder",
     "spot_pairs",
     "target_pixels",
-    "trus_shared_m",
 ]

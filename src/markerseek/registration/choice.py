@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from scipy.special import chdtri
 
@@ -68,27 +69,21 @@ class SeenMarker:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Choice:
+class Choice(msgspec.Struct, frozen=True, kw_only=True):
     """Registration from all markers."""
 
     report: RegistrationReport | None
     """The registration by the chosen candidates; None if no set fits, or there are too few markers."""
-    chosen: Mapping[str, int]
-    """Number of the candidate of each marker that was chosen."""
+    decided: bool
+    """Whether the registration is accepted, and its set is certain enough."""
+    chosen: dict[str, int]
+    """Number of the candidate of each marker that was chosen, by name."""
     left_out: tuple[str, ...] = ()
     """Markers none of whose candidates fits."""
-    share: float = 1.0
-    """Probability of that set among all that fit."""
     open: tuple[str, ...] = ()
     """Markers for which another candidate, or none, is still too probable; more markers decide."""
     reason: str | None = None
     """Why there is no registration, or not for certain; None if there is."""
-
-    @property
-    def decided(self) -> bool:
-        """Whether there is a registration whose set is certain enough."""
-        return self.report is not None and self.report.registered and self.share >= MIN_SHARE
 
 
 def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, float] | None = None) -> Choice:
@@ -99,88 +94,80 @@ def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, 
     useful = [marker for marker in markers if marker.candidates]
     first = {marker.name: 0 for marker in useful}
     if len(useful) < MIN_POINTS:
-        return Choice(report=None, chosen=first, reason=f"{len(useful)} of {MIN_POINTS} markers")
-    fits: list[tuple[float, tuple[int | None, ...]]] = []
+        return Choice(report=None, decided=False, chosen=first, reason=f"{len(useful)} of {MIN_POINTS} markers")
+    fits: list[tuple[float, dict[str, int]]] = []
     """Sets that fit, and the logarithm of their probability but for a constant."""
     problem = ""
     apart = _distance_misfits(useful)
+    # Three more must agree, and most of all.
+    most_left_out = 0 if len(useful) == MIN_POINTS else max(1, (len(useful) - MIN_POINTS) // 2)
     # As few markers as possible are left out: one more only where no set without it fits.
-    for left_out in range(_most_left_out(len(useful)) + 1):
-        for numbers in _sets(useful, apart, left_out=left_out):
+    for left_out in range(most_left_out + 1):
+        for chosen in _sets(useful, apart, left_out=left_out):
             try:
-                found = registered_pairs(_pairs(useful, numbers))
+                found = registered_pairs(chosen_pairs(useful, chosen))
             except ConfigError as refusal:
                 problem = problem or str(refusal)
                 continue
             if found.probability >= MIN_PROBABILITY:
                 chi_squared = found.misfit * (3 * len(found.residuals_m) - 6)
-                fits.append((_log_prior(useful, numbers) - chi_squared / 2, numbers))
+                fits.append((_log_prior(useful, chosen) - chi_squared / 2, chosen))
         if fits:
             break
     if not fits:
-        return _unfit(useful, problem, target_trus_m)
+        return _unfit(useful, first, problem, target_trus_m)
     (best_log, best), *others = sorted(fits, key=lambda fit: -fit[0])
     share = 1 / (1 + sum(math.exp(log - best_log) for log, _ in others))
-    chosen = _chosen(useful, best)
+    report = register_pairs(chosen_pairs(useful, best), target_trus_m=target_trus_m)
+    left = tuple(name for name in first if name not in best)
+    if share >= MIN_SHARE:
+        return Choice(report=report, decided=report.registered, chosen=best, left_out=left)
     rivals = [other for log, other in others if log - best_log > math.log(1 - MIN_SHARE) - math.log(len(others))]
-    unsure = {
-        marker.name
-        for rival in rivals
-        for marker, mine, theirs in zip(useful, best, rival, strict=True)
-        if mine != theirs
-    }
-    left = tuple(marker.name for marker, number in zip(useful, best, strict=True) if number is None)
-    undecided = tuple(sorted(unsure)) if share < MIN_SHARE else ()
-    reason = None
-    if share < MIN_SHARE:
-        named = f"marker {' or '.join(undecided)}"
-        reason = f"{named} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
-    report = register_pairs(_pairs(useful, best), target_trus_m=target_trus_m)
-    return Choice(report=report, chosen=chosen, left_out=left, share=share, open=undecided, reason=reason)
+    unsure = tuple(sorted(name for name in first if any(best.get(name) != rival.get(name) for rival in rivals)))
+    reason = f"marker {' or '.join(unsure)} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
+    return Choice(report=report, decided=False, chosen=best, left_out=left, open=unsure, reason=reason)
 
 
-def _unfit(useful: Sequence[SeenMarker], problem: str, target_trus_m: tuple[float, float, float] | None) -> Choice:
+def _unfit(
+    useful: Sequence[SeenMarker],
+    first: dict[str, int],
+    problem: str,
+    target_trus_m: tuple[float, float, float] | None,
+) -> Choice:
     """Message if no set fits: why the most probable candidates do not."""
-    numbers = (0,) * len(useful)
     try:
-        report = register_pairs(_pairs(useful, numbers), target_trus_m=target_trus_m)
+        report = register_pairs(chosen_pairs(useful, first), target_trus_m=target_trus_m)
     except ConfigError as refusal:
-        return Choice(report=None, chosen=_chosen(useful, numbers), reason=problem or str(refusal))
-    return Choice(report=report, chosen=_chosen(useful, numbers), reason=report.reason)
-
-
-def _most_left_out(count: int) -> int:
-    """Most markers that may be left out: three more must agree, and most of all."""
-    return 0 if count <= MIN_POINTS else max(1, (count - MIN_POINTS) // 2)
+        return Choice(report=None, decided=False, chosen=first, reason=problem or str(refusal))
+    return Choice(report=report, decided=report.registered, chosen=first, reason=report.reason)
 
 
 def _sets(
     markers: Sequence[SeenMarker], apart: Float64[np.ndarray, "places places"], *, left_out: int
-) -> list[tuple[int | None, ...]]:
+) -> list[dict[str, int]]:
     """Sets of candidates that leave a number of markers out and whose distances fit, the likeliest of them.
 
     ``apart``: as of `_distance_misfits`.
     """
     used = len(markers) - left_out
-    if used < MIN_POINTS:
-        return []
     most = _MOST_APART * float(chdtri(3 * used - 6, MIN_PROBABILITY))
+    candidates: list[tuple[str, int]] = []
+    """Name and number of each that is tried, by its place in `apart`."""
     # Grown marker by marker: a set whose distances do not fit has no other that holds it.
-    grown: list[tuple[tuple[int | None, ...], tuple[int, ...]]] = [((), ())]
-    first = 0
+    grown: list[tuple[int, ...]] = [()]
     for number, marker in enumerate(markers):
-        places = range(first, first + min(len(marker.candidates), MOST_CANDIDATES))
+        first = len(candidates)
+        candidates += [(marker.name, each) for each in range(min(len(marker.candidates), MOST_CANDIDATES))]
         with_it = [
-            ((*numbers, place - first), (*taken, place))
-            for numbers, taken in grown
-            for place in places
-            if all(apart[before, place] <= most for before in taken)
+            (*places, place)
+            for places in grown
+            for place in range(first, len(candidates))
+            if all(apart[before, place] <= most for before in places)
         ]
-        without = [((*numbers, None), taken) for numbers, taken in grown if number - len(taken) < left_out]
+        without = [places for places in grown if number - len(places) < left_out]
         grown = [*with_it, *without]
-        first = places.stop
-    whole = [numbers for numbers, taken in grown if len(taken) == used]
-    return sorted(whole, key=lambda numbers: -_log_prior(markers, numbers))[:_MOST_SETS]
+    whole = [dict(candidates[place] for place in places) for places in grown if len(places) == used]
+    return sorted(whole, key=lambda chosen: -_log_prior(markers, chosen))[:_MOST_SETS]
 
 
 def _distance_misfits(markers: Sequence[SeenMarker]) -> Float64[np.ndarray, "places places"]:
@@ -219,23 +206,14 @@ _TINY_M2 = 1e-12
 """A micrometre squared: two candidates of one marker have no distance, and no variance."""
 
 
-def _pairs(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> list[PointPair]:
-    return [marker.pair(number) for marker, number in zip(markers, numbers, strict=True) if number is not None]
-
-
 def chosen_pairs(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> list[PointPair]:
     """The points of the markers whose candidate was chosen."""
-    return _pairs(markers, [chosen.get(marker.name) for marker in markers])
+    return [marker.pair(chosen[marker.name]) for marker in markers if marker.name in chosen]
 
 
-def _log_prior(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> float:
+def _log_prior(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> float:
     """Logarithm of the probability of a set before the camera is asked."""
     shares = [
-        LEFT_OUT if number is None else marker.candidates[number].probability
-        for marker, number in zip(markers, numbers, strict=True)
+        marker.candidates[chosen[marker.name]].probability if marker.name in chosen else LEFT_OUT for marker in markers
     ]
     return sum(math.log(max(share, 1e-12)) for share in shares)
-
-
-def _chosen(markers: Sequence[SeenMarker], numbers: Sequence[int | None]) -> dict[str, int]:
-    return {marker.name: number for marker, number in zip(markers, numbers, strict=True) if number is not None}

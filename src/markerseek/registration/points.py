@@ -66,9 +66,10 @@ def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: Ste
     those with the laser off. ``searches``: their journals or results, each with the name of the marker. ``stereo``:
     calibration of the cameras. Raises `RecordError` if images show no spot that can be measured.
     """
-    names = [
-        [each.name for each in in_natural_order(folder.iterdir()) if each.is_dir()] for folder in _folders(left, right)
-    ]
+    for folder in (left, right):
+        if not folder.is_dir():
+            raise ConfigError(f"--frames: {folder} is no folder; name that of the left and that of the right camera")
+    names = [[each.name for each in in_natural_order(side.iterdir()) if each.is_dir()] for side in (left, right)]
     journals = sorted((path.stem for path in searches), key=natural)
     if not names[0] == names[1] == journals:
         raise ConfigError(
@@ -83,13 +84,6 @@ def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: Ste
         numbers = {"pixels": pixels, "spot_sigma_px": (max(sigma_px for _, sigma_px in spots),)}
         pairs.append(_pair(path.stem, numbers, path, stereo))
     return pairs
-
-
-def _folders(*paths: Path) -> tuple[Path, ...]:
-    for path in paths:
-        if not path.is_dir():
-            raise ConfigError(f"--frames: {path} is no folder; name that of the left and that of the right camera")
-    return paths
 
 
 MAX_IMAGES = 2000

@@ -25,6 +25,7 @@ from markerseek.registration.choice import Choice, SeenMarker, chosen_pairs
 from markerseek.registration.report import PointPair, default_target, registered_pairs, triple
 from markerseek.registration.shared_errors import seen_point, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
+from markerseek.rigs import Rig
 
 DRAWS = 4000
 """Poses that are drawn where rotations are open; a known registration needs a tenth."""
@@ -70,6 +71,9 @@ FAR_M = 35e-3
 _GRID = (24, 20)
 """Columns and rows of the places in the left image that are compared."""
 
+_USUAL_LATERAL_M = 15e-3
+"""Reach along the array of a probe whose array is not known."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reach:
@@ -90,6 +94,14 @@ class Reach:
         inside = (angle_deg > self.angles.low_deg + EDGE_DEG) & (angle_deg < self.angles.high_deg - EDGE_DEG)
         inside &= (radius_m > DEPTHS_M[0]) & (radius_m < DEPTHS_M[1]) & (np.abs(lateral_m) < self.lateral_m)
         return np.asarray(inside.astype(float))
+
+
+def reach_of(rig: Rig) -> Reach:
+    """Reach of a rig's probe: its search range, and four fifths of its array."""
+    lateral_m = _USUAL_LATERAL_M
+    if rig.imaging is not None:
+        lateral_m = 0.8 * float(rig.imaging.preset.array.lateral_m[-1])
+    return Reach(angles=rig.limits.search, lateral_m=lateral_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -249,15 +261,15 @@ class Poses:
                 continue
             trus_m = np.einsum("nij,nj->ni", self.rotations, points_m) + self.translations_m
             share = float(np.mean(reach.holds(*_polar(trus_m))))
-            place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=triple(camera_m), tre_m=None)
+            tre_m = None
             if self.registration is None:
                 worth = share * _new_span(spots_m, camera_m)
             elif share < IN_REACH:
                 continue
             else:
                 tre_m = self._tre_with(camera_m, left_px, right_px, cameras, stereo.calibration_sigma_px, target_trus_m)
-                place = Place(left_px=place.left_px, right_px=place.right_px, camera_m=place.camera_m, tre_m=tre_m)
                 worth = -tre_m
+            place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=triple(camera_m), tre_m=tre_m)
             found.append((worth, abs(float(np.median(_polar(trus_m)[0])) - probe_deg), place))
         if not found:
             return None
@@ -352,8 +364,9 @@ def _lines_of_sight(
     try:
         direct = stereo.left.undistort(pixels)
     except ConfigError:
-        # A distortion that cannot be inverted near the edges of the image.
-        pixels = pixels[_inner(pixels, (width, height))]
+        # A distortion that cannot be inverted near the edges of the image: its inner half.
+        size = np.array((width, height))
+        pixels = pixels[(np.abs(pixels - size / 2) < size / 4).all(axis=1)]
         direct = stereo.left.undistort(pixels)
     return [(pixel, np.array([x, y, 1.0])) for pixel, (x, y) in zip(pixels, direct, strict=True)]
 
@@ -366,11 +379,6 @@ def _seen_right(cameras: StereoCameras, camera_m: Float64[np.ndarray, " 3"]) -> 
     pixel = cameras.right.project(there_m[None])[0]
     inside = (pixel > EDGE_PX) & (pixel < np.array(cameras.right.size_px) - 1 - EDGE_PX)
     return pixel if inside.all() else None
-
-
-def _inner(pixels: Float64[np.ndarray, "pixels 2"], size_px: tuple[int, int]) -> Float64[np.ndarray, " pixels"]:
-    """Whether pixels lie in the inner half of an image."""
-    return np.asarray((np.abs(pixels - np.array(size_px) / 2) < np.array(size_px) / 4).all(axis=1))
 
 
 def _new_span(spots_m: Float64[np.ndarray, "spots 3"], camera_m: Float64[np.ndarray, " 3"]) -> float:

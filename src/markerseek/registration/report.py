@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeAlias
 
 import msgspec
 import numpy as np
 from scipy.special import chdtrc
 
 from markerseek._version import __version__
-from markerseek.core import Bool, ConfigError, Float64, RecordError
+from markerseek.core import ConfigError, Float64, RecordError
 from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, mirror_image_fre, register_points
 from markerseek.registration.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
+from markerseek.registration.stereo_files import StereoSettings
 
 MIN_PROBABILITY = 1e-3
 """Probability of residuals as large, or larger, below which points do not fit (a chi-squared test)."""
@@ -120,6 +122,11 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     points: list[PointReport]
     version: str = __version__
 
+    @property
+    def expected(self) -> str:
+        """The error that is to be expected, in words."""
+        return f"expected error at the target {1e3 * self.tre_m:.2f} mm, in 95 % below {1e3 * self.tre95_m:.2f} mm"
+
 
 FRAMES = {
     "davinci": "the left camera of the stereo endoscope: x to the right in the image, y down, z along the view",
@@ -144,21 +151,19 @@ def register_pairs(
     unknown = next((name for name in without if name not in names), None)
     if unknown is not None:
         raise ConfigError(f"--without is {unknown!r}, which is no point; there are {', '.join(names)}")
-    pairs = [pair for pair in pairs if pair.name not in without]
-    points = _Points.of(pairs)
-    weighed = points.camera_covariances is not None
-    found = points.registered(np.ones(len(pairs), dtype=bool))
-    left_out = points.without_each()
+    pairs = _alike([pair for pair in pairs if pair.name not in without])
+    found = registered_pairs(pairs)
+    weighed = pairs[0].trus_covariance_m2 is not None
     fit = _Fit.of(found, len(pairs), weighed=weighed)
-    rests = {
-        pair.name: _Fit.of(out[1], len(pairs) - 1, weighed=weighed)
-        for pair, out in zip(pairs, left_out, strict=True)
-        if out is not None
-    }
-    worst = _worst([pair.name for pair in pairs], found, rests)
-    mirror_fre_m = mirror_image_fre(points.camera_m, points.trus_m)
-    reason = None if fit.accepted else _refusal(found, fit, rests, worst, mirror_fre_m)
-    target = default_target(points.trus_m) if target_trus_m is None else target_trus_m
+    rests = _without_each(pairs)
+    rest_fits = {name: _Fit.of(rest, len(pairs) - 1, weighed=weighed) for name, rest in rests.items()}
+    # The point without which the others fit best; that of the largest residual if none can be left out.
+    farthest = pairs[int(np.argmax(found.distances_m))].name
+    worst = min(rest_fits, key=lambda name: rest_fits[name].chi_squared, default=farthest)
+    trus_m = np.array([pair.trus_m for pair in pairs])
+    mirror_fre_m = mirror_image_fre(np.array([pair.camera_m for pair in pairs]), trus_m)
+    reason = None if fit.accepted else _refusal(found, fit, rest_fits, worst, mirror_fre_m)
+    target = default_target(trus_m) if target_trus_m is None else target_trus_m
     return RegistrationReport(
         registered=reason is None,
         reason=reason,
@@ -184,9 +189,9 @@ def register_pairs(
                 camera_m=triple(pair.camera_m),
                 transformed_m=triple(pair.trus_m + residual_m),
                 residual_m=float(np.linalg.norm(residual_m)),
-                left_out_m=None if out is None else out[0],
+                left_out_m=_distance_m(pair, rests[pair.name]) if pair.name in rests else None,
             )
-            for pair, residual_m, out in zip(pairs, found.residuals_m, left_out, strict=True)
+            for pair, residual_m in zip(pairs, found.residuals_m, strict=True)
         ],
     )
 
@@ -200,60 +205,43 @@ def require_target(target_trus_m: Triple | None) -> None:
 
 def registered_pairs(pairs: Sequence[PointPair]) -> Registration:
     """The transform of point pairs with its covariance, not judged."""
-    return _Points.of(pairs).registered(np.ones(len(pairs), dtype=bool))
+    pairs = _alike(pairs)
+    camera_m = np.array([pair.camera_m for pair in pairs], dtype=float).reshape(-1, 3)
+    trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
+    weighed = bool(pairs) and pairs[0].trus_covariance_m2 is not None
+    known = bool(pairs) and pairs[0].camera_shared_m is not None
+    return register_points(
+        camera_m,
+        trus_m,
+        source_covariances_m2=np.array([pair.camera_covariance_m2 for pair in pairs]) if weighed else None,
+        target_covariances_m2=np.array([pair.trus_covariance_m2 for pair in pairs]) if weighed else None,
+        source_shared_m=np.array([pair.camera_shared_m for pair in pairs]) if known else focal_shared_m(camera_m),
+        target_shared_m=trus_shared_m(trus_m),
+    )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Points:
-    """Point pairs as arrays; the covariances are None unless all points have them in both frames."""
+def _alike(pairs: Sequence[PointPair]) -> list[PointPair]:
+    """The points without covariances unless all have both, and without shared errors unless all have them."""
+    if any(pair.trus_covariance_m2 is None or pair.camera_covariance_m2 is None for pair in pairs):
+        pairs = [replace(pair, trus_covariance_m2=None, camera_covariance_m2=None) for pair in pairs]
+    if any(pair.camera_shared_m is None for pair in pairs):
+        pairs = [replace(pair, camera_shared_m=None) for pair in pairs]
+    return list(pairs)
 
-    camera_m: Float64[np.ndarray, "points 3"]
-    trus_m: Float64[np.ndarray, "points 3"]
-    camera_covariances: Float64[np.ndarray, "points 3 3"] | None
-    trus_covariances: Float64[np.ndarray, "points 3 3"] | None
-    camera_shared: Float64[np.ndarray, "points 3 errors"]
-    trus_shared: Float64[np.ndarray, "points 3 errors"]
 
-    @classmethod
-    def of(cls, pairs: Sequence[PointPair]) -> _Points:
-        camera_m = np.array([pair.camera_m for pair in pairs], dtype=float).reshape(-1, 3)
-        trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
-        from_camera = [pair.camera_covariance_m2 for pair in pairs if pair.camera_covariance_m2 is not None]
-        from_trus = [pair.trus_covariance_m2 for pair in pairs if pair.trus_covariance_m2 is not None]
-        weighed = len(from_camera) == len(from_trus) == len(pairs) > 0
-        shared = [pair.camera_shared_m for pair in pairs if pair.camera_shared_m is not None]
-        return cls(
-            camera_m=camera_m,
-            trus_m=trus_m,
-            camera_covariances=np.array(from_camera) if weighed else None,
-            trus_covariances=np.array(from_trus) if weighed else None,
-            camera_shared=np.array(shared) if len(shared) == len(pairs) > 0 else focal_shared_m(camera_m),
-            trus_shared=trus_shared_m(trus_m),
-        )
+def _without_each(pairs: Sequence[PointPair]) -> dict[str, Registration]:
+    """The registration of the others, by the name of each point without which they determine one."""
+    rests = {}
+    for pair in pairs:
+        # The others may be too few, or lie on a line.
+        with suppress(ConfigError):
+            rests[pair.name] = registered_pairs([other for other in pairs if other is not pair])
+    return rests
 
-    def registered(self, chosen: Bool[np.ndarray, " points"]) -> Registration:
-        """The registration of some of the points."""
-        return register_points(
-            self.camera_m[chosen],
-            self.trus_m[chosen],
-            source_covariances_m2=None if self.camera_covariances is None else self.camera_covariances[chosen],
-            target_covariances_m2=None if self.trus_covariances is None else self.trus_covariances[chosen],
-            source_shared_m=self.camera_shared[chosen],
-            target_shared_m=self.trus_shared[chosen],
-        )
 
-    def without_each(self) -> list[tuple[float, Registration] | None]:
-        """Distance of each point from where the others put it, and their registration; None if they determine none."""
-        found: list[tuple[float, Registration] | None] = []
-        for number, (camera_m, trus_m) in enumerate(zip(self.camera_m, self.trus_m, strict=True)):
-            try:
-                rest = self.registered(np.arange(len(self.camera_m)) != number)
-            except ConfigError:
-                # The others are too few, or lie on a line.
-                found.append(None)
-            else:
-                found.append((float(np.linalg.norm(rest.transform.apply(camera_m) - trus_m)), rest))
-        return found
+def _distance_m(pair: PointPair, rest: Registration) -> float:
+    """Distance of a point from where a registration puts it."""
+    return float(np.linalg.norm(rest.transform.apply(pair.camera_m) - pair.trus_m))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,13 +272,6 @@ class _Fit:
     def accepted(self) -> bool:
         """Whether the points fit."""
         return self.probability >= MIN_PROBABILITY
-
-
-def _worst(names: Sequence[str], found: Registration, rests: Mapping[str, _Fit]) -> str:
-    """Point without which the others fit best; the largest residual where no point can be left out."""
-    if not rests:
-        return names[int(np.argmax(found.distances_m))]
-    return min(rests, key=lambda name: rests[name].chi_squared)
 
 
 def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: str, mirror_fre_m: float) -> str:
@@ -383,6 +364,28 @@ def davinci_to_probe_home(rows: Sequence[Sequence[float]]) -> RigidTransform:
     """The transform whose matrix has these rows, as in `RegistrationReport`."""
     matrix = np.array(rows, dtype=float)
     return RigidTransform(source="DaVinci", target="ProbeHome", rotation=matrix[:3, :3], translation_m=matrix[:3, 3])
+
+
+Pixel: TypeAlias = tuple[Float64[np.ndarray, " 2"], Float64[np.ndarray, "2 2"]]
+"""Column and row in an image, and their covariance in square pixels; they may be outside of the image."""
+
+
+def target_pixels(report: RegistrationReport, *, stereo: StereoSettings) -> tuple[Pixel, Pixel]:
+    """Return where the left and the right camera see the target of a registration.
+
+    Raises `ConfigError` if the registration is not accepted, or the target is behind a camera.
+    """
+    if report.davinci_to_trus is None:
+        raise ConfigError("the points do not fit, so that nobody knows where the target is in the images")
+    place_m, covariance_m2 = np.array(report.target_trus_m), np.array(report.target_covariance_m2)
+    seen = []
+    way = davinci_to_probe_home(report.davinci_to_trus).inverse(), stereo.cameras.left_to_right
+    for name, camera, step in zip(("left", "right"), (stereo.left, stereo.right), way, strict=True):
+        place_m, covariance_m2 = step.apply(place_m), step.rotation @ covariance_m2 @ step.rotation.T
+        if not place_m[2] > 0:
+            raise ConfigError(f"the target is behind the {name} camera; name another by --target-mm")
+        seen.append((camera.project(place_m[None])[0], camera.project_covariance(place_m, covariance_m2)))
+    return seen[0], seen[1]
 
 
 def read_registration(path: Path) -> KnownRegistration:

@@ -1,13 +1,34 @@
-"""Where a registration session takes place."""
+"""Where a registration session takes place: a rig of devices with a stereo endoscope, or a simulated room.
+
+In the simulated room somebody lights the place that is asked for.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
-from markerseek.core import StereoImages
-from markerseek.registration.steps import Waiting
+import msgspec
+import numpy as np
+
+from markerseek.core import Float64, StereoImages
+from markerseek.geometry import RigidTransform
+from markerseek.registration.poses import reach_of
+from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
+from markerseek.registration.shared_errors import FOCAL_LENGTH, trus_shared_m
+from markerseek.registration.steps import Registered, TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
-from markerseek.rigs import Rig
+from markerseek.rigs import Beside, Rig, movable
+from markerseek.sim import (
+    EndoscopeSettings,
+    SimulatedEndoscope,
+    SimulatedSettings,
+    camera_above,
+    endoscope,
+    on_tissue_m,
+)
 
 
 class Room(Protocol):
@@ -30,3 +51,215 @@ class Room(Protocol):
 
     def arm(self) -> None:
         """Arm the rig in the name of the person who is there: each search disarms it at its end."""
+
+
+BETWEEN_S = 1.0
+"""Time between two looks for a spot, in seconds: the laser fires in each."""
+
+
+@dataclass(slots=True, kw_only=True)
+class DeviceRoom:
+    """A `Room` of devices: a person lights the spots, and the laser fires once a second until the cameras see one."""
+
+    rig: Rig
+    """The rig, armed by a person."""
+    images: StereoImages
+    stereo: StereoSettings
+    by: str
+    """Who has armed the rig for the session: each search disarms it at its end."""
+    wait_s: float = 300.0
+    """Longest wait for a spot, in seconds; then the session ends."""
+    _waiting: tuple[str, float] = field(default=("", 0.0), init=False)
+
+    def ask(self, waiting: Waiting) -> bool:
+        """Look again in a moment, unless nobody has lit a spot for too long."""
+        clock = self.rig.scanner.clock
+        name, since_s = self._waiting
+        if name != waiting.name:
+            self._waiting = (waiting.name, clock.now_s())
+        elif clock.now_s() - since_s > self.wait_s:
+            return False
+        else:
+            clock.wait(BETWEEN_S)
+        return True
+
+    def arm(self) -> None:
+        """Arm the rig in the name of the person who armed it for the session."""
+        self.rig.arm(by=self.by)
+
+
+RELIEF_M = 5e-3
+"""Range of the heights of the tissue."""
+
+CAMERA_M = 0.1
+"""Distance of the endoscope from the tissue."""
+
+# A camera that looks straight down is turned by 180 deg about an axis across its view, whatever its roll, so that its
+# transform is nearly its own inverse (1.5 to 2.2 mm apart at the markers): one that is applied in the wrong direction
+# would not show. With a tilt like that of a 30 deg endoscope, and less roll, the two are 15 mm or more apart.
+CAMERA_TILT_DEG, CAMERA_ROLL_DEG = (25.0, 35.0), (-60.0, 60.0)
+"""Tilt of the line of sight against the tissue's normal, and rotation about it, in degrees; drawn evenly."""
+
+MISSED_M = 2e-3
+"""Standard deviation, along each axis, by which the simulated person misses the place that is asked for."""
+
+MOST_TRIES = 5
+"""How often the simulated person lights the same spot before giving up."""
+
+BY_HAND_S = (120.0, 420.0)
+"""Time of a search by hand for one registration: 2 to 3 minutes, and "as much as 7 min" (the paper)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedRoomSettings:
+    """Settings of a simulated operating room."""
+
+    rig: SimulatedSettings = field(default_factory=SimulatedSettings)
+    """The simulated rig; its marker is moved from place to place."""
+    pace: float = 0.0
+    """Real seconds per second of the rig's clock; 0 does not wait."""
+    beside: Beside | None = None
+    """Draws what is beside each marker; None: nothing but the clutter of the material."""
+    places_m: tuple[tuple[float, float], ...] | None = None
+    """Places (x, y) in the TRUS frame that are lit in turn, whatever is asked for; None: the places asked for."""
+
+
+class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
+    """What only a simulation knows of a session.
+
+    ``target_error_m`` is the true error at the target, None without a registration. ``marker_errors_m`` are the
+    distances of the chosen markers from where the spots were, without the errors that all share. ``by_hand_s`` is what
+    the paper gives for a search by hand.
+    """
+
+    simulated: bool
+    seed: int
+    target_error_m: float | None
+    marker_errors_m: dict[str, float]
+    rig_s: float
+    by_hand_s: tuple[float, float] = BY_HAND_S
+
+
+class SimulatedRoom:
+    """A `Room` in which everything is simulated.
+
+    ``seed``: of everything that is drawn.
+    """
+
+    def __init__(self, settings: SimulatedRoomSettings, *, seed: int) -> None:
+        self._settings, self._seed = settings, seed
+        rng = np.random.default_rng(seed)
+        self._rng = rng
+        self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace, beside=settings.beside)
+        self.rig: Rig = self._movable.rig
+        """The simulated rig; another one for each place of the marker."""
+        tissue_m = settings.rig.marker.radius_m
+        self._tissue_m = tissue_m
+        self.true = camera_above(
+            np.array([0.0, 0.0, tissue_m]),
+            distance_m=CAMERA_M,
+            roll_deg=rng.uniform(*CAMERA_ROLL_DEG),
+            tilt_deg=rng.uniform(*CAMERA_TILT_DEG),
+        )
+        """The true transform from the left camera to the probe."""
+        # Sound speed, face radius, zero of the angle and focal length are wrong, as a registration assumes of each.
+        drawn = rng.standard_normal(4)
+        self._shared = drawn[:3]
+        cameras = endoscope()
+        look = EndoscopeSettings()
+        self.stereo = StereoSettings.of(cameras, calibration_sigma_px=look.calibration_sigma_px)
+        """The calibration of the cameras."""
+        self.images = SimulatedEndoscope(
+            cameras=cameras,
+            camera_to_trus=self.true,
+            settings=look,
+            rng=rng,
+            clock=self.rig.scanner.clock,
+            flashes=lambda: len(self._movable.world.flashes),
+            focal_error=FOCAL_LENGTH * float(drawn[3]),
+        )
+        self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
+        self._turn, self._asked = 0, dict[str, int]()
+        self._recalled: set[str] = set()
+
+    def ask(self, waiting: Waiting) -> bool:
+        """Light the place that is asked for, or the next of the settings, as well as a person hits it."""
+        self._asked[waiting.name] = self._asked.get(waiting.name, 0) + 1
+        if self._asked[waiting.name] > MOST_TRIES:
+            return False
+        spot_m = self._spots_m.get(waiting.name)
+        if spot_m is None:
+            places = self._settings.places_m
+            if places is not None and self._turn >= len(places):
+                return False
+            spot_m = self._draw(waiting) if places is None else self._at(*places[self._turn])
+            self._turn += 1
+            self._spots_m[waiting.name] = spot_m
+        self._light(spot_m)
+        return True
+
+    def arm(self) -> None:
+        """Nothing to arm: no hardware is involved."""
+
+    def skip(self, taken: Sequence[TakenMarker]) -> None:
+        """Go on behind the markers of a session that is continued; their spots are where its cameras saw them."""
+        self._turn = len(taken)
+        self._recalled = {marker.name for marker in taken}
+        for marker in taken:
+            self._spots_m[marker.name] = self.true.apply(np.array(marker.camera_m))
+
+    def truth(self, state: Registered | None, taken: Sequence[TakenMarker], *, rig_s: float) -> SimulatedTruth:
+        """How far the registration and its markers are from the truth."""
+        report = None if state is None or not state.decided else state.report
+        chosen = {} if state is None else state.chosen
+        errors_m = {
+            marker.name: float(
+                np.linalg.norm(
+                    np.array(marker.candidates[chosen[marker.name]].position.position_m)
+                    - self._seen_m(self._spots_m[marker.name])
+                )
+            )
+            for marker in taken
+            if marker.name in chosen and marker.name not in self._recalled
+        }
+        return SimulatedTruth(
+            simulated=True,
+            seed=self._seed,
+            target_error_m=None if report is None else _error_m(report, self.true),
+            marker_errors_m=errors_m,
+            rig_s=rig_s,
+        )
+
+    def _light(self, spot_m: Float64[np.ndarray, " 3"]) -> None:
+        """Put the fibre there: the camera sees it, and the probe hears it where its errors put it."""
+        self.images.show(spot_m)
+        x, y, z = self._seen_m(spot_m).tolist()
+        self.rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
+
+    def _seen_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
+        """Where a probe whose sound speed, face radius and zero are wrong finds a spot."""
+        return np.asarray(spot_m + trus_shared_m(spot_m[None])[0] @ self._shared)
+
+    def _draw(self, waiting: Waiting) -> Float64[np.ndarray, " 3"]:
+        """Where the person lights the tissue: near the place that is asked for, else anywhere in reach."""
+        reach = reach_of(self.rig)
+        if waiting.place is None:
+            # Somewhere in the middle of what the probe can reach.
+            across_m = self._tissue_m * math.sin(math.radians(reach.angles.width_deg / 4))
+            return self._at(self._rng.uniform(-across_m, across_m), self._rng.uniform(-0.5, 0.5) * reach.lateral_m)
+        point_m = on_tissue_m(self.true, np.array(waiting.place.camera_m), height_m=self._tissue_m)
+        missed_m = MISSED_M * self._rng.standard_normal(2)
+        return self._at(point_m[0] + missed_m[0], point_m[1] + missed_m[1])
+
+    def _at(self, x_m: float, y_m: float) -> Float64[np.ndarray, " 3"]:
+        """A point of the tissue, whose height is uneven."""
+        return np.array([x_m, y_m, self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)])
+
+
+def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:
+    """How far the registration puts the target from where it is; None without a registration."""
+    if report.davinci_to_trus is None:
+        return None
+    target_m = np.array(report.target_trus_m)
+    found = davinci_to_probe_home(report.davinci_to_trus)
+    return float(np.linalg.norm(found.apply(true.inverse().apply(target_m)) - target_m))

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from typing import TypeVar
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     ConfigError,
@@ -28,11 +29,11 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
-from markerseek.registration.poses import Place, Poses, Prediction, Reach
+from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
 from markerseek.registration.report import registered_pairs, require_target, triple
 from markerseek.registration.room import Room
-from markerseek.registration.spots import SPOT_PAIRS, SpotFinder
+from markerseek.registration.spots import SPOT_PAIRS, SpotError, SpotFinder
 from markerseek.registration.steps import (
     Ended,
     MovedMarker,
@@ -45,7 +46,6 @@ from markerseek.registration.steps import (
     TakenMarker,
     Waiting,
 )
-from markerseek.rigs import Rig
 from markerseek.runs import Session, new_session, plan_on
 
 REGISTRATION_TOLERANCE_MM = 0.3
@@ -131,10 +131,8 @@ class RegistrationSession:
         self._curve: MarkerCurve | None = None
         self._refused: SpotRefused | None = None
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
-        self._choice = choose([])
-        """Of the markers so far; made once after each of them."""
         self._possible: Poses | None = None
-        """Possible poses of the cameras; drawn with the choice."""
+        """Possible poses of the cameras; drawn after each marker."""
         self._moved = False
         self.last: Registered | None = None
         """What they say together; None before the first."""
@@ -160,7 +158,7 @@ class RegistrationSession:
             state = self._state()
             yield self._recorded(state)
         if state.decided and self._plan.again:
-            yield from self._again()
+            yield from self._again(state)
         yield self._recorded(self._ended(state, in_time=in_time))
 
     @property
@@ -187,18 +185,24 @@ class RegistrationSession:
         return str(1 + max((int(marker.name) for marker in self.taken if marker.name.isdigit()), default=0))
 
     def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
-        """Look for the spot, search its marker, and look again; None if it has to be done once more."""
+        """Take a marker; None if it has to be done once more, which is said once as long as the reason is the same."""
+        try:
+            return (yield from self._taken(name, again))
+        except SpotError as problem:
+            refused = SpotRefused(name=name, reason=str(problem))
+        if refused != self._refused:
+            self._refused = refused
+            yield self._recorded(refused)
+        return None
+
+    def _taken(self, name: str, again: TakenMarker | None) -> Generator[Step, None, TakenMarker]:
+        """Look for the spot, search its marker, and look again; `SpotError` if it has to be done once more."""
         clock = self._room.rig.scanner.clock
         begun_s = clock.now_s()
         looked = self._spots.look()
-        problem, seen = looked.reason, None
-        if looked.spot is not None:
-            problem, seen = self._spots.seen(name, looked.spot)
-        if again is None and seen is not None:
-            problem = self._same_as_before(seen) or ""
-        if looked.spot is None or seen is None or problem:
-            yield from self._refuse(name, problem)
-            return None
+        seen = self._spots.seen(name, looked.spot)
+        if again is None:
+            self._require_new(seen)
         prediction = self._prediction(seen)
         journal = None if self._record is None else self._record.journal_path(name)
         yield self._recorded(
@@ -218,10 +222,7 @@ class RegistrationSession:
         result, finished = search.result(), search.view.finished
         assert finished is not None  # noqa: S101  a search that ends without is an error
         self._curve = result.curve or self._curve
-        moved = self._spots.moved(looked, later)
-        if moved is not None:
-            yield from self._refuse(name, moved)
-            return None
+        self._spots.require_still(looked, later)
         lit = [*search.view.samples, *([] if search.view.confirmation is None else [search.view.confirmation])]
         taken = TakenMarker(
             name=name,
@@ -264,19 +265,11 @@ class RegistrationSession:
                 search.journal.close()
         return later
 
-    def _refuse(self, name: str, reason: str) -> Generator[Step, None, None]:
-        """Say why there is no spot, once as long as it is the same."""
-        refused = SpotRefused(name=name, reason=reason)
-        if refused != self._refused:
-            self._refused = refused
-            yield self._recorded(refused)
-
-    def _same_as_before(self, seen: SeenMarker) -> str | None:
-        """Why this spot was taken before; None if it is a new one."""
+    def _require_new(self, seen: SeenMarker) -> None:
+        """Refuse a spot whose marker was taken before."""
         for marker in self.taken:
             if marker.candidates and np.linalg.norm(np.array(marker.camera_m) - seen.camera_m) < APART_M:
-                return f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm"
-        return None
+                raise SpotError(f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm")
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
         """Prediction for a spot from the markers so far; None if they allow none."""
@@ -296,7 +289,7 @@ class RegistrationSession:
         """Registration from all markers."""
         markers, rig = [marker.seen for marker in self.taken], self._room.rig
         missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
-        choice = self._choice = choose(markers, target_trus_m=self._plan.target_trus_m)
+        choice = choose(markers, target_trus_m=self._plan.target_trus_m)
         self._possible = Poses.of(markers, choice, reach_of(rig), missed_m=missed_m, rng=self._rng)
         place = None
         if self._possible is not None:
@@ -308,12 +301,7 @@ class RegistrationSession:
                 avoid_m=missed_m,
             )
         self.last = Registered(
-            report=choice.report,
-            decided=choice.decided,
-            chosen=dict(choice.chosen),
-            left_out=choice.left_out,
-            open=choice.open,
-            reason=choice.reason,
+            **structs.asdict(choice),
             place=place,
             done=self._is_done(choice, place),
             said=self._said(choice, place),
@@ -340,15 +328,14 @@ class RegistrationSession:
         left = f"; left out, because it does not fit: marker {', '.join(choice.left_out)}" if choice.left_out else ""
         if report is None or not report.registered:
             return f"not registered: {choice.reason}{left}"
-        tre = f"expected error at the target {1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm"
         if not choice.decided:
-            return f"not certain: {choice.reason}; {tre}"
+            return f"not certain: {choice.reason}; {report.expected}"
         if report.tre_m <= self._plan.goal_m:
-            return f"registered: {tre}{left}"
+            return f"registered: {report.expected}{left}"
         more = (
             "" if place is None or place.tre_m is None else f"; another marker lowers it to {1e3 * place.tre_m:.2f} mm"
         )
-        return f"registered: {tre}{more}{left}"
+        return f"registered: {report.expected}{more}{left}"
 
     def _asking(self, state: Registered) -> str:
         """What the person has to do now, in a sentence."""
@@ -357,9 +344,9 @@ class RegistrationSession:
         x_px, y_px = state.place.left_px
         return f"light the next spot near ({x_px:.0f}, {y_px:.0f}) px of the left image"
 
-    def _again(self) -> Generator[Step, None, None]:
+    def _again(self, state: Registered) -> Generator[Step, None, None]:
         """Measure the first marker that was chosen again."""
-        first = next(marker for marker in self.taken if marker.name in self._choice.chosen)
+        first = next(marker for marker in self.taken if marker.name in state.chosen)
         place = Place(
             left_px=first.spot.left_px,
             right_px=first.spot.right_px,
@@ -376,13 +363,12 @@ class RegistrationSession:
             return
         taken = yield from self._marker(f"{first.name}-again", again=first)
         if taken is not None and taken.candidates:
-            movement = self._movement(first, taken)
+            movement = self._movement(state.chosen, first, taken)
             self._moved = movement.moved
             yield self._recorded(movement)
 
-    def _movement(self, first: TakenMarker, again: TakenMarker) -> MovedMarker:
+    def _movement(self, chosen: dict[str, int], first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
-        chosen = self._choice.chosen
         transform = registered_pairs(chosen_pairs([marker.seen for marker in self.taken], chosen)).transform
         spots_m = transform.apply(np.array([first.camera_m, again.camera_m]))
         was, now = first.candidates[chosen[first.name]].position, again.candidates[0].position
@@ -409,13 +395,3 @@ class RegistrationSession:
 
 _MOVED_CHI_SQUARED = 16.27
 """Chi squared of three degrees of freedom that is exceeded by chance in one of 1,000."""
-
-_USUAL_LATERAL_M = 15e-3
-
-
-def reach_of(rig: Rig) -> Reach:
-    """Reach of a rig's probe: its search range, and four fifths of its array."""
-    lateral_m = _USUAL_LATERAL_M
-    if rig.imaging is not None:
-        lateral_m = 0.8 * float(rig.imaging.preset.array.lateral_m[-1])
-    return Reach(angles=rig.limits.search, lateral_m=lateral_m)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,11 +32,14 @@ _POLL_S = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Looked:
-    """What the cameras showed: the spot, or why there is none."""
+    """What the cameras showed."""
 
-    spot: Spot | None
-    reason: str = ""
+    spot: Spot
     dark: Sequence[StereoPair] = ()
+
+
+class SpotError(Exception):
+    """The images show no spot that can be measured, or the spot moved; a person is told, and lights it again."""
 
 
 class SpotFinder:
@@ -49,76 +52,68 @@ class SpotFinder:
         self._room, self._show = room, show
 
     def look(self) -> Looked:
-        """Look for the spot, with the laser on and off."""
+        """Look for the spot, with the laser on and off; `SpotError` if there is none."""
         self._room.arm()
         scanner, images = self._room.rig.scanner, self._room.images
         images.newest()
-        dark = self._collected(lambda pairs: len(pairs) >= DARK_PAIRS)
-        if len(dark) < DARK_PAIRS:
-            return Looked(
-                spot=None,
-                reason=f"{images.name}: {counted(len(dark), 'image pair')} came within {LOOK_S:g} s, {DARK_PAIRS} are "
-                "needed; check that both cameras send",
+        for dark in self._coming():
+            if len(dark) >= DARK_PAIRS:
+                break
+        else:
+            raise SpotError(
+                f"{images.name}: {counted(len(dark), 'image pair')} came within {LOOK_S:g} s, {DARK_PAIRS} are "
+                "needed; check that both cameras send"
             )
-
-        lit: list[StereoPair] = []
-
-        def enough(pairs: list[StereoPair]) -> bool:
-            nonlocal lit
+        for pairs in self._coming():
             scanner.light()
             lit = lit_pairs(pairs, dark)
-            return len(lit) >= SPOT_PAIRS
+            if len(lit) >= SPOT_PAIRS:
+                break
+        self._show((lit or dark)[-1])
+        return Looked(spot=self._measured(lit, dark), dark=dark)
 
-        self._collected(enough)
-        newest = (lit or dark)[-1]
-        self._show(newest)
-        return self._measured(lit, dark)
-
-    def _collected(self, enough: Callable[[list[StereoPair]], bool]) -> list[StereoPair]:
-        """Pairs that come until there are enough, or the time is over."""
+    def _coming(self) -> Iterator[list[StereoPair]]:
+        """The newest pairs, again and again until the time is over."""
         clock, pairs = self._room.rig.scanner.clock, list[StereoPair]()
         ends_s = clock.now_s() + LOOK_S
-        while not enough(pairs) and clock.now_s() < ends_s:
+        yield pairs
+        while clock.now_s() < ends_s:
             clock.wait(_POLL_S)
             pairs = [*pairs, *self._room.images.newest()][-4 * SPOT_PAIRS :]
-        return pairs
+            yield pairs
 
-    def _measured(self, lit: Sequence[StereoPair], dark: Sequence[StereoPair]) -> Looked:
-        """The spot in pairs with light; why there is none."""
+    def _measured(self, lit: Sequence[StereoPair], dark: Sequence[StereoPair]) -> Spot:
+        """The spot in pairs with light; `SpotError` if there is none."""
         if len(lit) < DARK_PAIRS:
-            return Looked(
-                spot=None,
-                dark=dark,
-                reason=f"no light is seen in {self._room.images.name} while the laser fires; point the fibre at tissue "
-                "in view of both cameras, and check that they do not block its wavelength",
+            raise SpotError(
+                f"no light is seen in {self._room.images.name} while the laser fires; point the fibre at tissue "
+                "in view of both cameras, and check that they do not block its wavelength"
             )
-        answers = {
-            side: find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
-            for side in ("left", "right")
-        }
         places, sigma_px = [], 0.0
-        for side, answer in answers.items():
+        for side in ("left", "right"):
+            answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
             if not isinstance(answer, LaserSpot):
-                return Looked(spot=None, dark=dark, reason=f"{side} camera: {answer.reason}")
+                raise SpotError(f"{side} camera: {answer.reason}")
             if answer.sigma_px is None:
-                return Looked(spot=None, dark=dark, reason=f"{side} camera: too few images show the spot")
+                raise SpotError(f"{side} camera: too few images show the spot")
             places.append((answer.x_px, answer.y_px))
             sigma_px = max(sigma_px, answer.sigma_px)
-        return Looked(spot=Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px), dark=dark)
+        return Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px)
 
-    def seen(self, name: str, spot: Spot) -> tuple[str, SeenMarker | None]:
-        """The spot in space; or why both images do not show one place."""
+    def seen(self, name: str, spot: Spot) -> SeenMarker:
+        """The spot in space; `SpotError` if both images do not show one place."""
+        stereo = self._room.stereo
         try:
             camera_m, covariance_m2, shared_m = seen_point(
                 np.array(spot.left_px),
                 np.array(spot.right_px),
-                self._room.stereo.cameras,
+                stereo.cameras,
                 spot_px=spot.sigma_px,
-                calibration_px=self._room.stereo.calibration_sigma_px,
+                calibration_px=stereo.calibration_sigma_px,
             )
         except ConfigError as problem:
-            return str(problem).removeprefix("point 1: "), None
-        return "", SeenMarker(
+            raise SpotError(str(problem).removeprefix("point 1: ")) from problem
+        return SeenMarker(
             name=name,
             candidates=(),
             camera_m=camera_m,
@@ -126,21 +121,25 @@ class SpotFinder:
             camera_shared_m=shared_m,
         )
 
-    def moved(self, looked: Looked, later: Sequence[StereoPair]) -> str | None:
-        """By how much the spot has moved during its search, in words; None if it stood still."""
-        assert looked.spot is not None  # noqa: S101  a search has a spot
-        after = self._measured(lit_pairs(later, looked.dark), looked.dark)
-        if after.spot is None:
-            after = self.look()
-        if after.spot is None:
-            return f"the spot was not seen after its search: {after.reason}"
-        sigma_px = math.hypot(looked.spot.sigma_px, after.spot.sigma_px)
+    def require_still(self, looked: Looked, later: Sequence[StereoPair]) -> None:
+        """Refuse a spot that has moved during its search; ``later``: the last pairs of the search."""
+        try:
+            after = self._after(looked, later)
+        except SpotError as problem:
+            raise SpotError(f"the spot was not seen after its search: {problem}") from problem
+        sigma_px = math.hypot(looked.spot.sigma_px, after.sigma_px)
         for side in ("left", "right"):
-            apart = np.subtract(getattr(looked.spot, f"{side}_px"), getattr(after.spot, f"{side}_px"))
+            apart = np.subtract(getattr(looked.spot, f"{side}_px"), getattr(after, f"{side}_px"))
             moved_px = float(np.linalg.norm(apart))
             if not moved_px <= MOVED_SIGMAS * sigma_px + MOVED_PX:
-                return (
+                raise SpotError(
                     f"the spot moved by {moved_px:.1f} px in the {side} image during its search, which it is known to "
                     f"within {sigma_px:.2f} px; hold laser, tissue and camera still"
                 )
-        return None
+
+    def _after(self, looked: Looked, later: Sequence[StereoPair]) -> Spot:
+        """The spot after its search, by a look of its own if the last pairs do not show it."""
+        try:
+            return self._measured(lit_pairs(later, looked.dark), looked.dark)
+        except SpotError:
+            return self.look().spot

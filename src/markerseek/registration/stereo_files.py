@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import configparser
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from markerseek.core import ConfigError, Float64, RecordError, is_finite, needs_package, require_range
 from markerseek.files import MIB, read_text, read_toml, settings_from
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
-from markerseek.registration.stereo_opencv import SUFFIXES, is_of_opencv, numbers_of, read_opencv
+from markerseek.vision import opencv
 
 _MAX_BYTES = MIB // 16
 """Largest calibration; one has 2 KB."""
@@ -31,7 +32,6 @@ _MAX_PX = 65_536
 
 _BASE_MM = (1.0, 100.0)
 """Distances between the cameras that an endoscope can have, in millimetres."""
-
 
 _COEFFICIENTS = (4, 5, 8, 12, 14)
 """Numbers of coefficients that OpenCV's models of distortion have."""
@@ -56,20 +56,27 @@ class StereoSettings:
         require_range("calibration_sigma_px", self.calibration_sigma_px, low=0, high=100, unit="px", open_low=True)
         if not np.isfinite(self.rotation_vector).all():
             raise ConfigError(f"rotation_vector is {self.rotation_vector}, it must be three finite numbers")
+        # The base is checked with the pair.
+        self.cameras  # noqa: B018
+
+    @classmethod
+    def of(cls, cameras: StereoCameras, *, calibration_sigma_px: float) -> Self:
+        """Settings of a pair of cameras."""
+        x, y, z = Rotation.from_matrix(cameras.left_to_right.rotation).as_rotvec().tolist()
+        shift_x, shift_y, shift_z = cameras.left_to_right.translation_m.tolist()
+        return cls(
+            left=cameras.left,
+            right=cameras.right,
+            rotation_vector=(x, y, z),
+            translation_m=(shift_x, shift_y, shift_z),
+            calibration_sigma_px=calibration_sigma_px,
+        )
 
     @property
     def cameras(self) -> StereoCameras:
         """The pair of cameras."""
-        return StereoCameras(
-            left=self.left,
-            right=self.right,
-            left_to_right=RigidTransform(
-                source="Left",
-                target="Right",
-                rotation=Rotation.from_rotvec(self.rotation_vector).as_matrix(),
-                translation_m=np.array(self.translation_m, dtype=float),
-            ),
-        )
+        turn = Rotation.from_rotvec(self.rotation_vector).as_matrix()
+        return _pair(self.left, self.right, turn, np.array(self.translation_m, dtype=float))
 
 
 def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = None) -> StereoSettings:
@@ -79,43 +86,45 @@ def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = N
     (``cv2.FileStorage``: YAML, XML or JSON), or the YAML files of ROS of the left and of the right camera.
     ``calibration_sigma_px``: error of the calibration, which only a TOML file states.
     """
-    suffixes = [path.suffix.lower() for path in paths]
-    if len(paths) in {1, 2} and set(suffixes) <= SUFFIXES:
+    suffixes = {path.suffix.lower() for path in paths}
+    if len(paths) in {1, 2} and suffixes <= {".yml", ".yaml", ".xml", ".json"}:
         texts = [_text(path) for path in paths]
-        if all(map(is_of_opencv, paths, texts)):
-            found = read_opencv(paths, texts)
-            return _settings(_named(paths), lambda: _of_opencv(found, calibration_sigma_px))
-    if len(paths) == 2 and set(suffixes) <= {".yaml", ".yml"}:
-        left, right = (_read_camera_info(path) for path in paths)
-        return _settings(_named(paths), lambda: _of_camera_infos(left, right, calibration_sigma_px))
-    if len(paths) != 1 or suffixes[0] in {".yaml", ".yml"}:
+        if all(map(_is_of_opencv, paths, texts)):
+            numbers = _read_opencv(paths, texts)
+            with _naming(*paths):
+                return _settings(_of_opencv(numbers), calibration_sigma_px)
+        if len(paths) == 2 and suffixes <= {".yml", ".yaml"}:
+            left, right = map(_read_camera_info, paths, texts)
+            with _naming(*paths):
+                return _settings(_of_camera_infos(left, right), calibration_sigma_px)
+    if len(paths) != 1 or suffixes <= {".yml", ".yaml"}:
         raise ConfigError(
             f"{_named(paths)}: a calibration is one .toml or .ini file, one or two of OpenCV (.yml, .xml, .json), "
             "or two .yaml files of ROS, the left camera's first; name it so"
         )
     (path,) = paths
-    if suffixes[0] == ".ini":
+    if suffixes == {".ini"}:
         sections = _read_ini(path)
-        return _settings(str(path), lambda: _of_ini(sections, calibration_sigma_px))
+        with _naming(path):
+            return _settings(_of_ini(sections), calibration_sigma_px)
     table = read_toml(path, what="stereo calibration")
     if calibration_sigma_px is not None:
         raise ConfigError(f"{path}: it states calibration_sigma_px itself; leave --calibration-sigma-px out")
-    return _settings(str(path), lambda: settings_from(table, StereoSettings))
+    with _naming(path):
+        return settings_from(table, StereoSettings)
 
 
 def _named(paths: Sequence[Path]) -> str:
     return " and ".join(map(str, paths))
 
 
-def _settings(name: str, make: Callable[[], StereoSettings]) -> StereoSettings:
-    """The settings that are made, checked with their base; `ConfigError` names the file."""
+@contextmanager
+def _naming(*paths: Path) -> Iterator[None]:
+    """Put the names of the files before the message of a `ConfigError`."""
     try:
-        settings = make()
-        # The base is checked with the pair.
-        settings.cameras  # noqa: B018
+        yield
     except ConfigError as problem:
-        raise ConfigError(f"{name}: {problem}") from problem
-    return settings
+        raise ConfigError(f"{_named(paths)}: {problem}") from problem
 
 
 def _text(path: Path) -> str:
@@ -128,28 +137,22 @@ def _text(path: Path) -> str:
         raise ConfigError(str(problem)) from problem
 
 
-def _pair(
-    left: Camera,
-    right: Camera,
-    turn: Float64[np.ndarray, "3 3"],
-    shift_m: Float64[np.ndarray, " 3"],
-    calibration_sigma_px: float | None,
-) -> StereoSettings:
-    """A pair of cameras from a file that does not say how good its calibration is."""
+def _settings(cameras: StereoCameras, calibration_sigma_px: float | None) -> StereoSettings:
+    """Settings from a file that does not say how good its calibration is."""
     if calibration_sigma_px is None:
         raise ConfigError(
             "the file does not say how good the calibration is; name the reprojection error of points that were not "
             "used for it by --calibration-sigma-px, 0.2 is usual"
         )
-    x, y, z = Rotation.from_matrix(turn).as_rotvec().tolist()
-    shift_x, shift_y, shift_z = shift_m.tolist()
-    return StereoSettings(
-        left=left,
-        right=right,
-        rotation_vector=(x, y, z),
-        translation_m=(shift_x, shift_y, shift_z),
-        calibration_sigma_px=calibration_sigma_px,
-    )
+    return StereoSettings.of(cameras, calibration_sigma_px=calibration_sigma_px)
+
+
+def _pair(
+    left: Camera, right: Camera, turn: Float64[np.ndarray, "3 3"], shift_m: Float64[np.ndarray, " 3"]
+) -> StereoCameras:
+    """A pair of cameras; rotation and translation are from the left one's frame to the right one's."""
+    to_right = RigidTransform(source="Left", target="Right", rotation=turn, translation_m=shift_m)
+    return StereoCameras(left=left, right=right, left_to_right=to_right)
 
 
 def _camera(of: str, matrix: Sequence[float], coefficients: Sequence[float], size: Sequence[float]) -> Camera:
@@ -195,28 +198,101 @@ def _in_metres(shift: Sequence[float]) -> Float64[np.ndarray, " 3"]:
     )
 
 
-def _of_opencv(found: dict[str, Float64[np.ndarray, " numbers"]], calibration_sigma_px: float | None) -> StereoSettings:
-    """Settings of the numbers of OpenCV's files, whose lengths have the unit of the calibration target."""
+_Numbers: TypeAlias = dict[str, Float64[np.ndarray, " numbers"]]
+"""What ``cv2.FileStorage`` holds, by its names of `_OPENCV_NAMES`; matrices row by row."""
+
+_OPENCV_NAMES: dict[str, tuple[str, ...]] = {
+    "left camera matrix": ("M1", "K1", "cameraMatrix1", "camera_matrix_1", "camera_matrix_left", "cameraMatrixL"),
+    "left distortion": ("D1", "distCoeffs1", "dist_coeffs_1", "dist_coeffs_left", "distCoeffsL", "D_left"),
+    "right camera matrix": (
+        "M2", "K2", "cameraMatrix2", "camera_matrix_2", "camera_matrix_right", "cameraMatrixR",
+    ),
+    "right distortion": ("D2", "distCoeffs2", "dist_coeffs_2", "dist_coeffs_right", "distCoeffsR", "D_right"),
+    "rotation": ("R", "rotation", "R_stereo"),
+    "translation": ("T", "translation", "T_stereo"),
+    "size of the images": ("imageSize", "image_size", "size", "image_width", "imageWidth", "width"),
+    "height of the images": ("image_height", "imageHeight", "height"),
+}  # fmt: skip
+"""What is read, and its names: of OpenCV's ``stereo_calib``, of its documentation, and of what people write."""
+
+
+def _is_of_opencv(path: Path, text: str) -> bool:
+    """Whether a text is that of ``cv2.FileStorage``; YAML may be of ROS."""
+    return path.suffix.lower() in {".xml", ".json"} or "opencv-matrix" in text or text.startswith("%YAML:1.0")
+
+
+def _read_opencv(paths: Sequence[Path], texts: Sequence[str]) -> _Numbers:
+    """Numbers by their names of `_OPENCV_NAMES`, from one file or from several that have a part each; row by row.
+
+    Raises `ConfigError` if a file cannot be read.
+    """
+    cv2 = opencv(f"{paths[0]}: it")
+    found: _Numbers = {}
+    for path, text in zip(paths, texts, strict=True):
+        others: list[str] = []
+        try:
+            storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+            for what, names in _OPENCV_NAMES.items():
+                nodes = [node for node in map(storage.getNode, names) if not node.empty()]
+                if not nodes:
+                    continue
+                numbers = np.array(_numbers(nodes[0]), dtype=np.float64)
+                if not np.array_equal(numbers, found.setdefault(what, numbers), equal_nan=True):
+                    others.append(what)
+        # OpenCV's own error comes wrapped in others.
+        except (cv2.error, SystemError, TypeError, ValueError, RecursionError) as problem:
+            raise ConfigError(f"{path}: OpenCV cannot read it; save the calibration again") from problem
+        if others:
+            raise ConfigError(
+                f"{path}: the {others[0]} differs from that of {paths[0]}; name the files of one calibration only"
+            )
+    return found
+
+
+def _numbers_of(found: _Numbers, what: str, *counts: int) -> list[float]:
+    """The numbers of one name; `ConfigError` if they are missing, or their count is another."""
+    names = ", ".join(_OPENCV_NAMES[what])
+    if what not in found:
+        raise ConfigError(f"the {what} is missing; it is read as one of: {names}")
+    numbers = found[what]
+    if numbers.size not in counts or not np.isfinite(numbers).all():
+        many = " or ".join(map(str, counts))
+        raise ConfigError(f"the {what} ({names}) holds {numbers.size} numbers, {many} finite ones are expected")
+    values: list[float] = numbers.tolist()
+    return values
+
+
+def _numbers(node: Any) -> list[float]:
+    """The numbers of a matrix, or of lists of lists."""
+    if node.isSeq():
+        return [number for index in range(node.size()) for number in _numbers(node.at(index))]
+    if node.isMap():
+        return [float(number) for number in np.ravel(node.mat())]
+    return [float(node.real())]
+
+
+def _of_opencv(found: _Numbers) -> StereoCameras:
+    """The pair of OpenCV's files, whose lengths have the unit of the calibration target."""
     if "size of the images" not in found:
         raise ConfigError(
             "the size of the images is missing; add two lines to the file, image_width: 1280 and image_height: 1024, "
             "in its own notation"
         )
     if found["size of the images"].size > 1:
-        size = numbers_of(found, "size of the images", 2)
+        size = _numbers_of(found, "size of the images", 2)
     else:
-        size = [found["size of the images"].item(), *numbers_of(found, "height of the images", 1)]
+        size = [found["size of the images"].item(), *_numbers_of(found, "height of the images", 1)]
     left, right = (
         _camera(
             f"the {side}",
-            numbers_of(found, f"{side} camera matrix", 9),
-            numbers_of(found, f"{side} distortion", *_COEFFICIENTS),
+            _numbers_of(found, f"{side} camera matrix", 9),
+            _numbers_of(found, f"{side} distortion", *_COEFFICIENTS),
             size,
         )
         for side in ("left", "right")
     )
-    turn = _rotation("rotation (R)", numbers_of(found, "rotation", 9))
-    return _pair(left, right, turn, _in_metres(numbers_of(found, "translation", 3)), calibration_sigma_px)
+    turn = _rotation("rotation (R)", _numbers_of(found, "rotation", 9))
+    return _pair(left, right, turn, _in_metres(_numbers_of(found, "translation", 3)))
 
 
 def _read_ini(path: Path) -> configparser.ConfigParser:
@@ -229,8 +305,8 @@ def _read_ini(path: Path) -> configparser.ConfigParser:
     return parser
 
 
-def _of_ini(sections: configparser.ConfigParser, calibration_sigma_px: float | None) -> StereoSettings:
-    """Settings of the sections StereoLeft and StereoRight: lengths in millimetres, distortion k1, k2, p1, p2, k3."""
+def _of_ini(sections: configparser.ConfigParser) -> StereoCameras:
+    """The pair of the sections StereoLeft and StereoRight: lengths in millimetres, distortion k1, k2, p1, p2, k3."""
     for name in ("StereoLeft", "StereoRight"):
         if name not in sections:
             raise ConfigError(f"the section [{name}] is missing; a StereoCalibrationDVRK.ini has it")
@@ -255,7 +331,7 @@ def _of_ini(sections: configparser.ConfigParser, calibration_sigma_px: float | N
             )
     turn = _rotation("[StereoRight] R_0 to R_8", numbers("StereoRight", *turns))
     shift_m = _in_metres(numbers("StereoRight", *shifts))
-    return _pair(camera("StereoLeft"), camera("StereoRight"), turn, shift_m, calibration_sigma_px)
+    return _pair(camera("StereoLeft"), camera("StereoRight"), turn, shift_m)
 
 
 class _CameraInfo(NamedTuple):
@@ -275,22 +351,20 @@ _NAMES = {
 """Names in a calibration file and in a message that was printed, of ROS 1 and ROS 2."""
 
 
-def _read_camera_info(path: Path) -> _CameraInfo:
+def _read_camera_info(path: Path, text: str) -> _CameraInfo:
     with needs_package("pyyaml", extra="vision", purpose=f"{path}: it", module="yaml"):
         import yaml
     try:
         # Into texts, lists and tables only: no tag of a file is followed. A message that was printed ends with the line
         # "---" behind it.
-        documents = [each for each in yaml.load_all(_text(path), Loader=yaml.BaseLoader) if each]
+        documents = [each for each in yaml.load_all(text, Loader=yaml.BaseLoader) if each]
     except (yaml.YAMLError, RecursionError, ValueError) as problem:
         reason = " ".join(str(problem).split())[:200]
         raise ConfigError(f"{path}: it cannot be read as YAML: {reason}; save the camera_info again") from problem
     if len(documents) != 1 or not isinstance(documents[0], Mapping):
         raise ConfigError(f"{path}: it holds {len(documents)} messages, or none of a camera; save one camera_info")
-    try:
+    with _naming(path):
         return _camera_info(documents[0])
-    except ConfigError as problem:
-        raise ConfigError(f"{path}: {problem}") from problem
 
 
 def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
@@ -344,16 +418,15 @@ def _part(table: Mapping[str, Any], axis: str, whole: str) -> tuple[int, int, in
     return first, length or size, joined
 
 
-def _of_camera_infos(left: _CameraInfo, right: _CameraInfo, calibration_sigma_px: float | None) -> StereoSettings:
-    """Settings of a pair: both are turned into one rectified frame, in which the right one is shifted along x."""
+def _of_camera_infos(left: _CameraInfo, right: _CameraInfo) -> StereoCameras:
+    """Both cameras are turned into one rectified frame, in which the right one is shifted along x."""
     if left.shift_m != 0 or not right.shift_m < 0:
         raise ConfigError(
             f"their projection matrices shift them by {left.shift_m:g} and {right.shift_m:g} m, a left camera has 0, "
             "the right one less; exchange the files, or calibrate the cameras together"
         )
-    turn = right.turn.T @ left.turn
     shift_m = right.turn.T @ np.array([right.shift_m, 0.0, 0.0])
-    return _pair(left.camera, right.camera, turn, shift_m, calibration_sigma_px)
+    return _pair(left.camera, right.camera, right.turn.T @ left.turn, shift_m)
 
 
 def _values(table: Mapping[str, Any], name: str, *counts: int) -> tuple[float, ...]:

@@ -1,51 +1,32 @@
-from .bench_rig import bench, bench_part
-from .moved_marker import Beside, MovableMarker, marker_scene, movable
-from .probe_file import blanked_samples, chosen_probe, preset_of, probe_facts, read_recording, with_probe_facts
-from .replay import replayed
-from .rig import (
-    BenchRecipe,
-    Recipe,
-    ReplayedRecipe,
-    Rig,
-    SimulatedRecipe,
-    fingerprint,
-)
-from .rig_file import read_rig_file, read_simulated
-from .scene import Scene, draw_scene, image_peak, image_reader, largest_count, scene_curve, scene_of
-from .simulated_devices import USUAL_CELLS, of_intensities, rig_in_world
-from .simulation import simulated
-
-__all__ = [
-    "USUAL_CELLS",
-    "BenchRecipe",
-    "Beside",
-    "MovableMarker",
-    "Recipe",
-    "ReplayedRecipe",
-    "Rig",
-    "Scene",
-    "SimulatedRecipe",
-    "bench",
-    "bench_part",
-    "blanked_samples",
-    "chosen_probe",
-    "draw_scene",
-    "fingerprint",
-    "image_peak",
-    "image_reader",
-    "largest_count",
-    "marker_scene",
-    "movable",
-    "of_intensities",
-    "preset_of",
-    "probe_facts",
-    "read_recording",
-    "read_rig_file",
-    "read_simulated",
-    "replayed",
-    "rig_in_world",
-    "scene_curve",
-    "scene_of",
-    "simulated",
-    "with_probe_facts",
-]
+from .bench_rig import bench as bench
+from .bench_rig import bench_part as bench_part
+from .probe_file import blanked_samples as blanked_samples
+from .probe_file import chosen_probe as chosen_probe
+from .probe_file import preset_of as preset_of
+from .probe_file import probe_facts as probe_facts
+from .probe_file import read_recording as read_recording
+from .probe_file import with_probe_facts as with_probe_facts
+from .replay import replayed as replayed
+from .rig import BenchRecipe as BenchRecipe
+from .rig import Recipe as Recipe
+from .rig import ReplayedRecipe as ReplayedRecipe
+from .rig import Rig as Rig
+from .rig import SimulatedRecipe as SimulatedRecipe
+from .rig import fingerprint as fingerprint
+from .rig import read_rig_file as read_rig_file
+from .rig import read_simulated as read_simulated
+from .scene import Scene as Scene
+from .scene import draw_scene as draw_scene
+from .scene import image_peak as image_peak
+from .scene import image_reader as image_reader
+from .scene import largest_count as largest_count
+from .scene import scene_curve as scene_curve
+from .scene import scene_of as scene_of
+from .simulation import USUAL_CELLS as USUAL_CELLS
+from .simulation import Beside as Beside
+from .simulation import MovableMarker as MovableMarker
+from .simulation import marker_scene as marker_scene
+from .simulation import movable as movable
+from .simulation import of_intensities as of_intensities
+from .simulation import rig_in_world as rig_in_world
+from .simulation import simulated as simulated

@@ -1,10 +1,14 @@
-"""The type of an assembled rig (devices, scanner, facts), its fingerprint, and its recipe in a journal."""
+"""The type of an assembled rig (devices, scanner, facts), its fingerprint, its recipe in a journal, and its rig file.
+
+A rig file (TOML) becomes the settings of a rig; its keys have the names of the Python fields.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias
 
 import msgspec
@@ -12,6 +16,7 @@ import msgspec
 from markerseek._closing import Closing
 from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, Stage
 from markerseek.drivers import BenchSettings, bench_settings_from
+from markerseek.files import read_toml, settings_from
 from markerseek.guard import Limits
 from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat
 from markerseek.rigs.probe_file import probe_facts
@@ -159,3 +164,43 @@ class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
 
 Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe | BenchRecipe
 """Recipe of any kind of rig."""
+
+
+KINDS = ("simulated", "bench")
+"""Kinds of rig that a file can describe."""
+
+
+def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
+    """Settings of the rig in a file.
+
+    ``path``: TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other
+    keys are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, for example no lens. A
+    receiver's folder is relative to the rig file, and the module of a foreign driver is looked for beside it and
+    imported: a rig file can run code.
+    """
+    table = read_toml(path, what="rig file")
+    if "policies" in table:
+        raise ConfigError(f"{path}: it has policies, so it is a study file; run 'markerseek study'")
+    if "kind" not in table:
+        raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
+    # Removed here, because it selects the settings that know the other keys.
+    kind = table.pop("kind")
+    if kind not in KINDS:
+        raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(KINDS)}")
+    try:
+        if kind == "simulated":
+            return settings_from(table, SimulatedSettings)
+        return bench_settings_from(table, beside=str(path.parent.absolute()))
+    except ConfigError as problem:
+        raise ConfigError(f"{path}: {problem}") from problem
+
+
+def read_simulated(path: Path | None, *, cure: str) -> SimulatedSettings:
+    """Settings of the simulated rig in a file; the defaults without a file.
+
+    ``cure``: advice for the message if the file describes a rig of real devices.
+    """
+    settings = SimulatedSettings() if path is None else read_rig_file(path)
+    if not isinstance(settings, SimulatedSettings):
+        raise ConfigError(f"{path}: its kind is bench; {cure}")
+    return settings

@@ -1,23 +1,152 @@
-"""Assembles simulated rigs with frames of channel data."""
+"""Assembles simulated rigs: in a world of channel data or of intensities, or with a spot of light that is moved.
+
+A spot of light is moved while the rig runs, as in a registration.
+"""
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import SupportsFloat, SupportsIndex
+from typing import SupportsFloat, SupportsIndex, TypeAlias
 
 import numpy as np
 
-from markerseek.core import ConfigError, SimulationOptions
-from markerseek.rigs.rig import Rig, SimulatedRecipe
-from markerseek.rigs.rig_file import read_simulated
+from markerseek.acoustics import Absorber
+from markerseek.core import ConfigError, RigFacts, SimulationOptions
+from markerseek.guard import Admission, FiringLimits, Guard
+from markerseek.rigs.rig import Rig, SimulatedRecipe, fingerprint, read_simulated, with_probe
 from markerseek.rigs.scene import Scene, draw_scene, image_reader
-from markerseek.rigs.simulated_devices import require_seed, rig_in_world
+from markerseek.scan import Scanner
+from markerseek.signals import IntensityReader
 from markerseek.sim import (
+    CurveWorld,
+    IntensityCurve,
+    SimulatedLaser,
+    SimulatedReceiver,
     SimulatedSettings,
+    SimulatedStage,
+    SimulatedWorld,
     VirtualClock,
+    World,
     with_options,
 )
+
+DARK_FRAMES = 3
+"""Number of frames without laser before a checked search, on a rig that can take them."""
+
+USUAL_CELLS = 460_000
+"""Approximate number of independent envelope cells in an image of the simulated probe."""
+
+
+def require_seed(seed: SupportsIndex) -> int:
+    """The seed as a checked int; journals and banks store 63 bits."""
+    # bool is an int in Python, and seed=True is a mistake.
+    whole = isinstance(seed, SupportsIndex) and not isinstance(seed, bool)
+    if not whole or not 0 <= operator.index(seed) < 2**63:
+        raise ConfigError(f"seed is {seed!r}, it must be a whole number from 0 to 2**63 - 1")
+    return operator.index(seed)
+
+
+def rig_in_world(
+    world: SimulatedWorld,
+    settings: SimulatedSettings,
+    what: str,
+    *,
+    truth_deg: float | None,
+    rng: np.random.Generator,
+    seed: int | None = None,
+    clock: VirtualClock | None = None,
+    recipe: SimulatedRecipe | None = None,
+    resumed_after: int = 0,
+) -> Rig:
+    """Assemble simulated devices in a world.
+
+    ``settings``: settings of stage, laser, receiver and limits. ``what``: what is simulated, for its description.
+    ``rng``: random generator of the world. ``seed``: its seed, if known. ``clock``: None: a new one, which does not
+    wait. ``recipe``: arguments that make the same rig again, for a journal. ``resumed_after``: as in `simulated`.
+    """
+    if resumed_after:
+        rng.bit_generator.state = np.random.PCG64((seed or 0, resumed_after)).state
+    clock = clock or VirtualClock()
+    imaging = None
+    if not isinstance(world, CurveWorld):
+        # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
+        imaging = image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz)
+    stage = SimulatedStage(world=world, clock=clock, motion=settings.stage, travel=settings.limits.travel)
+    laser = SimulatedLaser(world=world, clock=clock, light=settings.laser, probe_deg=stage.probe_deg, rng=rng)
+    receiver = SimulatedReceiver(
+        world=world,
+        clock=clock,
+        readout_s=settings.receiver.readout_s,
+        meter_noise=settings.laser.energy_meter_noise,
+        frame_period_s=settings.receiver.frame_period_s,
+        rng=rng,
+    )
+    scanner = Scanner(
+        stage=stage,
+        laser=laser,
+        receiver=receiver,
+        reader=imaging or IntensityReader(),
+        clock=clock,
+        guard=Guard(limits=settings.limits, firing=FiringLimits(), admission=Admission()),
+        pulses=settings.laser.pulses,
+        # A simulated laser emits no light, so that no person has to arm the rig.
+        arms_itself=True,
+    )
+    facts = RigFacts(
+        kind="simulated",
+        description=f"{what}, peak SNR {settings.noise.peak_snr_db:g} dB" + ("" if seed is None else f", seed {seed}"),
+        fingerprint=fingerprint(settings),
+        search=settings.limits.search,
+        face_radius_m=settings.probe.face_radius_m,
+        truth_deg=truth_deg,
+        seed=seed,
+    )
+    return Rig(
+        facts=with_probe(facts, imaging),
+        stage=stage,
+        laser=laser,
+        receiver=receiver,
+        scanner=scanner,
+        imaging=imaging,
+        dark_frames=DARK_FRAMES,
+        recipe=recipe,
+    )
+
+
+def of_intensities(
+    *,
+    seed: int,
+    curve: IntensityCurve | None,
+    marker_deg: float,
+    cells: int = USUAL_CELLS,
+    settings: SimulatedSettings | None = None,
+    noise_stated: bool = True,
+) -> Rig:
+    """A simulated rig that returns intensities instead of frames, hundreds of times faster, for studies.
+
+    Stage, laser, noise level and limits come from the settings; tissue and probe are contained in the curve.
+    Intensities are in units of the noise's standard deviation. A reading has no lateral position or depth, and its
+    noise level is exact.
+
+    ``seed``: seed of noise and energy. ``curve``: noise-free intensity over the angle off the marker; None: no source.
+    ``cells``: independent envelope cells of an image. ``noise_stated``: whether dark frames can be taken, and each
+    frame states noise and cells; if false, the rig gives as much as a CSV of intensities.
+    """
+    settings = settings or SimulatedSettings()
+    rng = np.random.default_rng(require_seed(seed))
+    world = CurveWorld(settings, curve=curve, marker_deg=marker_deg, cells=cells, rng=rng, noise_stated=noise_stated)
+    rig = rig_in_world(
+        world,
+        settings,
+        "simulated intensities",
+        seed=seed,
+        truth_deg=marker_deg if settings.marker.present and curve is not None else None,
+        rng=rng,
+    )
+    return rig if noise_stated else replace(rig, dark_frames=0)
 
 
 def simulated(
@@ -80,33 +209,83 @@ def simulated(
     )
     settings = with_options(settings, chosen)
     rng, clock = np.random.default_rng(seed), VirtualClock(pace=pace, beat=beat)
-    scene = _scene(settings, rng)
-    description = f"{scene.description}, peak SNR {settings.noise.peak_snr_db:g} dB, seed {seed}"
-    if scene.second is not None:
-        description += f", a second marker at {scene.second.angle_deg:.2f} deg"
-    return rig_in_world(
+    scene = draw_scene(settings, rng)
+    hidden = scene.hidden_noise(settings, pulses=settings.laser.pulses)
+    if hidden is not None:
+        raise ConfigError(hidden)
+    rig = rig_in_world(
         scene.world(settings, rng),
         settings,
-        clock=clock,
-        # Not the tissue's sound speed: a user images with a preset, and the error is part of the result.
-        reader=image_reader(settings.probe.array, sampling_hz=settings.receiver.sampling_hz),
-        description=description,
+        scene.description,
         seed=seed,
         truth_deg=scene.marker.angle_deg if settings.marker.present else None,
         rng=rng,
+        clock=clock,
         recipe=SimulatedRecipe(seed=seed, settings=settings, pace=pace),
         resumed_after=resumed_after,
     )
+    if scene.second is None:
+        return rig
+    description = f"{rig.facts.description}, a second marker at {scene.second.angle_deg:.2f} deg"
+    return replace(rig, facts=replace(rig.facts, description=description))
 
 
 def _number(value: SupportsFloat | None) -> float | None:
     return None if value is None else float(value)
 
 
-def _scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
-    """A scene with noise that the steps of the converter do not hide."""
-    scene = draw_scene(settings, rng)
-    problem = scene.hidden_noise(settings, pulses=settings.laser.pulses)
-    if problem is not None:
-        raise ConfigError(problem)
-    return scene
+Beside: TypeAlias = Callable[[Scene, np.random.Generator], tuple[Absorber, ...]]
+"""Draws what is beside a marker that was moved, with strengths in counts."""
+
+
+@dataclass(slots=True, kw_only=True)
+class MovableMarker:
+    """A simulated rig and the world in which its marker is moved."""
+
+    rig: Rig
+    """The rig; another one, with the same devices, after each move."""
+    world: World
+    settings: SimulatedSettings
+    rng: np.random.Generator
+    beside: Beside | None = None
+
+    def move(self, *, angle_deg: float, radius_m: float, lateral_m: float) -> Rig:
+        """Put the spot of light elsewhere, draw new clutter, and return the rig."""
+        scene = marker_scene(self.settings, self.rng, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m)
+        others = () if self.beside is None else self.beside(scene, self.rng)
+        self.world.replace_absorbers((*scene.absorbers, *others))
+        self.rig = replace(self.rig, facts=replace(self.rig.facts, truth_deg=angle_deg))
+        return self.rig
+
+
+def movable(
+    seed: SupportsIndex, settings: SimulatedSettings, *, pace: float = 0.0, beside: Beside | None = None
+) -> MovableMarker:
+    """A simulated rig of channel data whose marker can be moved.
+
+    Gain and noise are those of a marker in the middle of the range. ``pace``: as of `simulated`. ``beside``: draws what
+    is beside the marker again for each move; None: only the clutter of the material.
+    """
+    seed = require_seed(seed)
+    rng = np.random.default_rng(seed)
+    middle_deg = settings.limits.search.centre_deg
+    scene = marker_scene(settings, rng, angle_deg=middle_deg, radius_m=settings.marker.radius_m, lateral_m=0.0)
+    world = scene.world(settings, rng)
+    rig = rig_in_world(
+        world,
+        settings,
+        scene.description,
+        seed=seed,
+        truth_deg=None,
+        rng=rng,
+        clock=VirtualClock(pace=pace),
+    )
+    return MovableMarker(rig=rig, world=world, settings=settings, rng=rng, beside=beside)
+
+
+def marker_scene(
+    settings: SimulatedSettings, rng: np.random.Generator, *, angle_deg: float, radius_m: float, lateral_m: float
+) -> Scene:
+    """Draw the scene of a simulated rig with its marker at this place."""
+    marker = replace(settings.marker, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m, present=True)
+    return draw_scene(replace(settings, marker=marker), rng)

@@ -1,27 +1,14 @@
-from .findings import FrameFindings
-from .intensities import IntensityReader
-from .noise_gain import beamformed_sigma, envelope_cells
-from .own_probe import ProbeKeys, is_own
-from .peaks import strongest_peaks
-from .picks import common_wave
-from .pickup import pickup_amplitude
-from .presets import PRESET_NAMES, ProbePreset, probe_preset
-from .reader import ImageReader
-from .spare import SpareReader
-
-__all__ = [
-    "PRESET_NAMES",
-    "FrameFindings",
-    "ImageReader",
-    "IntensityReader",
-    "ProbeKeys",
-    "ProbePreset",
-    "SpareReader",
-    "beamformed_sigma",
-    "common_wave",
-    "envelope_cells",
-    "is_own",
-    "pickup_amplitude",
-    "probe_preset",
-    "strongest_peaks",
-]
+from .noise_gain import beamformed_sigma as beamformed_sigma
+from .noise_gain import envelope_cells as envelope_cells
+from .peaks import strongest_peaks as strongest_peaks
+from .picks import common_wave as common_wave
+from .pickup import pickup_amplitude as pickup_amplitude
+from .presets import PRESET_NAMES as PRESET_NAMES
+from .presets import ProbeKeys as ProbeKeys
+from .presets import ProbePreset as ProbePreset
+from .presets import is_own as is_own
+from .presets import probe_preset as probe_preset
+from .reader import FrameFindings as FrameFindings
+from .reader import ImageReader as ImageReader
+from .reader import IntensityReader as IntensityReader
+from .spare import SpareReader as SpareReader

@@ -15,7 +15,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float32, Float64, Int32, LinearArray
 from markerseek.signals._kernel import PAD, beams, delay_and_sum
-from markerseek.signals.filtering import padded_columns
+from markerseek.signals.filtering import ENVELOPE_MARGIN, padded_columns
 from markerseek.signals.presets import ProbePreset
 
 
@@ -103,11 +103,10 @@ def beamform_at(
     return image
 
 
-def image_rows(preset: ProbePreset, *, samples: int, margin: int) -> tuple[Float64[np.ndarray, " depth"], slice]:
-    """Depths of an image with ``margin`` more rows at either end, and the slice of the rows without these.
+def image_rows(preset: ProbePreset, *, samples: int) -> tuple[Float64[np.ndarray, " depth"], slice]:
+    """Depths of an image with the rows that the envelope needs beyond it, and the slice of the rows without these.
 
-    ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records. ``margin``: rows
-    that the envelope needs beyond the image; fewer where the record ends.
+    ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records.
     """
     metres = preset.sound_speed_m_s / preset.sampling_hz
     origin = preset.trigger_offset_s * preset.sampling_hz
@@ -118,7 +117,7 @@ def image_rows(preset: ProbePreset, *, samples: int, margin: int) -> tuple[Float
             f"the record of {samples} samples ends at a depth of {1e3 * far:.4g} mm, and the image would begin at "
             f"{1e3 * near:.4g} mm; check trigger_offset_s and pickup_samples of the probe"
         )
-    above = min(margin, math.floor((near - step / 2) / step))
+    above = min(ENVELOPE_MARGIN, math.floor((near - step / 2) / step))
     count = math.floor((far - near) / step) + 1
     return near + step * np.arange(-above, count), slice(above, above + count)
 

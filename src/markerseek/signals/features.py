@@ -16,8 +16,8 @@ from markerseek.core import Float32, Float64, Int16, Int64
 from markerseek.signals import _kernel as kernel
 from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import beamform_at, half_aperture_m, path_delay
-from markerseek.signals.clipping import clipped
-from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
+from markerseek.signals.filtering import ENVELOPE_MARGIN, envelope
+from markerseek.signals.pickup import clipped
 from markerseek.signals.presets import ProbePreset
 
 BLOCK_ROWS = 32

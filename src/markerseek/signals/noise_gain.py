@@ -8,7 +8,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64
 from markerseek.signals.beamform import half_aperture_m
-from markerseek.signals.filtering import band_pass_taps, response
+from markerseek.signals.filtering import response
 from markerseek.signals.presets import ProbePreset
 
 _BINS = 513
@@ -60,20 +60,19 @@ def noise_peaks(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"]) 
     return float(np.sum(lateral)) * step * width * axial / (2 * math.pi)
 
 
-def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"], false_found: float = 1e-3) -> int:
+def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"]) -> int:
     """Number of independent envelope cells of a noise image with these rows.
 
-    It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p: M = ρ·(u² − 1), see
-    `noise_peaks`.
+    It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p = 1e-3: M = ρ·(u² − 1), see
+    `noise_peaks`. M grows with the logarithm of p.
 
     ``preset``: the probe, with its default band and aperture. ``depth_m``: rows of the image, evenly spaced.
-    ``false_found``: the p at which M is wanted; M grows with its logarithm.
     """
     rate = noise_peaks(preset, depth_m=depth_m)
     # M is wanted where M·exp(−u²/2) = p, and depends on u itself: the fixed point, by iteration.
     square: float = 36.0
     for _ in range(6):
-        square = 2 * math.log(max(rate * (square - 1), 2.0) / false_found)
+        square = 2 * math.log(max(rate * (square - 1), 2.0) / 1e-3)
     return max(1, math.ceil(rate * (square - 1)))
 
 
@@ -94,7 +93,6 @@ def cell_pixels(preset: ProbePreset) -> float:
 
 def _power_gain(preset: ProbePreset, bins: int) -> Float64[np.ndarray, " bins"]:
     """Power gain from a channel to the image at evenly spaced frequencies from 0 to half the sampling frequency."""
-    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
     frequency = np.linspace(0, preset.sampling_hz / 2, bins)
-    band = response(taps, frequency_hz=frequency, sampling_hz=preset.sampling_hz)
+    band = response(preset, frequency)
     return np.asarray(band**2 * (2 + np.cos(2 * np.pi * frequency / preset.sampling_hz)) / 3)

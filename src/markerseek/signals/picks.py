@@ -13,7 +13,7 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, Float64
 from markerseek.signals._kernel import PAD
-from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.filtering import band_pass
 from markerseek.signals.peaks import parabola_peak
 from markerseek.signals.presets import ProbePreset
 
@@ -56,8 +56,7 @@ def common_wave(
     the source is imaged with this preset. ``within_m``: channels further than this from the source along the array are
     left out.
     """
-    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
-    filtered = band_pass(frame.samples, taps, blanked=preset.pickup_samples)
+    filtered = band_pass(frame.samples, preset)
     signals = filtered[:, PAD : PAD + preset.array.elements].T.astype(np.float64)
     rate = preset.sampling_hz
     offset_m = np.abs(preset.array.lateral_m - lateral_m)

@@ -1,6 +1,7 @@
-"""The laser's pick-up: what its pulse leaves in the channels at the trigger, before any sound can have come.
+"""What is in the channels beside sound: the converter's limit, and what the laser's pulse leaves at the trigger.
 
-Electrical or optical, it is as high as the pulse is strong, in all channels at once.
+The pick-up comes before any sound can. Electrical or optical, it is as high as the pulse is strong, in all channels at
+once.
 """
 
 from __future__ import annotations
@@ -9,8 +10,28 @@ import math
 
 import numpy as np
 
-from markerseek.core import AcquisitionError, ChannelFrame, ConfigError
-from markerseek.signals.clipping import clipped
+from markerseek.core import AcquisitionError, Bool, ChannelFrame, ConfigError, Int32
+
+_REPEATED = 3
+"""Samples of a record at its largest number that show a limit: three agree by chance in a few counts' height only."""
+
+
+def clipped(
+    magnitude: Int32[np.ndarray, "channels samples"], *, full_scale: int, recorded: bool
+) -> Bool[np.ndarray, " channels"]:
+    """Which of some records, given as magnitudes, have touched full scale.
+
+    ``recorded``: they may be of another converter than that of ``full_scale``. Numbers beyond it show that; they are
+    its limit where the largest of them repeats.
+    """
+    largest = magnitude.max(axis=1, initial=0)
+    touching: Bool[np.ndarray, " channels"] = largest >= full_scale
+    if recorded:
+        # The most negative number of a converter is one larger.
+        repeated = (magnitude == largest[:, None]).sum(axis=1) >= _REPEATED
+        touching &= (largest <= full_scale + 1) | repeated
+    return touching
+
 
 REST_SAMPLES = 256
 """Last samples of a frame, which give the zero and the noise of each channel: the deepest have the least signal."""

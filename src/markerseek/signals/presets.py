@@ -1,4 +1,4 @@
-"""Named probes: the parameters of probe and receiver that the imaging chain needs.
+"""Named probes, and one of the user's own: the parameters of probe and receiver that the imaging chain needs.
 
 Element size and angular response are not among them: one-way delay-and-sum needs neither.
 """
@@ -6,18 +6,13 @@ Element size and angular response are not among them: one-way delay-and-sum need
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Annotated, TypeAlias
 
-from markerseek.core import ConfigError, LinearArray, require_range
+from markerseek.core import ConfigError, LinearArray, Within, require_fields
 
-SAMPLING_HZ = (1e5, 1e9)
-"""Slowest and fastest sampling, and lowest and highest edge of a band, in Hz."""
-
-SOUND_SPEED_M_S = (300.0, 7000.0)
-"""Slowest and fastest speed of sound in m/s, of air and of bone with room to spare; as in `markerseek.acoustics`."""
-
-MAX_FACE_RADIUS_M = 0.05
-"""Largest distance of an array's face from the axis of rotation in metres."""
+Hertz: TypeAlias = Annotated[float, Within(1e5, 1e9, "Hz")]
+"""A sampling frequency, or an edge of a band."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,53 +22,33 @@ class ProbePreset:
     name: str
     """Its name on the command line."""
     array: LinearArray = field(default_factory=LinearArray)
-    sampling_hz: float = 40e6
-    sound_speed_m_s: float = 1540.0
-    low_hz: float = 5e6
-    high_hz: float = 9e6
+    sampling_hz: Hertz = 40e6
+    # From air to bone, with room to spare.
+    sound_speed_m_s: Annotated[float, Within(300, 7000, "m/s")] = 1540.0
+    low_hz: Hertz = 5e6
+    high_hz: Hertz = 9e6
     """``low_hz`` and ``high_hz``: edges of the pass band, where the amplitude is halved."""
-    f_number: float = 2.0
+    f_number: Annotated[float, Within(0, 1e6)] = 2.0
     """Depth over width of the receiving aperture; 0 takes all elements at every depth."""
-    pickup_samples: int = 100
+    pickup_samples: Annotated[int, Within(0, math.inf)] = 100
     """Samples after the trigger that hold the laser's electrical pick-up and are blanked."""
-    trigger_offset_s: float = 0.0
+    trigger_offset_s: Annotated[float, Within(-1e-3, 1e-3, "s")] = 0.0
     """Time from the trigger (sample 0) to the middle of the laser's pulse."""
-    full_scale: int = 2047
+    full_scale: Annotated[int, Within(1, 32767, "counts")] = 2047
     """Counts at which the converter saturates."""
     recorded: bool = False
     """Whether its frames are a recording: numbers beyond ``full_scale`` are then of another converter."""
-    face_radius_m: float | None = None
+    face_radius_m: Annotated[float | None, Within(0, 0.05, "m", open_low=True, cure="0.01 is usual")] = None
     """Distance of the array's face from the axis of rotation; None if not known. The imaging does not need it, the
     position of a marker does."""
 
     def __post_init__(self) -> None:
         preset = f"preset {self.name}"
-        for name, (low, high), unit in (
-            ("sampling_hz", SAMPLING_HZ, "Hz"),
-            ("sound_speed_m_s", SOUND_SPEED_M_S, "m/s"),
-            ("low_hz", SAMPLING_HZ, "Hz"),
-            ("high_hz", SAMPLING_HZ, "Hz"),
-            ("trigger_offset_s", (-1e-3, 1e-3), "s"),
-            ("pickup_samples", (0, math.inf), ""),
-            ("full_scale", (1, 32767), "counts"),
-        ):
-            require_range(f"{preset}: {name}", getattr(self, name), low=low, high=high, unit=unit)
+        require_fields(self, preset)
         if not self.low_hz < self.high_hz <= 0.45 * self.sampling_hz:
             raise ConfigError(
                 f"{preset}: the band is {self.low_hz:g} to {self.high_hz:g} Hz; it must ascend and end below "
                 f"0.45 of the sampling frequency, {0.45 * self.sampling_hz:g} Hz"
-            )
-        if not 0 <= self.f_number < math.inf:
-            raise ConfigError(f"{preset}: f_number is {self.f_number}, it must be 0 or more and finite")
-        if self.face_radius_m is not None:
-            require_range(
-                f"{preset}: face_radius_m",
-                self.face_radius_m,
-                low=0,
-                high=MAX_FACE_RADIUS_M,
-                unit="m",
-                open_low=True,
-                cure="0.01 is usual",
             )
 
     @property
@@ -112,3 +87,40 @@ def probe_preset(name: str) -> ProbePreset:
         return _PRESETS[name]
     except KeyError:
         raise ConfigError(f"probe {name!r} is not known; choose one of: {', '.join(PRESET_NAMES)}") from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProbeKeys:
+    """Keys of a table that describes a probe for the imaging; None takes the value of the preset that it starts from.
+
+    The attributes are those of `ProbePreset`, with the array's two beside the others.
+    """
+
+    elements: int | None = None
+    pitch_m: float | None = None
+    low_hz: float | None = None
+    high_hz: float | None = None
+    sound_speed_m_s: float | None = None
+    f_number: float | None = None
+    pickup_samples: int | None = None
+    full_scale: int | None = None
+    trigger_offset_s: float | None = None
+    face_radius_m: float | None = None
+
+    def on(self, preset: ProbePreset, *, sampling_hz: float | None = None, name: str | None = None) -> ProbePreset:
+        """The preset with the values of these keys.
+
+        ``preset``: where values come from that are None here. ``sampling_hz``: None takes the preset's. ``name``: None
+        takes the preset's.
+        """
+        # A subclass may have keys that are none of a preset's.
+        keys = {each.name: getattr(self, each.name) for each in fields(ProbeKeys)}
+        keys |= {"sampling_hz": sampling_hz, "name": name}
+        given = {key: value for key, value in keys.items() if value is not None}
+        of_array = {key: given.pop(key) for key in ("elements", "pitch_m") if key in given}
+        return replace(preset, array=replace(preset.array, **of_array), **given)
+
+
+def is_own(preset: ProbePreset) -> bool:
+    """Whether a probe has to be described in full, because no preset has its name."""
+    return preset.name not in PRESET_NAMES

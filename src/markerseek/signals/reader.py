@@ -1,7 +1,8 @@
 """The imaging chain as a `Reader`: filter, beamform, envelope, features.
 
 `ImageReader.read` returns the reading that a search needs; `ImageReader.findings` also decides whether there is a
-source at all. Both list the coherent arrivals.
+source at all. Both list the coherent arrivals. Frames that hold an intensity instead of channel data have an
+`IntensityReader`.
 """
 
 from __future__ import annotations
@@ -17,23 +18,51 @@ from markerseek.core import (
     AcquisitionError,
     Arrival,
     ChannelFrame,
+    ConfigError,
     Float32,
     Float64,
     Frame,
     PaImage,
     Reading,
+    ReadingFrame,
 )
 from markerseek.signals import features
 from markerseek.signals.beamform import ImageGrid, beamform, beamform_at, image_grid, image_rows
-from markerseek.signals.blocks import BlockGrid
-from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
-from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, band_pass_taps
-from markerseek.signals.findings import FrameFindings
+from markerseek.signals.filtering import TAPER_SAMPLES, band_pass, envelope
 from markerseek.signals.focus import focused_coherence
 from markerseek.signals.noise_gain import cell_pixels, envelope_cells
-from markerseek.signals.peaks import refine_peak, strongest_peaks
+from markerseek.signals.peaks import BlockGrid, refine_peak, strongest_peaks
 from markerseek.signals.presets import ProbePreset
 from markerseek.signals.spot import spot_energy
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFindings:
+    """Sources in one frame."""
+
+    # Separate from `strongest`, which is there also if no peak passes: it says how far from a source the frame is.
+    found: bool
+    """Whether any peak passes both tests."""
+    reason: str
+    """Why, or why not, in words."""
+    strongest: Arrival
+    """The strongest arrival; if none was found, the largest peak of the image."""
+    others: tuple[Arrival, ...]
+    """The other arrivals, strongest first."""
+    noise_sigma: float
+    """Standard deviation of the beamformed signal where there is no source, in ADC counts."""
+    cells: int
+    """Number of independent envelope cells."""
+    saturated_channels: tuple[int, ...]
+    """Channels that touch full scale while the strongest arrives."""
+    dead_channels: tuple[int, ...]
+    """Channels without any signal."""
+
+    def peak_snr_db(self, arrival: Arrival) -> float | None:
+        """Intensity of an arrival over the noise floor of the frame in dB; None if there is no noise at all."""
+        if not (arrival.intensity > 0 and self.noise_sigma > 0):
+            return None
+        return 20 * math.log10(arrival.intensity / self.noise_sigma)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,15 +102,12 @@ class _Peak:
 class ImageReader:
     """Reads channel frames of one probe."""
 
+    method = "one-way delay-and-sum of channel data"
+    """The reconstruction in words, for results."""
+
     def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
-        self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._layouts: dict[int, _Layout] = {}
-
-    @property
-    def method(self) -> str:
-        """The reconstruction in words, for results."""
-        return "one-way delay-and-sum of channel data"
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.
@@ -161,7 +187,7 @@ class ImageReader:
             )
         self._admit(frame)
         layout = self._layout(frame.samples.shape[1])
-        signals = band_pass(frame.samples, self._taps, blanked=self.preset.pickup_samples)
+        signals = band_pass(frame.samples, self.preset)
         image = beamform(signals, layout.grid)
         magnitude = envelope(image)
         profile = features.noise_profile(magnitude[layout.rows])
@@ -198,7 +224,7 @@ class ImageReader:
     def _layout(self, samples: int) -> _Layout:
         if samples not in self._layouts:
             preset = self.preset
-            depth, rows = image_rows(preset, samples=samples, margin=ENVELOPE_MARGIN)
+            depth, rows = image_rows(preset, samples=samples)
             grid = image_grid(preset, samples=samples, depth_m=depth)
             inside = depth[rows]
             self._layouts[samples] = _Layout(
@@ -281,3 +307,13 @@ class ImageReader:
             f"the largest peak is {ratio:.3g} times the noise, but its sound does not come from one point: "
             f"{100 * (peak.coherence or 0.0):.0f} % of it is in phase"
         )
+
+
+class IntensityReader:
+    """Reader of frames that were reduced to one number elsewhere, as in a CSV of intensities."""
+
+    def read(self, frame: Frame) -> Reading:
+        """Reading with the intensity, and with the noise where the frame states it."""
+        if not isinstance(frame, ReadingFrame):
+            raise ConfigError("this reader takes intensities; channel data need a probe preset")
+        return Reading(intensity=frame.intensity, noise_sigma=frame.noise_sigma, cells=frame.cells)

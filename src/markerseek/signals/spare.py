@@ -35,11 +35,10 @@ from markerseek.signals.beamform import (
     image_rows,
     path_delay,
 )
-from markerseek.signals.envelope import ENVELOPE_MARGIN, envelope
-from markerseek.signals.filtering import band_pass, band_pass_taps
-from markerseek.signals.findings import FrameFindings
+from markerseek.signals.filtering import ENVELOPE_MARGIN, band_pass, envelope
 from markerseek.signals.peaks import refine_peak
 from markerseek.signals.presets import ProbePreset
+from markerseek.signals.reader import FrameFindings
 
 FULL_SCALE = 32767
 """Largest count of an RF line."""
@@ -57,7 +56,6 @@ class SpareReader:
 
     def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
-        self._taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
         self._grids: dict[int, tuple[ImageGrid, slice]] = {}
 
     def picture(self, frame: ChannelFrame) -> PaImage:
@@ -113,7 +111,7 @@ class SpareReader:
         """Filtered lines, envelope, its grid, and the rows that count."""
         samples = self._admitted(frame).samples
         grid, rows = self._grid(samples.shape[1])
-        signals = band_pass(samples, self._taps, blanked=self.preset.pickup_samples)
+        signals = band_pass(samples, self.preset)
         return signals, envelope(beamform(signals, grid)), grid, rows
 
     def _admitted(self, frame: ChannelFrame) -> ChannelFrame:
@@ -136,7 +134,7 @@ class SpareReader:
     def _grid(self, samples: int) -> tuple[ImageGrid, slice]:
         if samples not in self._grids:
             preset = self.preset
-            depth, rows = image_rows(preset, samples=samples, margin=ENVELOPE_MARGIN)
+            depth, rows = image_rows(preset, samples=samples)
             table = delay_table(
                 preset.array,
                 place=lambda offset_m: self._place(offset_m, depth),

@@ -4,11 +4,15 @@ It uses `acoustics` and never `signals`: the forward model and the imaging share
 """
 
 from markerseek.sim.bmode import BModeSettings, BModeWorld
-from markerseek.sim.camera import EndoscopeSettings, camera_above, endoscope, on_tissue_m, spot_images
-from markerseek.sim.clock import VirtualClock
-from markerseek.sim.curve_world import CurveWorld
-from markerseek.sim.curves import GaussianCurve, IntensityCurve, PowerCurve, RecordedCurve, SechCurve, TwoHumps
-from markerseek.sim.hand import HandMotion, SimulatedHand
+from markerseek.sim.curves import (
+    CurveWorld,
+    GaussianCurve,
+    IntensityCurve,
+    PowerCurve,
+    RecordedCurve,
+    SechCurve,
+    TwoHumps,
+)
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.settings import (
@@ -21,11 +25,16 @@ from markerseek.sim.settings import (
     hashable_values,
     with_options,
 )
-from markerseek.sim.stage import SimulatedStage, StageMotion
-from markerseek.sim.stereo_endoscope import SimulatedEndoscope
+from markerseek.sim.stage import HandMotion, SimulatedHand, SimulatedStage, StageMotion, phases
+from markerseek.sim.stereo_endoscope import (
+    EndoscopeSettings,
+    SimulatedEndoscope,
+    camera_above,
+    endoscope,
+    on_tissue_m,
+)
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
-from markerseek.sim.trapezoid import phases
-from markerseek.sim.world import Flash, SimulatedWorld, World
+from markerseek.sim.world import Flash, SimulatedWorld, VirtualClock, World
 
 __all__ = [
     "CLOCK_DRIFT",
@@ -64,7 +73,6 @@ __all__ = [
     "hashable_values",
     "on_tissue_m",
     "phases",
-    "spot_images",
     "tissue_named",
     "vary_last_flash",
     "with_options",

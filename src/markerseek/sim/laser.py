@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from markerseek.core import Clock, ConfigError, LaserError, Permit, Pulse, SweepPermit
+from markerseek.sim.settings import LaserSettings
 from markerseek.sim.world import SimulatedWorld
 
 DELAY_SIGMA_S = 10e-3
@@ -21,11 +22,8 @@ CLOCK_DRIFT = 20e-6
 class SimulatedLaser:
     """Laser of a simulated world.
 
-    ``rate_hz``: pulses per second. ``energy_spread``: standard deviation of ln energy from one acquisition to the next,
-    beside that of the pulses. ``energy_drift_per_min``: change of ln energy in a minute. ``true_delay_s``: time from
-    the stamp of a pulse to its light. ``delay_sigma_s``: standard deviation to which the rig knows it; None: nobody has
-    measured it. ``stamp_jitter_s``: standard deviation of a stamp by itself. ``without_light``: share of the pulses
-    that give no light. ``probe_deg``: true angle of the probe at a time of a sweep; None: at rest.
+    ``light``: its rate, and how its energies and stamps vary; None: the defaults. ``probe_deg``: true angle of the
+    probe at a time of a sweep; None: at rest. ``rng``: needed where something of the light is drawn.
     """
 
     def __init__(
@@ -33,36 +31,29 @@ class SimulatedLaser:
         *,
         world: SimulatedWorld,
         clock: Clock,
-        rate_hz: float = 100.0,
-        energy_spread: float = 0.0,
-        energy_drift_per_min: float = 0.0,
-        true_delay_s: float = 0.0,
-        delay_sigma_s: float | None = None,
-        stamp_jitter_s: float = 0.0,
-        without_light: float = 0.0,
+        light: LaserSettings | None = None,
         probe_deg: Callable[[float], float] | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
-        if max(energy_spread, stamp_jitter_s, without_light, delay_sigma_s or 0.0) > 0 and rng is None:
+        self._light = light = light or LaserSettings()
+        delay_sigma_s = light.stamp_delay_sigma_s
+        if (
+            max(light.energy_spread, light.stamp_jitter_s, light.without_light, delay_sigma_s or 0.0) > 0
+            and rng is None
+        ):
             raise ConfigError(
                 "laser: its energies, stamps, pulses without light and known delay are drawn, and there is no rng to "
                 "draw them from"
             )
-        if not 0 < rate_hz < math.inf:
-            raise ConfigError(f"laser: rate_hz is {rate_hz} Hz, it must be positive and finite")
-        self._world = world
-        self._clock = clock
-        self._rate_hz = rate_hz
-        self._energy_spread, self._energy_drift_per_min = energy_spread, energy_drift_per_min
-        self._true_delay_s, self._stamp_jitter_s = true_delay_s, stamp_jitter_s
-        self._without_light = without_light
-        self._delay_sigma_s = delay_sigma_s
-        # Delay as a calibration of the rig states it: the true delay, with the error of the measurement.
+        self._world, self._clock, self._probe_deg, self._rng = world, clock, probe_deg, rng
+        self.delay_sigma_s = DELAY_SIGMA_S if delay_sigma_s is None else delay_sigma_s
+        """Standard deviation of the unknown delay of all pulses, in seconds."""
         self.stamp_delay_s = 0.0
+        """Delay as a calibration of the rig states it: the true delay, with the error of the measurement."""
         if rng is not None and delay_sigma_s is not None:
-            self.stamp_delay_s = true_delay_s + delay_sigma_s * float(rng.standard_normal())
-        self._probe_deg = probe_deg
-        self._rng = rng
+            self.stamp_delay_s = light.stamp_delay_s + delay_sigma_s * float(rng.standard_normal())
+        self.sweep_period_s = 1 / light.rate_hz
+        """Time between two pulses, in seconds."""
         self._used: set[str] = set()
         self._sweep: SweepPermit | None = None
         self._began_s, self._fired = 0.0, 0
@@ -77,18 +68,8 @@ class SimulatedLaser:
         if permit.pulses > 0:
             # One flash for the whole train, at its beginning: a frame is the average of its pulses.
             self._flash(permit.pulses, self._clock.now_s(), angle_deg=None)
-        self._clock.wait(permit.pulses / self._rate_hz)
+        self._clock.wait(permit.pulses / self._light.rate_hz)
         return permit.pulses
-
-    @property
-    def sweep_period_s(self) -> float:
-        """Time between two pulses, in seconds."""
-        return 1 / self._rate_hz
-
-    @property
-    def delay_sigma_s(self) -> float:
-        """Standard deviation of the unknown delay of all pulses, in seconds."""
-        return DELAY_SIGMA_S if self._delay_sigma_s is None else self._delay_sigma_s
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire single pulses; refused as by `fire`."""
@@ -132,36 +113,30 @@ class SimulatedLaser:
         """One pulse of a sweep, and its stamp."""
         self._flash(1, at_s, angle_deg=None if self._probe_deg is None else self._probe_deg(at_s))
         self._fired += 1
-        stamp_s = at_s - self._true_delay_s + CLOCK_DRIFT * (at_s - self._began_s)
-        if self._rng is not None and self._stamp_jitter_s > 0:
-            stamp_s += self._stamp_jitter_s * float(self._rng.standard_normal())
+        stamp_s = at_s - self._light.stamp_delay_s + CLOCK_DRIFT * (at_s - self._began_s)
+        if self._rng is not None and self._light.stamp_jitter_s > 0:
+            stamp_s += self._light.stamp_jitter_s * float(self._rng.standard_normal())
         self._untold.append(Pulse(at_s=stamp_s))
 
     def _flash(self, pulses: int, at_s: float, *, angle_deg: float | None) -> None:
         """Light the tissue with the energy that the laser has then."""
         self._world.flash(pulses=pulses, at_s=at_s)
-        vary_last_flash(
-            self._world, spread=self._energy_spread, drift_per_min=self._energy_drift_per_min, now_s=at_s, rng=self._rng
-        )
-        if self._rng is not None and self._without_light > 0:
+        vary_last_flash(self._world, self._light, now_s=at_s, rng=self._rng)
+        if self._rng is not None and self._light.without_light > 0:
             flash = self._world.flashes[-1]
-            lit = pulses - int(self._rng.binomial(pulses, self._without_light))
+            lit = pulses - int(self._rng.binomial(pulses, self._light.without_light))
             self._world.flashes[-1] = replace(flash, energy=flash.energy * lit / pulses)
         if angle_deg is not None:
             self._world.flashes[-1] = replace(self._world.flashes[-1], angle_deg=angle_deg)
 
 
 def vary_last_flash(
-    world: SimulatedWorld, *, spread: float, drift_per_min: float, now_s: float, rng: np.random.Generator | None
+    world: SimulatedWorld, light: LaserSettings, *, now_s: float, rng: np.random.Generator | None
 ) -> None:
-    """Give the last flash of a world the energy that a laser has now.
-
-    ``spread``: standard deviation of ln energy from one acquisition to the next. ``drift_per_min``: change of ln energy
-    in a minute.
-    """
-    log_energy = drift_per_min * now_s / 60
-    if rng is not None and spread > 0:
-        log_energy += spread * float(rng.standard_normal())
+    """Give the last flash of a world the energy that a laser has now."""
+    log_energy = light.energy_drift_per_min * now_s / 60
+    if rng is not None and light.energy_spread > 0:
+        log_energy += light.energy_spread * float(rng.standard_normal())
     if log_energy != 0:
         flash = world.flashes[-1]
         world.flashes[-1] = replace(flash, energy=flash.energy * math.exp(log_energy))

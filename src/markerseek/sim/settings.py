@@ -126,9 +126,6 @@ class SimulatedSettings:
     def __post_init__(self) -> None:
         if self.start_deg not in self.limits.travel:
             raise ConfigError(f"start_deg is {self.start_deg} deg, outside the travel range {self.limits.travel}")
-        for name in ("element_height_m", "element_width_m"):
-            if not getattr(self.probe, name) <= 50e-3:
-                raise ConfigError(f"probe: {name} is {getattr(self.probe, name)} m, it must be at most 0.05 m")
         turn = Interval(low_deg=-180.0, high_deg=180.0)
         if not (self.limits.travel.low_deg in turn and self.limits.travel.high_deg in turn):
             raise ConfigError(f"limits: the travel range {self.limits.travel} is more than one turn, {turn}")

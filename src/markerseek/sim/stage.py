@@ -1,10 +1,17 @@
-"""A rotation stage like the Thorlabs PRM1Z8, simulated: speed, acceleration, encoder counts and lost motion."""
+"""What turns the simulated probe: a stage like the Thorlabs PRM1Z8, with encoder counts and lost motion, and a hand.
+
+A stage moves with a trapezoidal speed: it speeds up, turns evenly, and brakes to rest at its target. A hand overshoots,
+comes to rest beside the angle asked for, and drifts.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated
+
+import numpy as np
 
 from markerseek.core import (
     Clock,
@@ -14,8 +21,63 @@ from markerseek.core import (
     Within,
     require_fields,
 )
-from markerseek.sim.trapezoid import Leg, phases
 from markerseek.sim.world import SimulatedWorld
+
+
+def phases(
+    way_deg: float, *, speed_deg_s: float = 0.0, top_deg_s: float, acceleration_deg_s2: float
+) -> Iterator[tuple[float, float]]:
+    """Seconds and acceleration of each phase from here to rest at a target; none crosses a standstill.
+
+    ``way_deg``: angle of the target from here, with its sign. ``speed_deg_s``: speed now, with its sign. A target that
+    is nearer than the way of braking is overrun, and the motor turns round.
+    """
+    rate = acceleration_deg_s2
+    # All below is signed towards the target, seen from where braking now would end: that decides whether the motor must
+    # turn round.
+    sign = math.copysign(1.0, way_deg - speed_deg_s * abs(speed_deg_s) / (2 * rate))
+    ahead, left_deg = sign * speed_deg_s, sign * way_deg
+    # Speed at which accelerating meets braking: v² = v0²/2 + a·s, from s = (v² - v0²)/2a + v²/2a.
+    peak = min(math.sqrt(max(rate * left_deg + ahead**2 / 2, 0.0)), top_deg_s)
+    if ahead < 0:
+        yield -ahead / rate, sign * rate
+        left_deg += ahead**2 / (2 * rate)
+        ahead = 0.0
+    yield abs(peak - ahead) / rate, math.copysign(rate, peak - ahead) * sign
+    even_deg = left_deg - abs(peak**2 - ahead**2) / (2 * rate) - peak**2 / (2 * rate)
+    if peak > 0:
+        yield max(even_deg, 0.0) / peak, 0.0
+    yield peak / rate, -sign * rate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """A way to one target, from a moment on; a new target begins a new leg from where the stage is."""
+
+    began_s: float
+    start_deg: float
+    speed_deg_s: float
+    """Speed at the beginning, with its sign."""
+    target_deg: float
+    top_deg_s: float
+    acceleration_deg_s2: float
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Angle in degrees, and speed in degrees per second with its sign, at a time."""
+        here_deg, speed, left_s = self.start_deg, self.speed_deg_s, max(time_s - self.began_s, 0.0)
+        for phase_s, acceleration in phases(
+            self.target_deg - self.start_deg,
+            speed_deg_s=self.speed_deg_s,
+            top_deg_s=self.top_deg_s,
+            acceleration_deg_s2=self.acceleration_deg_s2,
+        ):
+            step_s = min(phase_s, left_s)
+            here_deg += speed * step_s + acceleration * step_s**2 / 2
+            speed += acceleration * step_s
+            left_s -= step_s
+            if left_s <= 0:
+                return here_deg, speed
+        return self.target_deg, 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +122,7 @@ class SimulatedStage:
 
     def __init__(self, *, world: SimulatedWorld, clock: Clock, motion: StageMotion, travel: Interval) -> None:
         self.limits = travel
+        self.fastest_sweep_deg_s, self.acceleration_deg_s2 = motion.speed_deg_s, motion.acceleration_deg_s2
         self._world = world
         self._clock = clock
         self._motion = motion
@@ -99,16 +162,6 @@ class SimulatedStage:
     def stop(self) -> None:
         """Brake, in a sweep; a move of this stage is over when `move_to` returns."""
         self.brake()
-
-    @property
-    def fastest_sweep_deg_s(self) -> float:
-        """Largest speed of a sweep, in degrees per second."""
-        return self._motion.speed_deg_s
-
-    @property
-    def acceleration_deg_s2(self) -> float:
-        """Acceleration, in degrees per second squared."""
-        return self._motion.acceleration_deg_s2
 
     def play_deg(self, forward: float) -> float:
         """Backlash between encoder and probe where the angle falls, in degrees."""
@@ -213,3 +266,67 @@ class SimulatedStage:
         finally:
             self._on_its_way = None
             self._world.angle_deg = self._pushed_deg(self.angle_deg, before_deg=self._world.angle_deg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandMotion:
+    """How a hand turns the probe."""
+
+    overshoot_deg: float = 2.0
+    """How far it first goes beyond the angle asked for."""
+    beside_deg: tuple[float, float] = (0.1, 0.8)
+    """Least and largest distance at which it comes to rest."""
+    turn_s: tuple[float, float] = (3.0, 8.0)
+    """Least and largest duration of a turn."""
+    drift_deg_s: float = 0.01
+    """Speed at which it drifts afterwards, to either side."""
+    resolution_deg: float = 0.01
+    """Step of the encoder."""
+
+
+class SimulatedHand:
+    """Turns the world's probe, and reports its angle as an encoder does.
+
+    ``limits``: it comes to rest inside.
+    """
+
+    emulated = True
+    unused = ""
+
+    def __init__(
+        self,
+        *,
+        world: SimulatedWorld,
+        clock: Clock,
+        limits: Interval,
+        rng: np.random.Generator,
+        motion: HandMotion | None = None,
+    ) -> None:
+        self._world, self._clock, self._limits, self._rng = world, clock, limits, rng
+        self._motion = motion or HandMotion()
+        # Moments in seconds, and the angle in degrees at each.
+        self._times_s, self._angles_deg = np.array([clock.now_s()]), np.array([world.angle_deg])
+        self._drift_deg_s = 0.0
+
+    def turn_to(self, angle_deg: float) -> None:
+        """Begin to turn the probe to an angle in degrees."""
+        motion, here_deg, now_s = self._motion, self._now_deg(), self._clock.now_s()
+        duration_s = self._rng.uniform(*motion.turn_s)
+        side = self._rng.choice((-1.0, 1.0))
+        reached_deg = angle_deg + side * self._rng.uniform(*motion.beside_deg)
+        if reached_deg not in self._limits:
+            reached_deg = 2 * angle_deg - reached_deg
+        beyond_deg = angle_deg + np.sign(angle_deg - here_deg) * motion.overshoot_deg
+        self._times_s = now_s + duration_s * np.array([0.0, 0.6, 1.0])
+        self._angles_deg = np.array([here_deg, beyond_deg, reached_deg])
+        self._drift_deg_s = self._rng.choice((-1.0, 1.0)) * motion.drift_deg_s
+
+    def read(self) -> float:
+        """Angle of the probe now, in steps of the encoder, in degrees."""
+        self._world.angle_deg = self._now_deg()
+        return round(self._world.angle_deg / self._motion.resolution_deg) * self._motion.resolution_deg
+
+    def _now_deg(self) -> float:
+        now_s = self._clock.now_s()
+        drifted_deg = self._drift_deg_s * max(0.0, now_s - float(self._times_s[-1]))
+        return float(np.interp(now_s, self._times_s, self._angles_deg)) + drifted_deg

@@ -1,44 +1,31 @@
-from .figure import error_figure
-from .policies import StudyPolicy, study_policy
-from .runner import FinishedStudy, columns, read_rows, run_study, values_of
-from .scene import ClutterAround, Repeats, SceneSettings, SecondSource
-from .statistics import Mean, Share
-from .study import Axis, Cell, CellWorld, CurveSettings, Study, cells, read_study
-from .summary import Difference, PolicySummary, Summary, TwoSources, summarise
-from .trial import Row, run_row, run_trial
-from .workers import default_workers
-from .worlds import intensity_curve
-
-__all__ = [
-    "Axis",
-    "Cell",
-    "CellWorld",
-    "ClutterAround",
-    "CurveSettings",
-    "Difference",
-    "FinishedStudy",
-    "Mean",
-    "PolicySummary",
-    "Repeats",
-    "Row",
-    "SceneSettings",
-    "SecondSource",
-    "Share",
-    "Study",
-    "StudyPolicy",
-    "Summary",
-    "TwoSources",
-    "cells",
-    "columns",
-    "default_workers",
-    "error_figure",
-    "intensity_curve",
-    "read_rows",
-    "read_study",
-    "run_row",
-    "run_study",
-    "run_trial",
-    "study_policy",
-    "summarise",
-    "values_of",
-]
+from .figure import error_figure as error_figure
+from .policies import StudyPolicy as StudyPolicy
+from .policies import study_policy as study_policy
+from .runner import FinishedStudy as FinishedStudy
+from .runner import columns as columns
+from .runner import read_rows as read_rows
+from .runner import run_study as run_study
+from .runner import values_of as values_of
+from .study import Axis as Axis
+from .study import Cell as Cell
+from .study import CellWorld as CellWorld
+from .study import CurveSettings as CurveSettings
+from .study import Study as Study
+from .study import cells as cells
+from .study import read_study as read_study
+from .summary import Difference as Difference
+from .summary import Mean as Mean
+from .summary import PolicySummary as PolicySummary
+from .summary import Share as Share
+from .summary import Summary as Summary
+from .summary import TwoSources as TwoSources
+from .summary import summarise as summarise
+from .trial import Row as Row
+from .trial import run_row as run_row
+from .trial import run_trial as run_trial
+from .unknowns import ClutterAround as ClutterAround
+from .unknowns import Repeats as Repeats
+from .unknowns import SceneSettings as SceneSettings
+from .unknowns import SecondSource as SecondSource
+from .workers import default_workers as default_workers
+from .worlds import intensity_curve as intensity_curve

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 from markerseek.core import ConfigError
 from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
 from markerseek.studies.policies import StudyPolicy
-from markerseek.studies.statistics import Mean
 from markerseek.studies.study import Study
-from markerseek.studies.summary import Summary
+from markerseek.studies.summary import Mean, Summary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -29,7 +29,7 @@ from markerseek.core import ConfigError
 from markerseek.files import read_toml, require_key, setting_from, settings_from
 from markerseek.sim import PowerCurve, SimulatedSettings, hashable_values
 from markerseek.studies.policies import StudyPolicy, study_policy
-from markerseek.studies.scene import SceneSettings
+from markerseek.studies.unknowns import SceneSettings
 
 VERSION = 1
 """Version of the form of a study."""

@@ -46,7 +46,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One search of a study; None is a missing value.
 
     ``study`` and ``row`` are all that is needed to repeat the search (`run_row`). The columns up to ``noise_seed`` are
-    its settings, the others its result.
+    its settings, the others its result. The defaults are those of a search that failed.
     """
 
     study: str
@@ -63,23 +63,23 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     as_published: bool
     early_end: bool
     noise_seed: int
-    answer: Answer
-    mean_deg: float | None
+    answer: Answer = "failed"
+    mean_deg: float | None = None
     truth_deg: float | None
     """Angle of the marker; None without a marker."""
-    error_deg: float | None
-    sigma_deg: float | None
-    low_deg: float | None
+    error_deg: float | None = None
+    sigma_deg: float | None = None
+    low_deg: float | None = None
     """Lower end of the 95 % interval."""
-    high_deg: float | None
+    high_deg: float | None = None
     """Upper end of the 95 % interval."""
-    marks_deg: tuple[float, ...]
+    marks_deg: tuple[float, ...] = ()
     """Answers after as many acquisitions as the marks of the study."""
-    acquisitions: int | None
+    acquisitions: int | None = None
     """Acquisitions that were made."""
-    refused: int
-    travel_deg: float | None
-    elapsed_s: float | None
+    refused: int = 0
+    travel_deg: float | None = None
+    elapsed_s: float | None = None
     known_s: float | None = None
     surveyed: float | None = None
     """As of the answer."""
@@ -107,25 +107,9 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     settings = study.policies[policy]
     draw = draw_trial(study, cell, trial)
     rig = study_rig(study, cell, draw)
-    prior = former_curve(study, cell, trial, settings)
-    found, fault = None, None
-    # Simulated faults are part of a study. Other errors are of its settings, and end it.
-    try:
-        near = _angle_prior(study, cell, trial, settings, rig)
-        found = _search(study, settings, rig, prior=prior, near=near)
-    except DeviceError as problem:
-        # The guard refuses frames without noise as stale, and here no device is to blame.
-        hidden = hidden_noise(study, cell, draw, sweep=settings.plan.sweep)
-        fault = described(problem) if hidden is None else f"{hidden} ({described(problem)})"
-    finished = found.finished if found is not None else None
-    estimate = finished.estimate if finished is not None else None
-    # A search that ended before a mark has its final answer there.
-    at_marks = [] if found is None else [found.answers.get(mark, found.finished.estimate) for mark in study.marks]
-    interval = estimate.interval95_deg if isinstance(estimate, Found | Unsure) else None
-    # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
-    mean_deg = float(estimate.mean_deg) if estimate is not None else None
-    two = None if draw.scene.second is None else TwoAngles(draw.marker_deg, draw.scene.second.angle_deg)
-    return Row(
+    truth_deg, second = rig.facts.truth_deg, draw.scene.second
+    two = None if second is None else TwoAngles(draw.marker_deg, second.angle_deg)
+    row = Row(
         study=study.digest,
         row=(cell.index * study.trials + trial) * len(study.policies) + policy,
         cell=cell.index,
@@ -137,28 +121,50 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         as_published=settings.plan.as_published,
         early_end=settings.plan.early_end,
         noise_seed=draw.noise_seed,
-        answer="failed" if estimate is None else answer_name(estimate),
-        mean_deg=mean_deg,
-        truth_deg=rig.facts.truth_deg,
-        error_deg=None if mean_deg is None or rig.facts.truth_deg is None else abs(mean_deg - rig.facts.truth_deg),
-        sigma_deg=float(estimate.sigma_deg) if isinstance(estimate, Found | Unsure) else None,
-        low_deg=float(interval.low_deg) if interval is not None else None,
-        high_deg=float(interval.high_deg) if interval is not None else None,
-        marks_deg=tuple(float(each.mean_deg) for each in at_marks),
-        acquisitions=None if finished is None else finished.acquisitions,
-        refused=0 if found is None else found.refused,
-        travel_deg=None if finished is None else finished.travel_deg,
-        elapsed_s=None if finished is None else finished.elapsed_s,
-        known_s=None if finished is None else finished.known_s,
-        surveyed=None if estimate is None else estimate.surveyed,
-        other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
+        truth_deg=truth_deg,
         tolerance_deg=settings.plan.tolerance.half_width_deg(_radius_m(study, cell, draw)),
-        second_deg=None if two is None else two.weaker_deg,
-        second_db=None if draw.scene.second is None else 20 * math.log10(draw.scene.second.strength),
-        nearest=None if two is None or mean_deg is None else two.nearest(mean_deg),
-        other_deg=None if two is None or estimate is None else two.other_named(estimate),
+        second_deg=None if second is None else second.angle_deg,
+        second_db=None if second is None else 20 * math.log10(second.strength),
+    )
+    prior = former_curve(study, cell, trial, settings)
+    # Simulated faults are part of a study. Other errors are of its settings, and end it.
+    try:
+        near = _angle_prior(study, cell, trial, settings, rig)
+        found = _search(study, settings, rig, prior=prior, near=near)
+    except DeviceError as problem:
+        # The guard refuses frames without noise as stale, and here no device is to blame.
+        hidden = hidden_noise(study, cell, draw, sweep=settings.plan.sweep)
+        fault = described(problem) if hidden is None else f"{hidden} ({described(problem)})"
         # A row is one line of the table.
-        fault=None if fault is None else " ".join(fault.split()),
+        return msgspec.structs.replace(row, fault=" ".join(fault.split()))
+    finished, estimate = found.finished, found.finished.estimate
+    # A search that ended before a mark has its final answer there.
+    at_marks = [found.answers.get(mark, estimate) for mark in study.marks]
+    # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
+    mean_deg = float(estimate.mean_deg)
+    row = msgspec.structs.replace(
+        row,
+        answer=answer_name(estimate),
+        mean_deg=mean_deg,
+        error_deg=None if truth_deg is None else abs(mean_deg - truth_deg),
+        marks_deg=tuple(float(each.mean_deg) for each in at_marks),
+        acquisitions=finished.acquisitions,
+        refused=found.refused,
+        travel_deg=finished.travel_deg,
+        elapsed_s=finished.elapsed_s,
+        known_s=finished.known_s,
+        surveyed=estimate.surveyed,
+        nearest=None if two is None else two.nearest(mean_deg),
+        other_deg=None if two is None else two.other_named(estimate),
+    )
+    if not isinstance(estimate, Found | Unsure):
+        return row
+    return msgspec.structs.replace(
+        row,
+        sigma_deg=float(estimate.sigma_deg),
+        low_deg=float(estimate.interval95_deg.low_deg),
+        high_deg=float(estimate.interval95_deg.high_deg),
+        other_probability=estimate.other_probability,
     )
 
 

@@ -1,7 +1,12 @@
-"""Unknown properties of a rig and its marker, drawn for each trial over the ranges of the physics table.
+"""What a study draws in each trial: the rig and its marker, of which policies receive nothing, and what is beside it.
 
-Policies receive none of them. In addition to the table the attenuation of the medium is drawn, from that of a gel pad
-to that of soft tissue. The receiver's settings (sampling, samples, noise) are those of the study.
+Rig and marker are drawn over the ranges of the physics table. In addition to the table the attenuation of the medium is
+drawn, from that of a gel pad to that of soft tissue. The receiver's settings (sampling, samples, noise) are those of
+the study.
+
+Beside the marker there may be a second source, clutter, and repeats behind every source. The loudness of a source is
+its noise-free envelope peak in the image with the probe on it, over that of the marker with the probe on the marker.
+The marker is the loudest source: it is the truth.
 """
 
 from __future__ import annotations
@@ -15,13 +20,16 @@ from markerseek.acoustics import (
     Absorber,
     AcousticModel,
     Band,
+    Clutter,
     GaussianAbsorber,
     GaussianPulse,
     LaserPulse,
     Medium,
     Probe,
     RectanglePulse,
+    Reverberation,
 )
+from markerseek.core import ConfigError, Interval, is_whole, require_range
 from markerseek.sim import ReceiverSettings, SimulatedSettings
 
 ELEMENT_HEIGHT_M = (3e-3, 6e-3)
@@ -141,3 +149,158 @@ def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> Simula
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """A number that is evenly spread in its logarithm."""
     return math.exp(rng.uniform(math.log(low), math.log(high)))
+
+
+LATERAL_M = 20e-3
+"""Largest distance of the marker, and of a second source, from the middle of the array along it, in metres."""
+
+_MAX_DRAWS = 10_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SecondSource:
+    """A second source in the search range."""
+
+    least_apart_deg: float = 6.0
+    """Least distance from the marker, which is drawn evenly, to either side as the range allows."""
+    most_apart_deg: float = 60.0
+    """Largest distance from the marker."""
+    least_relative: float = 0.5
+    """Least loudness over the marker's, which is drawn evenly."""
+    most_relative: float = 1.0
+    """Largest loudness over the marker's."""
+    same_place: bool = False
+    """Whether lateral position, radius and size are those of the marker; otherwise they are drawn."""
+    least_lateral_m: float = 0.0
+    """Least lateral distance from the marker; 0 allows them to overlap in place."""
+
+    def __post_init__(self) -> None:
+        _require_span(self, "scene.second", "apart_deg", low=0.0, high=90.0, unit="deg")
+        _require_span(self, "scene.second", "relative", low=0.0, high=1.0, open_low=True)
+        require_range("scene.second: least_lateral_m", self.least_lateral_m, low=0.0, high=LATERAL_M, unit="m")
+        if self.same_place and self.least_lateral_m > 0:
+            raise ConfigError("scene.second: same_place is true, and least_lateral_m is above 0; leave one out")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClutterAround:
+    """Absorbers around the marker."""
+
+    count: int = 8
+    least_db: float = -20.0
+    """Least loudness of the loudest absorber over the marker's, which is drawn evenly; the others follow an exponential
+    law."""
+    most_db: float = -3.0
+    """Largest loudness of the loudest absorber over the marker's."""
+
+    def __post_init__(self) -> None:
+        if not is_whole(self.count) or not 1 <= self.count <= 1000:
+            raise ConfigError(f"scene.clutter: count is {self.count}, it must be a whole number from 1 to 1000")
+        _require_span(self, "scene.clutter", "db", low=-60.0, high=0.0, unit="dB")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Repeats:
+    """Repeats behind every source."""
+
+    least_delay_s: float = 1e-6
+    """Least time from one repeat to the next, which is drawn evenly."""
+    most_delay_s: float = 20e-6
+    """Largest time from one repeat to the next."""
+    least_gain: float = 0.05
+    """Least amplitude of a repeat over that of the repeat before, which is drawn evenly, with either sign as likely."""
+    most_gain: float = 0.5
+    """Largest amplitude of a repeat over that of the repeat before."""
+    most_repeats: int = 3
+    """Number of repeats, drawn from 1 to this."""
+
+    def __post_init__(self) -> None:
+        _require_span(self, "scene.repeats", "delay_s", low=0.0, high=1e-3, unit="s", open_low=True)
+        _require_span(self, "scene.repeats", "gain", low=0.0, high=1.0)
+        if not is_whole(self.most_repeats) or not 1 <= self.most_repeats <= 10:
+            raise ConfigError(f"scene.repeats: most_repeats is {self.most_repeats}, it must be 1 to 10")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneSettings:
+    """What is drawn beside the marker; None for nothing."""
+
+    second: SecondSource | None = None
+    clutter: ClutterAround | None = None
+    repeats: Repeats | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnScene:
+    """What was drawn beside the marker."""
+
+    second: Absorber | None = None
+    """The second source, its strength the loudness over the marker's."""
+    clutter: tuple[Absorber, ...] = ()
+    """The clutter, with strengths likewise, some negative."""
+    reverberation: Reverberation | None = None
+
+
+def draw_extra_sources(
+    settings: SceneSettings, rng: np.random.Generator, *, marker: Absorber, limits: Interval
+) -> DrawnScene:
+    """Draw the second source, the clutter and the repeats beside a marker.
+
+    ``limits``: range of the search, which holds both sources.
+    """
+    return DrawnScene(
+        second=None if settings.second is None else _second(settings.second, rng, marker=marker, limits=limits),
+        clutter=() if settings.clutter is None else _clutter(settings.clutter, rng),
+        reverberation=None if settings.repeats is None else _repeats(settings.repeats, rng),
+    )
+
+
+def _second(settings: SecondSource, rng: np.random.Generator, *, marker: Absorber, limits: Interval) -> Absorber:
+    for _ in range(_MAX_DRAWS):
+        apart_deg = rng.uniform(settings.least_apart_deg, settings.most_apart_deg) * rng.choice((-1.0, 1.0))
+        lateral_m = float(rng.uniform(-LATERAL_M, LATERAL_M))
+        angle_deg = marker.angle_deg + float(apart_deg)
+        if angle_deg in limits and abs(lateral_m - marker.lateral_m) >= settings.least_lateral_m:
+            break
+    else:
+        raise ConfigError(
+            f"scene.second: there is no place {settings.least_apart_deg:g} to {settings.most_apart_deg:g} deg from a "
+            f"marker at {marker.angle_deg:.1f} deg in the range {limits}; widen the range"
+        )
+    loudness = float(rng.uniform(settings.least_relative, settings.most_relative))
+    radius_m, size_m = float(rng.uniform(*MARKER_RADIUS_M)), log_uniform(rng, *SOURCE_RADIUS_M)
+    if settings.same_place:
+        return replace(marker, angle_deg=angle_deg, strength=loudness)
+    return Absorber(
+        radius_m=radius_m,
+        angle_deg=angle_deg,
+        lateral_m=lateral_m,
+        strength=loudness,
+        source=GaussianAbsorber(radius_m=size_m),
+    )
+
+
+def _clutter(settings: ClutterAround, rng: np.random.Generator) -> tuple[Absorber, ...]:
+    """Clutter in the volume in which markers are drawn, and 25° beyond the range on either side."""
+    nearest_m, farthest_m = MARKER_RADIUS_M
+    around = Clutter(count=settings.count, strength=1.0, nearest_m=nearest_m, farthest_m=farthest_m).draw(rng)
+    loudest_db = float(rng.uniform(settings.least_db, settings.most_db))
+    scale = 10 ** (loudest_db / 20) / max(abs(each.strength) for each in around)
+    return tuple(replace(each, strength=each.strength * scale) for each in around)
+
+
+def _repeats(settings: Repeats, rng: np.random.Generator) -> Reverberation:
+    return Reverberation(
+        delay_s=float(rng.uniform(settings.least_delay_s, settings.most_delay_s)),
+        gain=float(rng.uniform(settings.least_gain, settings.most_gain) * rng.choice((-1.0, 1.0))),
+        repeats=int(rng.integers(1, settings.most_repeats + 1)),
+    )
+
+
+def _require_span(
+    settings: object, name: str, quantity: str, *, low: float, high: float, unit: str = "", open_low: bool = False
+) -> None:
+    """Refuse a range, from ``least_`` to ``most_``, that leaves its limits or descends."""
+    least, most = getattr(settings, f"least_{quantity}"), getattr(settings, f"most_{quantity}")
+    require_range(f"{name}: least_{quantity}", least, low=low, high=high, unit=unit, open_low=open_low)
+    require_range(f"{name}: most_{quantity}", most, low=least, high=high, unit=unit, cure="the range must not descend")

@@ -15,7 +15,6 @@ from markerseek.rigs import (
     Scene,
     draw_scene,
     image_peak,
-    image_reader,
     largest_count,
     rig_in_world,
     scene_curve,
@@ -31,12 +30,18 @@ from markerseek.sim import (
     SimulatedSettings,
     Spot,
     TwoHumps,
-    VirtualClock,
     tissue_named,
 )
-from markerseek.studies.scene import LATERAL_M, DrawnScene, draw_extra_sources
 from markerseek.studies.study import Cell, CurveSettings, Study
-from markerseek.studies.unknowns import MARKER_RADIUS_M, Unknowns, draw_unknowns, with_timing
+from markerseek.studies.unknowns import (
+    LATERAL_M,
+    MARKER_RADIUS_M,
+    DrawnScene,
+    Unknowns,
+    draw_extra_sources,
+    draw_unknowns,
+    with_timing,
+)
 
 _LARGEST_COUNTS = 2000.0
 """Largest count in a channel, of all sources and `_NOISE_SIGMAS` of noise; full scale is 2047."""
@@ -177,16 +182,14 @@ def _drawn_settings(study: Study, settings: SimulatedSettings, unknowns: Unknown
 
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
     """Rig with everything drawn."""
-    model, rng = unknowns.model, np.random.default_rng(draw.noise_seed)
+    rng = np.random.default_rng(draw.noise_seed)
     settings = _drawn_settings(study, settings, unknowns)
     if study.drawn == "everything-and-timing":
         settings = with_timing(settings, np.random.default_rng((draw.noise_seed, 1)))
     return rig_in_world(
         _scene(unknowns, settings, draw.scene, rng).world(settings, rng),
         settings,
-        clock=VirtualClock(),
-        reader=image_reader(model.probe.array, sampling_hz=model.sampling_hz),
-        description=f"simulated frames, all unknowns drawn, peak SNR {settings.noise.peak_snr_db:g} dB",
+        "simulated frames, all unknowns drawn",
         truth_deg=unknowns.marker.angle_deg if settings.marker.present else None,
         rng=rng,
     )

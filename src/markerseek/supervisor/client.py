@@ -17,7 +17,7 @@ import msgspec
 
 from markerseek._closing import Closing
 from markerseek.core import ConfigError, NotConnectedError
-from markerseek.files import Line
+from markerseek.files import Line, pyserial
 from markerseek.guard import Lease
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_beat, unpacked
 from markerseek.supervisor.process import set_realtime_priority
@@ -41,7 +41,9 @@ class Supervisor(Closing):
     """
 
     def __init__(self, *, lines: Sequence[Line], period_s: float = 0.1, start_s: float = 30.0) -> None:
-        Lease(period_s=period_s)  # refuses a wrong period here, with a traceback, and not in the other process
+        # What the other process would refuse, refused here, with its own error.
+        Lease(period_s=period_s)
+        pyserial()
         names = [line.name for line in lines]
         if not 0 < len(set(names)) == len(names) < 256:
             raise ConfigError(f"supervisor: the lines are called {names}; at least one is needed, and each name once")
@@ -212,7 +214,7 @@ class Supervisor(Closing):
 
 
 class SupervisedPort:
-    """A line that the supervisor holds, as a `markerseek.wire.port.Port`; `Supervisor.port` hands it out."""
+    """A line that the supervisor holds, as a `markerseek.wire.Port`; `Supervisor.port` hands it out."""
 
     def __init__(self, *, write: Callable[[bytes], None], read: Callable[[int, float], bytes]) -> None:
         self._write = write

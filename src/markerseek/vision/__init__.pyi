@@ -1,10 +1,7 @@
 from .as_published import published_sensitive_range
-from .camera_image import SUFFIXES, brightness, decoded_image, says_its_end
-from .opencv import opencv
-from .rectangle import Rectangle
+from .images import SUFFIXES, Rectangle, brightness, decoded_image, opencv, says_its_end
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
 from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot, lit_pairs
-from .tooltip import Tip, brightest_blob, find_tip
 
 __all__ = [
     "SUFFIXES",
@@ -13,14 +10,11 @@ __all__ = [
     "Rectangle",
     "SensitiveRange",
     "SpotAnswer",
-    "Tip",
     "TipFrame",
     "TwoSpots",
-    "brightest_blob",
     "brightness",
     "decoded_image",
     "find_spot",
-    "find_tip",
     "lit_pairs",
     "opencv",
     "published_sensitive_range",

@@ -15,9 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, UInt8
-from markerseek.vision.opencv import opencv
-from markerseek.vision.rectangle import Rectangle
-from markerseek.vision.tooltip import Tip, require_image
+from markerseek.vision.images import LARGEST_PX, Rectangle, opencv
 
 GONE_FRAMES = 2
 """Frames in a row without the tip after which it has disappeared."""
@@ -48,7 +46,34 @@ _TAIL_M = 16e-3
 """The tip is looked for within this of the place that stands out most, which may lie in the tail behind the tip."""
 _GRAIN_DB = 3.0
 """By how much the brightest image may exceed the first or last one, if the scan begins or ends at the tip."""
-_PURPOSE = "finding the tip of an instrument"
+_SMALLEST_PX = 16
+"""Fewest rows or columns of an image."""
+PURPOSE = "finding the tip of an instrument"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tip:
+    """What is known of the tip after one image."""
+
+    visible: bool
+    """Whether the tip is seen."""
+    intensity: float
+    """Grey value of the tip."""
+    level: float
+    """Grey value that it must exceed."""
+    row: float
+    column: float
+    """``row`` and ``column``: its centroid in pixels; the middle of the rectangle where no region was found."""
+    area_px: int
+    """Pixels of its region."""
+    rectangle: Rectangle
+    """Where it was looked for."""
+    reason: str = ""
+    """Why it is seen or not, in words."""
+    rivals: int = 0
+    """Other bright regions in the rectangle."""
+    cut_off: bool = False
+    """Whether its region reaches the edge of the image, so that its centroid is that of a part."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,14 +93,14 @@ class SensitiveRange:
     """All images, in the order of their angles."""
     reference_deg: float | None
     """Angle of the brightest tip; None if no image shows one."""
-    below_deg: float | None
-    above_deg: float | None
+    below_deg: float | None = None
+    above_deg: float | None = None
     """``below_deg`` and ``above_deg``: half of the range on either side of it; None if no image lies there."""
-    open_below: bool
-    open_above: bool
+    open_below: bool = False
+    open_above: bool = False
     """``open_below`` and ``open_above``: whether the images of that side end before the tip has disappeared: its half
     is then at least this."""
-    remark: str
+    remark: str = ""
     """What a person should know of the images; empty if there is nothing."""
 
     @property
@@ -135,17 +160,13 @@ def no_tip(angles_deg: Sequence[float] | Float64[np.ndarray, " images"], remark:
     return SensitiveRange(
         frames=tuple(TipFrame(angle_deg=float(angle_deg), tip=None) for angle_deg in angles_deg),
         reference_deg=None,
-        below_deg=None,
-        above_deg=None,
-        open_below=False,
-        open_above=False,
         remark=remark,
     )
 
 
 def _speckle_deviation(stack: UInt8[np.ndarray, "images rows columns"], pixel_m: tuple[float, float]) -> float | None:
     """Median standard deviation of the grey values in windows of 2.5 mm that are neither black nor white."""
-    cv2 = opencv(_PURPOSE)
+    cv2 = opencv(PURPOSE)
     window = (max(3, round(2.5e-3 / pixel_m[1])), max(3, round(2.5e-3 / pixel_m[0])))
     found = []
     for image in stack:
@@ -164,7 +185,7 @@ def _contrast(
     stack: UInt8[np.ndarray, "images rows columns"], pixel_m: tuple[float, float], part: Rectangle | None
 ) -> Float64[np.ndarray, "images rows columns"]:
     """Grey values over the brighter side of the surroundings and over the same place at other angles: the smaller."""
-    cv2 = opencv(_PURPOSE)
+    cv2 = opencv(PURPOSE)
     down, along = (sigma / size for sigma, size in zip(_SMOOTH_M, pixel_m, strict=True))
     smooth = np.stack([cv2.GaussianBlur(each.astype(np.float32), (0, 0), sigmaX=along, sigmaY=down) for each in stack])
     near, far = (round(distance / pixel_m[1]) for distance in _BESIDE_M)
@@ -197,7 +218,7 @@ def _row_of_tip(
     part: Rectangle | None,
 ) -> int:
     """Row in which the tip's columns are brightest, in the three strongest images in which it is not white."""
-    cv2 = opencv(_PURPOSE)
+    cv2 = opencv(PURPOSE)
     half = max(1, round(0.6e-3 / pixel_m[1]))
     columns = stack[:, :, max(0, column - half) : column + half + 1].mean(axis=2, dtype=np.float32)
     # Rows along the images' second axis.
@@ -282,13 +303,11 @@ def _measured(
             angle_deg=float(angle_deg),
             tip=Tip(
                 visible=low <= k <= high,
-                reason="",
                 intensity=max(0.0, 255 + to_grey * float(level_db[k])),
                 level=max(0.0, 255 + to_grey * float(needed_db[k])),
                 row=float(place[0]),
                 column=float(place[1]),
                 area_px=face.rows * face.columns,
-                rivals=0,
                 rectangle=face,
             ),
         )
@@ -301,7 +320,6 @@ def _measured(
         above_deg=_side(centre, high_deg, float(angles[-1]), closed=low_deg is not None),
         open_below=low_deg is None and high_deg is None,
         open_above=low_deg is None and high_deg is None,
-        remark="",
     )
 
 
@@ -354,3 +372,16 @@ def angular_order(angles_deg: Sequence[float], images: Sequence[np.ndarray]) -> 
     if len(set(angles_deg)) < len(angles_deg):
         raise ConfigError("sensitive range: two images have the same angle; leave one of them out")
     return sorted(range(len(images)), key=lambda index: angles_deg[index])
+
+
+def require_image(image: UInt8[np.ndarray, "rows columns"]) -> None:
+    """Refuse an image that is no grey one, or too small or large; `ConfigError`."""
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise ConfigError(
+            f"B-mode image: it is {image.dtype} of shape {image.shape}, uint8 of (rows, columns) is needed"
+        )
+    if not _SMALLEST_PX <= min(image.shape) <= max(image.shape) <= LARGEST_PX:
+        raise ConfigError(
+            f"B-mode image: {image.shape[0]} × {image.shape[1]} pixels, {_SMALLEST_PX} to {LARGEST_PX} are needed in "
+            "each direction"
+        )

@@ -11,8 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from markerseek.core import ConfigError, Float32, Float64, Int64, StereoPair, UInt8
-from markerseek.vision.camera_image import brightness
-from markerseek.vision.opencv import opencv
+from markerseek.vision.images import brightness, opencv
 
 MAX_SIZE_PX = 61
 """Widest spot in pixels: what is wider, such as tissue lit by the endoscope, counts as background."""

@@ -1,15 +1,18 @@
 """Encoding and decoding of device protocols and file headers. Pure: no port or file is opened here."""
 
-from markerseek.wire.apt import COUNTS_PER_DEG
-from markerseek.wire.apt_frames import CONTROLLER, HOST, TO_CONTROLLER, AptFramer, AptMessage
-from markerseek.wire.port import Port
+from __future__ import annotations
 
-__all__ = [
-    "CONTROLLER",
-    "COUNTS_PER_DEG",
-    "HOST",
-    "TO_CONTROLLER",
-    "AptFramer",
-    "AptMessage",
-    "Port",
-]
+from typing import Protocol
+
+
+class Port(Protocol):
+    """A line to a device: a serial port, the supervisor's relay, or an emulator in the same process."""
+
+    def write(self, data: bytes) -> None:
+        """Send all bytes; `NotConnectedError` if the line is lost."""
+
+    def read(self, size: int, *, timeout_s: float) -> bytes:
+        """Up to ``size`` bytes, fewer or none after the timeout; `NotConnectedError` if the line is lost."""
+
+    def close(self) -> None:
+        """Close the line; allowed twice."""

@@ -1,45 +1,146 @@
-"""Messages to and from a Thorlabs controller of one channel, as bytes, and the units of their numbers.
+"""Thorlabs' APT protocol for a controller of one channel: messages in a stream of bytes, their contents, and units.
 
-Thorlabs, "APT Communications Protocol", issue 39. A message to a device has an identity ``SET`` or ``REQ``, and its
-answer ``GET``. Numbers are little-endian. Words for angle, speed and acceleration are rounded, never truncated.
+Thorlabs, "APT Communications Protocol", issue 39. A message has six bytes: identity, two parameters, destination,
+source; or, if the destination's highest bit is set, identity, length of the data, destination, source, and then the
+data. There is no checksum, only the form is checked: what does not look like a message is discarded a byte at a time
+until something does. A message to a device has an identity ``SET`` or ``REQ``, and its answer ``GET``. Numbers are
+little-endian. Words for angle, speed and acceleration are rounded, never truncated.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from markerseek.core import ConfigError, DeviceError
-from markerseek.wire.apt_frames import CONTROLLER, HOST, AptMessage
+
+HEADER_BYTES = 6
+
+HOST = 0x01
+CONTROLLER = 0x50
+
+_HEADER = struct.Struct("<HHBB")
+_WITH_DATA = 0x80
+
+Forms = Mapping[int, frozenset[int]]
+"""Identity of a message to the lengths that its data can have; 0 is the form of six bytes."""
+
+TO_HOST: Forms = {
+    0x0002: frozenset({0}),  # disconnecting
+    0x0006: frozenset({84}),  # identity
+    0x0080: frozenset({0}),  # an error
+    0x0081: frozenset({68}),  # an error in words
+    0x0212: frozenset({0}),  # channel enabled or not
+    0x040B: frozenset({6}),  # encoder counter
+    0x0412: frozenset({6}),  # position counter
+    0x0415: frozenset({14}),  # velocity and acceleration
+    0x0418: frozenset({22}),  # jogging
+    0x0425: frozenset({16}),  # limits
+    0x042A: frozenset({6}),  # status bits
+    0x043C: frozenset({6}),  # backlash
+    0x0442: frozenset({14}),  # homing
+    0x0444: frozenset({0}),  # homed
+    0x0447: frozenset({6}),  # stored relative move
+    0x0452: frozenset({6}),  # stored target
+    0x0464: frozenset({0, 14}),  # move completed
+    0x0466: frozenset({0, 14}),  # stopped
+    0x0481: frozenset({14}),  # status
+    0x0491: frozenset({14}),  # status
+    0x0525: frozenset({12}),  # trigger ports
+    0x0528: frozenset({34}),  # trigger positions
+}
+"""Messages from a motor controller of one channel."""
+
+TO_CONTROLLER: Forms = {
+    **{
+        ident: frozenset({0})
+        for ident in (
+            *(0x0002, 0x0005, 0x0011, 0x0012, 0x0018, 0x0060, 0x0065, 0x0210, 0x0211, 0x0223),
+            *(0x040A, 0x0411, 0x0414, 0x0417, 0x0424, 0x0429, 0x043B, 0x0441, 0x0443, 0x0446, 0x0451),
+            *(0x0457, 0x0465, 0x046A, 0x046B, 0x046C, 0x0480, 0x0490, 0x0492, 0x0524, 0x0527),
+        )
+    },
+    **{ident: frozenset({6}) for ident in (0x0409, 0x0410, 0x043A, 0x0445, 0x0450)},
+    **{ident: frozenset({14}) for ident in (0x0413, 0x0440)},
+    **{ident: frozenset({0, 6}) for ident in (0x0448, 0x0453)},
+    0x0416: frozenset({22}),
+    0x0423: frozenset({16}),
+    0x0523: frozenset({12}),
+    0x0526: frozenset({34}),
+}
+"""Messages to such a controller."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Actuator:
-    """A rotation stage with its controllers: words for a degree, for 1 deg/s and for 1 deg/s²."""
+class AptMessage:
+    """One message."""
 
-    controllers: tuple[str, ...]
-    counts: float
-    speed: float
-    acceleration: float
+    ident: int
+    data: bytes
+    """Its data; empty in the form of six bytes."""
+    raw: bytes
 
 
-ACTUATORS = {
-    # A clock of 2048/6e6 s: speed = counts x T x 65536, acceleration = counts x T² x 65536.
-    "PRM1-Z8": Actuator(
-        controllers=("KDC101", "TDC001"), counts=1919.6418578623391, speed=42941.66, acceleration=14.6574
-    ),
-    "K10CR1": Actuator(controllers=("K10CR1",), counts=136533.333, speed=7329109.33, acceleration=1502.0277),
-    "HDR50": Actuator(controllers=("BSC201",), counts=75091.0, speed=4030885.0, acceleration=826.0),
-    "DDR25": Actuator(controllers=("KBD101",), counts=4000.0, speed=26843.5, acceleration=2.74878),
-}
-"""Scales by actuator, from the protocol's table of scaling factors. The driver is written for the PRM1-Z8 alone."""
+class AptFramer:
+    """Splits a stream into messages, for one of the two ends.
 
-PRM1Z8 = ACTUATORS["PRM1-Z8"]
-COUNTS_PER_DEG, SPEED_WORD, ACCELERATION_WORD = PRM1Z8.counts, PRM1Z8.speed, PRM1Z8.acceleration
-"""Counts for a degree, and words for 1 deg/s and 1 deg/s²."""
+    ``forms``: which messages are known, and how long their data may be. ``to``: address of this end; messages to others
+    are discarded.
+    """
+
+    def __init__(self, forms: Forms = TO_HOST, *, to: int = HOST) -> None:
+        self._forms = forms
+        self._to = to
+        self._held = bytearray()
+
+    def feed(self, data: bytes) -> list[AptMessage]:
+        """Messages that are complete with these bytes; what cannot be one is discarded."""
+        held = self._held
+        held += data
+        messages = []
+        at = 0
+        while len(held) - at >= HEADER_BYTES:
+            size = self._size(at)
+            # Resynchronise byte by byte: after a lost byte the next header can begin anywhere.
+            if size is None:
+                at += 1
+                continue
+            if len(held) - at < size:
+                break
+            raw = bytes(held[at : at + size])
+            messages.append(AptMessage(ident=int.from_bytes(raw[:2], "little"), data=raw[HEADER_BYTES:], raw=raw))
+            at += size
+        del held[:at]
+        return messages
+
+    def forget(self) -> None:
+        """Drop the beginning of a message whose rest did not come."""
+        self._held.clear()
+
+    def _size(self, at: int) -> int | None:
+        """Length of the message that begins here; None if none does."""
+        ident, length, to, _source = _HEADER.unpack_from(self._held, at)
+        # Known identity, own address and a length that belongs to it: together they stand in for the checksum.
+        lengths = self._forms.get(ident)
+        if lengths is None or to & ~_WITH_DATA != self._to:
+            return None
+        wanted = length if to & _WITH_DATA else 0
+        if wanted not in lengths or (to & _WITH_DATA and wanted == 0):
+            return None
+        return HEADER_BYTES + wanted
+
+
+CONTROLLERS = ("KDC101", "TDC001")
+"""Models of controllers that turn a PRM1-Z8."""
+
+COUNTS_PER_DEG, SPEED_WORD, ACCELERATION_WORD = 1919.6418578623391, 42941.66, 14.6574
+"""Counts for a degree of a PRM1-Z8, and words for 1 deg/s and 1 deg/s², from the protocol's table of scaling factors.
+
+The controller's clock ticks every 2048/6e6 s = T: speed = counts x T x 65536, acceleration = counts x T² x 65536.
+"""
 
 CHANNEL = 1
 

@@ -49,7 +49,6 @@ showed, and so does with each stamp.
 from __future__ import annotations
 
 import binascii
-from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias, get_args
 
 import msgspec
@@ -100,18 +99,22 @@ Token: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=MAX_COUNT)]
 Expiry: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=MAX_EXPIRY_MS)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hello:
+class Message(msgspec.Struct, frozen=True):
+    """A line of the protocol: its head, then its fields in their order."""
+
+    head: ClassVar[str]
+
+
+class Hello(Message, frozen=True, kw_only=True):
     """Asks for the identity; voids any permit, and steps may begin at 1 again."""
 
-    head: ClassVar[str] = "HELLO"
+    head = "HELLO"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PermitPulses:
+class PermitPulses(Message, frozen=True, kw_only=True):
     """Permits a number of pulses at a rate in Hz until an expiry in milliseconds, with a number of triggers in all."""
 
-    head: ClassVar[str] = "PERMIT"
+    head = "PERMIT"
     token: Token
     pulses: Count
     rate_hz: Annotated[int, msgspec.Meta(ge=1, le=MAX_RATE_HZ)]
@@ -119,56 +122,50 @@ class PermitPulses:
     triggers: Annotated[int, msgspec.Meta(ge=1, le=MAX_PULSES)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Beat:
+class Beat(Message, frozen=True, kw_only=True):
     """Renews the lease; the step is the control loop's own counter."""
 
-    head: ClassVar[str] = "BEAT"
+    head = "BEAT"
     step: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fire:
+class Fire(Message, frozen=True, kw_only=True):
     """Uses the permit of that token."""
 
-    head: ClassVar[str] = "FIRE"
+    head = "FIRE"
     token: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PermitSweep:
+class PermitSweep(Message, frozen=True, kw_only=True):
     """Permits single pulses with a least time between two, until an expiry in milliseconds."""
 
-    head: ClassVar[str] = "SWEEP"
+    head = "SWEEP"
     token: Token
     pulses: Annotated[int, msgspec.Meta(ge=1, le=MAX_SWEEP_PULSES)]
     period_us: Annotated[int, msgspec.Meta(ge=MIN_PERIOD_US, le=MAX_PERIOD_US)]
     expiry_ms: Expiry
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AskTime:
+class AskTime(Message, frozen=True, kw_only=True):
     """Asks what the box's clock shows; the number comes back with the answer."""
 
-    head: ClassVar[str] = "TIME"
+    head = "TIME"
     number: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Disarm:
+class Disarm(Message, frozen=True, kw_only=True):
     """Voids any permit, also while it fires."""
 
-    head: ClassVar[str] = "DISARM"
+    head = "DISARM"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Greeting:
+class Greeting(Message, frozen=True, kw_only=True):
     """Answer to `Hello`: identity, version of the protocol, lease in milliseconds, and the last token used.
 
     ``seen`` is how many pulses of light the photodiode has seen since power-up; ``meter`` is 1 if it measures light.
     """
 
-    head: ClassVar[str] = "OK HELLO"
+    head = "OK HELLO"
     identity: Annotated[str, msgspec.Meta(pattern=r"\A[0-9A-Za-z]{1,16}\Z")]
     version: Count
     lease_ms: Count
@@ -177,40 +174,36 @@ class Greeting:
     meter: Annotated[int, msgspec.Meta(ge=0, le=1)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Permitted:
+class Permitted(Message, frozen=True, kw_only=True):
     """Answer to `PermitPulses`; ``seen`` is how many pulses of light the photodiode has seen since power-up."""
 
-    head: ClassVar[str] = "OK PERMIT"
+    head = "OK PERMIT"
     token: Count
     seen: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Done:
+class Done(Message, frozen=True, kw_only=True):
     """A train has ended: pulses sent to the laser, pulses that the photodiode saw, and the sum of their light."""
 
-    head: ClassVar[str] = "DONE"
+    head = "DONE"
     token: Count
     sent: Count
     photodiode: Count
     light: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweepPermitted:
+class SweepPermitted(Message, frozen=True, kw_only=True):
     """Answer to `PermitSweep`, as `Permitted`."""
 
-    head: ClassVar[str] = "OK SWEEP"
+    head = "OK SWEEP"
     token: Count
     seen: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stamped:
+class Stamped(Message, frozen=True, kw_only=True):
     """A pulse of a sweep, counted from 1: when its trigger began, and what the photodiode saw and read of it."""
 
-    head: ClassVar[str] = "PULSE"
+    head = "PULSE"
     token: Count
     number: Count
     stamp_us: Count
@@ -218,37 +211,33 @@ class Stamped:
     light: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dark:
+class Dark(Message, frozen=True, kw_only=True):
     """The light of a sweep has ended: pulses sent to the laser, and pulses that the photodiode saw."""
 
-    head: ClassVar[str] = "DARK"
+    head = "DARK"
     token: Count
     sent: Count
     photodiode: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Time:
+class Time(Message, frozen=True, kw_only=True):
     """Answer to `AskTime`: its number, and the box's clock in microseconds."""
 
-    head: ClassVar[str] = "OK TIME"
+    head = "OK TIME"
     number: Count
     clock_us: Count
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Disarmed:
+class Disarmed(Message, frozen=True, kw_only=True):
     """Answer to `Disarm`."""
 
-    head: ClassVar[str] = "OK DISARM"
+    head = "OK DISARM"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Refusal:
+class Refusal(Message, frozen=True, kw_only=True):
     """The command was refused, and any permit is void."""
 
-    head: ClassVar[str] = "ERR"
+    head = "ERR"
     reason: RefusalReason
 
 
@@ -319,13 +308,13 @@ def _checked(line: bytes) -> str | None:
 
 
 def _words(message: Command | Reply) -> list[str]:
-    return [*message.head.split(" "), *(str(getattr(message, field.name)) for field in fields(message))]
+    return [*message.head.split(" "), *map(str, msgspec.structs.astuple(message))]
 
 
 def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
     """Message of one of these kinds: its head, then its fields in their order; None for other words."""
     for kind in kinds:
-        head, names = kind.head.split(" "), [field.name for field in fields(kind)]
+        head, names = kind.head.split(" "), kind.__struct_fields__
         if words[: len(head)] == head and len(words) == len(head) + len(names):
             try:
                 message = msgspec.convert(dict(zip(names, words[len(head) :], strict=True)), kind, strict=False)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from markerseek.core import DeviceTimeoutError, MoveError, StageReading
+from markerseek.scan.sweeping import SLOWEST
 from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
 
 from .faulty import SLOWER, Faulty
@@ -17,12 +18,9 @@ from .world import WatchedWorld
 
 COUNTS_PER_DEG = StageMotion().counts_per_deg
 
-TOO_SLOW = 13.0
-"""A sweep this many times slower than the probe can turn is never lit: 1 over `markerseek.scan.sweeping.SLOWEST`."""
-
-FASTER, ARRIVAL_DEG, BEYOND_DEG = 1.25, 0.1, 0.15
-"""How many times as fast, and by how much more in degrees, a reading is refused; and how far beyond its end one is, in
-degrees, with some room."""
+TOO_SLOW, FASTER, ARRIVAL_DEG, BEYOND_DEG = 1.1 / SLOWEST, 1.25, 0.1, 0.15
+"""How many times as slowly as the probe can turn on its way a sweep is never lit; how many times as fast, and by how
+much more in degrees, a reading is refused; and how far beyond its end one is, in degrees, with some room."""
 
 
 class FaultyStage(Faulty):

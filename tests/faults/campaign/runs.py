@@ -27,7 +27,7 @@ from markerseek.core import (
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
 from markerseek.rigs import Rig
-from markerseek.rigs.bench_devices import DARK_ALARM
+from markerseek.rigs.bench_rig import DARK_ALARM
 from markerseek.runs import configuration_of
 from markerseek.runs.journalled import journalled
 from markerseek.scan import RunLimits, Scanner

@@ -16,13 +16,15 @@ RUNS, STEPS = 400, 25
 
 
 class Dark:
+    """A world in which nothing sounds."""
+
     angle_deg = 0.0
 
     def __init__(self) -> None:
         self.flashes: list[Flash] = []
 
     def flash(self, *, pulses: int, at_s: float) -> None:
-        """Ignore the light."""
+        self.flashes.append(Flash(at_s=at_s, pulses=pulses, energy=1.0))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
         return ReadingFrame(header=header, intensity=0.0)

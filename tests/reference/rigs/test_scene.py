@@ -13,7 +13,7 @@ from markerseek.core import ChannelFrame, ConfigError
 from markerseek.rigs import draw_scene, image_reader
 from markerseek.signals import ImageReader, beamformed_sigma
 from markerseek.signals.beamform import beamform, image_grid
-from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.filtering import band_pass
 from markerseek.sim import TISSUES, LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings
 
 STEADY = SimulatedSettings(laser=LaserSettings(energy_jitter=0.0))
@@ -23,9 +23,8 @@ def radio_frequency(imaging: ImageReader, frame: object) -> np.ndarray:
     """Beamformed signal of a frame before its envelope, deep enough for the default aperture to be whole."""
     assert isinstance(frame, ChannelFrame)
     preset = imaging.preset
-    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
     grid = image_grid(preset, samples=frame.samples.shape[1], depth_m=np.arange(20e-3, 75e-3, preset.depth_step_m))
-    return beamform(band_pass(frame.samples, taps, blanked=preset.pickup_samples), grid)
+    return beamform(band_pass(frame.samples, preset), grid)
 
 
 @pytest.mark.long

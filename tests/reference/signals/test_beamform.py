@@ -9,8 +9,7 @@ from scipy import signal
 from markerseek.signals import PRESET_NAMES, ProbePreset, probe_preset
 from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import beamform, beamform_at, image_grid
-from markerseek.signals.envelope import envelope
-from markerseek.signals.filtering import HALF_LENGTH, band_pass, band_pass_taps, response
+from markerseek.signals.filtering import HALF_LENGTH, band_pass, band_pass_taps, envelope, response
 from markerseek.signals.presets import LinearArray
 
 SAMPLES = 1200
@@ -85,7 +84,7 @@ def test_agrees_with_pymust(f_number, elements, pitch_m):
 @pytest.mark.parametrize("name", PRESET_NAMES)
 def test_band_pass_is_that_of_scipy(name):
     preset = probe_preset(name)
-    ours = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
+    ours = band_pass_taps(preset)
     theirs = signal.firwin(
         2 * HALF_LENGTH + 1, [preset.low_hz, preset.high_hz], fs=preset.sampling_hz, pass_zero=False, window="hamming"
     )
@@ -93,16 +92,15 @@ def test_band_pass_is_that_of_scipy(name):
     frequency = np.linspace(0, preset.sampling_hz / 2, 50)
     _, gain = signal.freqz(ours, worN=frequency, fs=preset.sampling_hz)
     shift = np.exp(2j * np.pi * frequency / preset.sampling_hz * HALF_LENGTH)
-    np.testing.assert_allclose(
-        response(ours, frequency_hz=frequency, sampling_hz=preset.sampling_hz), (gain * shift).real, atol=1e-12
-    )
+    np.testing.assert_allclose(response(preset, frequency), (gain * shift).real, atol=1e-12)
 
 
 def test_filtered_channels_are_those_of_scipy():
     samples = np.random.default_rng(3).integers(-500, 500, (128, 900)).astype(np.int16)
-    taps = band_pass_taps(low_hz=5e6, high_hz=9e6, sampling_hz=40e6)
-    filtered = band_pass(samples, taps, blanked=100)[:, PAD : PAD + 128].T
-    expected = signal.fftconvolve(samples[:, 100:] - samples[:, 100:].mean(axis=1, keepdims=True), taps[None], "same")
+    preset = probe_preset("BPL9-5/55")
+    filtered = band_pass(samples, preset)[:, PAD : PAD + 128].T
+    without_mean = samples[:, 100:] - samples[:, 100:].mean(axis=1, keepdims=True)
+    expected = signal.fftconvolve(without_mean, band_pass_taps(preset)[None], "same")
     # The raised cosines at both ends are ours; one filter length further in nothing is left of them.
     inner = slice(32 + HALF_LENGTH, -32 - HALF_LENGTH)
     np.testing.assert_allclose(filtered[:, 100:][:, inner], expected[:, inner], atol=1e-3)
@@ -111,8 +109,7 @@ def test_filtered_channels_are_those_of_scipy():
 
 def test_a_constant_offset_of_the_converter_leaves_nothing():
     samples = np.full((128, 900), -300, np.int16)
-    taps = band_pass_taps(low_hz=1.5e6, high_hz=8e6, sampling_hz=40e6)
-    assert np.abs(band_pass(samples, taps, blanked=200)).max() < 1e-3
+    assert np.abs(band_pass(samples, probe_preset("L3-8"))).max() < 1e-3
 
 
 def test_envelope_is_that_of_scipy():

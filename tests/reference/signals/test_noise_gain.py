@@ -7,7 +7,7 @@ import pytest
 
 from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, features, probe_preset
 from markerseek.signals.beamform import beamform, image_grid
-from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.filtering import band_pass
 from tests.unit.signals.pulse_frames import frame_of, pulse_frame
 
 SAMPLES = 2080
@@ -16,8 +16,7 @@ SAMPLES = 2080
 def image_rms(preset, samples):
     depth = np.arange(10e-3, 60e-3, preset.depth_step_m)
     grid = image_grid(preset, samples=samples.shape[1], depth_m=depth)
-    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
-    return float(np.std(beamform(band_pass(samples, taps, blanked=preset.pickup_samples), grid)))
+    return float(np.std(beamform(band_pass(samples, preset), grid)))
 
 
 @pytest.mark.parametrize("name", PRESET_NAMES)

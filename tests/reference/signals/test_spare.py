@@ -12,8 +12,8 @@ from markerseek.acoustics import Absorber, AcousticModel, RectanglePulse
 from markerseek.core import AcquisitionError, ChannelFrame, FrameHeader
 from markerseek.signals import ImageReader, SpareReader, probe_preset
 from markerseek.signals.beamform import beamform_at
-from markerseek.signals.envelope import envelope
-from tests.unit.signals.machine_rf import post_beamformed
+from markerseek.signals.filtering import envelope
+from tests.unit.signals.pulse_frames import post_beamformed
 
 HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 PRESET = probe_preset("BPL9-5/55")

@@ -13,7 +13,7 @@ from markerseek.drivers import Kdc101Settings, Kdc101Stage
 from markerseek.emulators import EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.sim import VirtualClock
-from markerseek.wire import CONTROLLER, TO_CONTROLLER, AptFramer
+from markerseek.wire.apt import CONTROLLER, TO_CONTROLLER, AptFramer
 from tests.emulated_lines import DirectPort
 
 TRAVEL = Interval(low_deg=-36.5, high_deg=36.5)

@@ -30,15 +30,10 @@ class Lit:
 class Bench:
     """A box, its world, and a driver on it."""
 
-    def __init__(self, *, lease_ms: int = 100, turn_us: int = 200) -> None:
+    def __init__(self) -> None:
         self.world = Lit()
         self.triggers: list[int] = []
-        self.box = EmulatedLaserBox(
-            world=self.world,
-            on_triggers=self.triggers.append,
-            lease_ms=lease_ms,
-            turn_us=turn_us,
-        )
+        self.box = EmulatedLaserBox(world=self.world, on_triggers=self.triggers.append)
         self.faults = self.box.faults
         self.clock = VirtualClock()
         self.port = DirectPort(device=self.box, clock=self.clock)
@@ -59,5 +54,5 @@ def permit(token: str = "a", *, pulses: int = 16, expires_s: float = math.inf) -
     return Permit(token=token, angle_deg=3.0, pulses=pulses, expires_s=expires_s)
 
 
-def pulses_of(token: int, *, pulses: int = 50, rate_hz: int = 100, expiry_ms: int = 2000) -> wire.PermitPulses:
-    return wire.PermitPulses(token=token, pulses=pulses, rate_hz=rate_hz, expiry_ms=expiry_ms, triggers=max(pulses, 1))
+def pulses_of(token: int, *, pulses: int = 50, expiry_ms: int = 2000) -> wire.PermitPulses:
+    return wire.PermitPulses(token=token, pulses=pulses, rate_hz=100, expiry_ms=expiry_ms, triggers=max(pulses, 1))

@@ -31,8 +31,7 @@ from markerseek.drivers import EnergyMeter, LaserBoxSettings, metered
 from markerseek.drivers.kdc101 import Kdc101Stage
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.sonixdaq import SonixDaqReceiver, SonixDaqSettings
-from markerseek.emulators import LIGHT_COUNTS
-from markerseek.emulators.bench import EmulatedBench
+from markerseek.emulators import LIGHT_COUNTS, EmulatedBench
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.rigs.scene import image_reader
 from markerseek.scan import Scanner, run
@@ -174,7 +173,6 @@ def test_noise_alone_has_no_pick_up_and_one_that_is_clipped_is_refused() -> None
         ({"pickup_us": (0.0, 1.0)}, "pickup_us belongs to energy_from = 'pickup', but energy_from is None"),
         ({"energy_from": "metadata"}, "energy_field belongs to"),
         ({"energy_from": "pickup", "pickup_us": (2.0, 1.0)}, "a first and a later moment"),
-        ({"energy_from": "photodiode", "usual_energy": 0.0}, "usual_energy is 0"),
     ],
 )
 def test_keys_that_do_not_fit_are_refused(keys: dict[str, object], message: str) -> None:

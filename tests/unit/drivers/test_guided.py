@@ -59,8 +59,8 @@ def guided(
     return GuidedStage(encoder=encoder, clock=clock, settings=settings, limits=LIMITS, asks=asks)  # type: ignore[arg-type]
 
 
-def hand(clock: VirtualClock, *, motion: HandMotion | None = None, seed: int = 1) -> SimulatedHand:
-    rng = np.random.default_rng(seed)
+def hand(clock: VirtualClock, *, motion: HandMotion | None = None) -> SimulatedHand:
+    rng = np.random.default_rng(1)
     return SimulatedHand(world=Turned(), clock=clock, limits=LIMITS.search, rng=rng, motion=motion)  # type: ignore[arg-type]
 
 
@@ -174,12 +174,7 @@ class Server:
         self.now_s = 1.75e9
         self.encoder = IgtlEncoder(
             clock=SystemClock(),
-            host="127.0.0.1",
-            port=self.listening.getsockname()[1],
-            connect_s=2.0,
-            device="ProbeToProbeHome",
-            axis=1,
-            age_s=0.5,
+            settings=GuidedStageSettings(port=self.listening.getsockname()[1], connect_s=2.0),
             unix_s=lambda: self.now_s,
         )
         self.line, _ = self.listening.accept()
@@ -301,7 +296,8 @@ def ros2_transform(rotation: Rotation) -> SimpleNamespace:
 @pytest.mark.parametrize(("axis", "name"), list(enumerate("xyz")))
 def test_a_transform_of_ros_2_turns_as_scipy_says(axis: int, name: str) -> None:
     node = Node()
-    encoder = Ros2Encoder(node=node, topic="/probe", axis=axis, age_s=0.5)  # type: ignore[arg-type]
+    settings = GuidedStageSettings(encoder="ros2", message="transform", axis=name)  # type: ignore[arg-type]
+    encoder = Ros2Encoder(node=node, settings=settings)  # type: ignore[arg-type]
     assert encoder.read() is None
     for angle_deg in (-80.0, 12.5, 100.0):
         node.time_s += 1
@@ -322,7 +318,7 @@ def test_a_transform_of_ros_2_turns_as_scipy_says(axis: int, name: str) -> None:
 
 def test_a_joint_of_ros_2_is_in_radians() -> None:
     node = Node()
-    encoder = Ros2Encoder(node=node, topic="/TRUS/measured_js", axis=None, age_s=0.5)  # type: ignore[arg-type]
+    encoder = Ros2Encoder(node=node, settings=GuidedStageSettings(encoder="ros2"))  # type: ignore[arg-type]
     node.hand_over(node.stamped(name=["trus_roll"], position=[math.radians(-12.5)]))
     assert encoder.read() == pytest.approx(-12.5)
     late = node.stamped(name=["trus_roll"], position=[0.0])
@@ -389,7 +385,8 @@ class TypingClock(VirtualClock):
 
 
 def typed_stage(clock: VirtualClock) -> TypedStage:
-    return TypedStage(clock=clock, limits=LIMITS, reach_deg=1.0, timeout_s=5.0, asks=lambda _angle_deg: None)
+    settings = GuidedStageSettings(encoder="typed", timeout_s=5.0)
+    return TypedStage(clock=clock, settings=settings, limits=LIMITS, asks=lambda _angle_deg: None)
 
 
 def test_what_is_typed_counts_only_near_the_angle_asked_for(

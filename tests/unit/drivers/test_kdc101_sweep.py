@@ -16,7 +16,7 @@ from markerseek.core import (
     SweepingStage,
 )
 from markerseek.drivers import Kdc101Stage
-from markerseek.wire import AptFramer, apt
+from markerseek.wire import apt
 from tests.emulated_lines import FaultyLine
 from tests.unit.drivers.kdc101_bench import Bench, Killed, bench
 
@@ -40,8 +40,8 @@ def readings(it: Bench, stage: Kdc101Stage, duration_s: float) -> list[tuple[Sta
     return made
 
 
-def swept(it: Bench, stage: Kdc101Stage, to_deg: float, *, speed_deg_s: float = 12.0) -> list[StageReading]:
-    stage.prepare_sweep(speed_deg_s=speed_deg_s)
+def swept(it: Bench, stage: Kdc101Stage, to_deg: float) -> list[StageReading]:
+    stage.prepare_sweep(speed_deg_s=12.0)
     stage.begin_sweep(to_deg)
     return [reading for reading, _ in readings(it, stage, 0.5)]
 
@@ -200,17 +200,6 @@ def test_a_sweep_out_of_the_travel_range_does_not_begin() -> None:
             stage.begin_sweep(to_deg)
     it.clock.wait(1.0)
     assert it.probe.angle_deg == 0.0
-
-
-def test_a_port_that_another_program_left_as_output_or_input_is_off_after_the_start() -> None:
-    for mode in (0x0D, 0x02):
-        it = bench()
-        it.port.write(apt.set_trigger_ports(apt.TriggerPorts(first=mode)))
-        it.stage()
-        it.port.read(4096, timeout_s=0.0)
-        it.port.write(apt.ask(apt.TRIGGER_PORTS))
-        answers = [apt.decode(message) for message in AptFramer().feed(it.port.read(4096, timeout_s=0.0))]
-        assert answers == [apt.TriggerPorts(first=apt.TRIGGER_OFF)]
 
 
 def test_what_a_sweep_may_be_follows_from_its_keys() -> None:

@@ -20,39 +20,12 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.drivers import LaserBox
-from markerseek.drivers._laserbox_sweep import BoxSweep
+from markerseek.drivers._laserbox_line import BoxSweep
 from markerseek.emulators.laserbox import EmulatedLaserBox
-from markerseek.emulators.lines import ByteDevice
 from markerseek.sim import LaserSettings
 from markerseek.wire import laserbox as wire
-from tests.emulated_lines import BenchClock, DirectPort
+from tests.emulated_lines import BenchClock, DirectPort, FaultyLine
 from tests.unit.drivers.laserbox_bench import Lit
-
-
-class SlowPort(DirectPort):
-    """A line on which answers take a while."""
-
-    def __init__(self, *, device: ByteDevice, clock: BenchClock, late_s: float) -> None:
-        super().__init__(device=device, clock=clock)
-        self._late_s = late_s
-        self._on_their_way: list[tuple[float, bytes]] = []
-
-    def _poll(self) -> None:
-        before = len(self._inbox)
-        super()._poll()
-        self._send_on(before)
-
-    def write(self, data: bytes) -> None:
-        before = len(self._inbox)
-        super().write(data)
-        self._send_on(before)
-
-    def _send_on(self, before: int) -> None:
-        if len(self._inbox) > before:
-            self._on_their_way.append((self._clock.now_s() + self._late_s, bytes(self._inbox[before:])))
-            del self._inbox[before:]
-        while self._on_their_way and self._on_their_way[0][0] <= self._clock.now_s():
-            self._inbox += self._on_their_way.pop(0)[1]
 
 
 class Bench:
@@ -65,7 +38,7 @@ class Bench:
         self.box = EmulatedLaserBox(world=self.world, on_triggers=self.triggers.append, laser=light)
         self.box.faults.inject("clock drift", 50e-6)
         self.clock = BenchClock(tick_s=1e-3)
-        self.port = SlowPort(device=self.box, clock=self.clock, late_s=late_s)
+        self.port = DirectPort(device=self.box, clock=self.clock, line=FaultyLine(late_s=late_s))
         self.driver = LaserBox(port=self.port, clock=self.clock)
         self.clock.lead(lambda _: self.driver.beat(), lambda _: self.port.read(0, timeout_s=0.0))
 
@@ -79,7 +52,7 @@ class Bench:
         return pulses
 
 
-def permit(token: str = "s", *, pulses: int = 100, period_s: float = 0.05, expires_s: float = 1e4) -> SweepPermit:
+def permit(token: str = "s", *, pulses: int = 100, expires_s: float = 1e4) -> SweepPermit:
     return SweepPermit(
         token=token,
         angle_deg=-35.0,
@@ -88,7 +61,7 @@ def permit(token: str = "s", *, pulses: int = 100, period_s: float = 0.05, expir
         to_deg=35.0,
         slowest_deg_s=2.0,
         fastest_deg_s=12.0,
-        period_s=period_s,
+        period_s=0.05,
     )
 
 

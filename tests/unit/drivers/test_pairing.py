@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from markerseek.drivers._pairing import WAIT_S, CameraImage, Key, Pairing
+from markerseek.drivers._pair_source import WAIT_S, CameraImage, Key, Pairing
 
 
 def image(number: int, time_s: float, now_s: float, key: Key | None = None) -> CameraImage:

@@ -5,7 +5,6 @@ What it shares with the Vantage's (`StandardReceiver`) is tested there.
 
 from __future__ import annotations
 
-import math
 import socket
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -25,6 +24,7 @@ from markerseek.drivers import LaserBoxSettings, PlusReceiver, PlusSettings, con
 from markerseek.sim import VirtualClock
 from markerseek.testing import ReceiverContract
 from markerseek.wire import igtl
+from tests.emulated_lines import permit
 
 DEVICE = "RfVideo_Reference"
 SETTINGS = PlusSettings(device=DEVICE, timeout_s=1.0, quiet_s=0.1)
@@ -87,10 +87,6 @@ def plus() -> object:
     emulated.close()
 
 
-def permit(pulses: int = 4, *, token: str = "a") -> Permit:
-    return Permit(token=token, angle_deg=1.5, pulses=pulses, expires_s=math.inf)
-
-
 class TestPlus(ReceiverContract):
     @pytest.fixture(autouse=True)
     def _emulated(self, plus: EmulatedPlus) -> None:
@@ -115,14 +111,14 @@ def test_a_frame_is_the_mean_of_as_many_images_as_pulses(plus: EmulatedPlus) -> 
 def test_the_energy_is_the_mean_of_the_named_field_of_the_images(plus: EmulatedPlus, said: list[str | None]) -> None:
     keys = LaserBoxSettings(port="", energy_from="metadata", energy_field="PulseEnergy", usual_energy=2.0)
     receiver = metered(keys, plus, plus.receiver, full_scale=2047)
-    receiver.arm(permit(2))
+    receiver.arm(permit(pulses=2))
     for value in said:
         plus.send(fields=NO_FIELDS if value is None else {"PulseEnergy": value})
     if said[1] == "3.0":
-        assert receiver.acquire(permit(2)).header.energy == 1.25
+        assert receiver.acquire(permit(pulses=2)).header.energy == 1.25
         return
     with pytest.raises(AcquisitionError, match=r"no number in its field 'PulseEnergy'.*correct laser\.energy_field"):
-        receiver.acquire(permit(2))
+        receiver.acquire(permit(pulses=2))
 
 
 def test_an_image_that_was_sent_before_the_trigger_is_refused(plus: EmulatedPlus) -> None:
@@ -133,22 +129,22 @@ def test_an_image_that_was_sent_before_the_trigger_is_refused(plus: EmulatedPlus
 
 
 def test_a_server_that_repeats_an_image_is_refused(plus: EmulatedPlus) -> None:
-    plus.receiver.arm(permit(2))
+    plus.receiver.arm(permit(pulses=2))
     plus.send()
     plus.sent -= 1
     plus.send()
     with pytest.raises(AcquisitionError, match="the server repeats itself"):
-        plus.receiver.acquire(permit(2))
+        plus.receiver.acquire(permit(pulses=2))
 
 
 @pytest.mark.parametrize(
     "pixels", [np.zeros((1, 4, 8), np.uint8), np.zeros((2, 4, 8), np.int16), np.zeros((1, 4, 9), np.float32)]
 )
 def test_images_that_are_no_channel_data_are_refused(plus: EmulatedPlus, pixels: np.ndarray) -> None:
-    plus.receiver.arm(permit(1))
+    plus.receiver.arm(permit(pulses=1))
     plus.send(pixels=pixels)
     with pytest.raises(AcquisitionError, match="channel data are int16 of 1 x channels x samples"):
-        plus.receiver.acquire(permit(1))
+        plus.receiver.acquire(permit(pulses=1))
 
 
 def test_a_server_that_says_so_is_an_emulator_and_one_that_says_it_too_late_is_refused() -> None:
@@ -162,15 +158,15 @@ def test_a_server_that_says_so_is_an_emulator_and_one_that_says_it_too_late_is_r
             connection=connection, clock=VirtualClock(), settings=SETTINGS, dark_triggers=3, unix_s=lambda: 0.0
         )
         assert receiver.emulated is greeted
-        receiver.arm(permit(1))
+        receiver.arm(permit(pulses=1))
         content = igtl.Image(pixels=np.zeros((1, 4, 8), np.int16), matrix=np.eye(4))
         known = {"emulator": igtl.EMULATOR}
         server.sendall(igtl.encode(igtl.Message(device=DEVICE, content=content, metadata=known)))
         if greeted:
-            assert receiver.acquire(permit(1)).header.pulses == 1
+            assert receiver.acquire(permit(pulses=1)).header.pulses == 1
         else:
             with pytest.raises(NotConnectedError, match="is an emulator, which it did not say in time"):
-                receiver.acquire(permit(1))
+                receiver.acquire(permit(pulses=1))
         server.close()
         receiver.close()
 

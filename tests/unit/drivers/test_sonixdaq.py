@@ -1,4 +1,7 @@
-"""The SonixDAQ's driver and the folder writer in virtual time: which files count as an acquisition."""
+"""The SonixDAQ's driver and the folder writer in virtual time: which files count as an acquisition, or as a sweep.
+
+Files that arrive without a trigger are waited for, reported, and never used.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import math
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +22,15 @@ from markerseek.core import (
     ConfigError,
     DeviceTimeoutError,
     NotConnectedError,
-    Permit,
+    SweepPermit,
 )
 from markerseek.drivers import SonixDaqReceiver, SonixDaqSettings, SystemClock
 from markerseek.drivers.sonixdaq import _numbered, run_to_its_end
-from markerseek.emulators.sonixdaq import EmulatedSonixDaq
+from markerseek.emulators import EmulatedSonixDaq
 from markerseek.records.banks.frames import load_frame
 from markerseek.sim import World
 from markerseek.wire import sonixdaq as wire
-from tests.emulated_lines import BenchClock
+from tests.emulated_lines import BenchClock, permit
 
 
 class Bench:
@@ -37,7 +41,6 @@ class Bench:
         folder: Path,
         *,
         readout_s: float = 1.0,
-        timeout_s: float = 5.0,
         white_sigma: float = 300.0,
         start_deg: float = 0.0,
         averaged: int | None = None,
@@ -66,14 +69,14 @@ class Bench:
         self.clock = BenchClock()
         self.daq = EmulatedSonixDaq(world=self.world, folder=folder, readout_s=readout_s)
         self.clock.lead(self.daq.advance)
-        watched = SonixDaqSettings(folder=str(folder), timeout_s=timeout_s)
+        watched = SonixDaqSettings(folder=str(folder), timeout_s=5.0)
         self.receiver = SonixDaqReceiver(settings=watched, clock=self.clock, dark_triggers=4)
 
     def take(self, token: str = "a", *, triggers: int = 4, pulses: int = 4) -> ChannelFrame:
-        permit = Permit(token=token, angle_deg=1.5, pulses=pulses, expires_s=math.inf)
-        self.receiver.arm(permit)
+        allowed = permit(token, pulses=pulses)
+        self.receiver.arm(allowed)
         self.daq.trigger(triggers)
-        return self.receiver.acquire(permit)
+        return self.receiver.acquire(allowed)
 
 
 @pytest.fixture
@@ -127,17 +130,17 @@ def test_a_slow_device_is_waited_for_and_a_too_slow_one_is_not(tmp_path: Path) -
     # the late files come in the end, and are no answer to what is asked next
     slow.daq.faults.heal("late files")
     with pytest.raises(AcquisitionError, match="change although nothing was triggered"):
-        slow.receiver.arm(Permit(token="c", angle_deg=0, pulses=4, expires_s=math.inf))
+        slow.receiver.arm(permit("c"))
 
 
 def test_old_files_are_no_frame_whatever_their_date(bench: Bench) -> None:
     bench.take("first")
     for path in bench.folder.iterdir():
         os.utime(path, (4e9, 4e9))  # a clock far in the future
-    permit = Permit(token="b", angle_deg=0.0, pulses=4, expires_s=math.inf)
-    bench.receiver.arm(permit)
+    allowed = permit("b")
+    bench.receiver.arm(allowed)
     with pytest.raises(DeviceTimeoutError, match="0 of 128"):
-        bench.receiver.acquire(permit)
+        bench.receiver.acquire(allowed)
 
 
 @pytest.mark.parametrize("fault", ["swapped channels", "garbled headers"])
@@ -151,13 +154,13 @@ def test_two_layouts_in_one_folder_are_not_mixed(bench: Bench) -> None:
     with pytest.raises(AcquisitionError, match=r"CH003.daq and CH003-0000.daq are both channel 3; .* one program"):
         _numbered(["CH003.daq", "CH003-0000.daq"])
     # The other layout's files stay, and are old; pulses of which only the mean is even.
-    permit = Permit(token="a", angle_deg=0.0, pulses=2, expires_s=math.inf)
+    allowed = permit("a", pulses=2)
     bench.take()
-    bench.receiver.arm(permit)
+    bench.receiver.arm(allowed)
     for number in range(wire.CHANNELS):
         pulses = np.array([[number, 3], [number + 2, -1]], np.int16)
         (bench.folder / f"CH{number:03d}-0000.daq").write_bytes(wire.encode_file(pulses, number=None))
-    samples = bench.receiver.acquire(permit).samples
+    samples = bench.receiver.acquire(allowed).samples
     assert samples[[wire.element_of_file(number) for number in range(wire.CHANNELS)]].tolist() == [
         [number + 1, 1] for number in range(wire.CHANNELS)
     ]
@@ -205,3 +208,167 @@ class TestStartCommand:
 def test_settings_that_cannot_be_used_are_refused(tmp_path: Path, change: dict[str, object]) -> None:
     with pytest.raises(ConfigError, match=f"receiver: {next(iter(change))} is "):
         SonixDaqSettings(folder=str(tmp_path), **change)  # type: ignore[arg-type]
+
+
+def settling(bench: Bench) -> SonixDaqReceiver:
+    """Another process's driver on the same folder."""
+    watched = SonixDaqSettings(folder=str(bench.folder), timeout_s=5.0, readout_s=2.0)
+    return SonixDaqReceiver(settings=watched, clock=bench.clock, dark_triggers=4)
+
+
+def test_a_folder_that_is_left_alone_is_settled_after_a_readout_counted_from_the_connection(bench: Bench) -> None:
+    receiver = settling(bench)
+    bench.clock.wait(1.5)
+    began_s = bench.clock.now_s()
+    receiver.settle()
+    assert bench.clock.now_s() - began_s == pytest.approx(0.5, abs=0.06)
+    receiver.settle()  # and it stays so
+    assert bench.clock.now_s() - began_s == pytest.approx(0.5, abs=0.06)
+
+
+def test_late_files_of_a_search_that_died_are_named_waited_out_and_not_used(bench: Bench) -> None:
+    bench.daq.faults.inject("late files", 1.5)
+    bench.daq.trigger(4)
+    bench.clock.wait(0.1)
+    receiver = settling(bench)
+    with pytest.raises(AcquisitionError, match=r"stale files: 128 channel files, CH000\.daq to CH127\.daq, arrived"):
+        receiver.settle()
+    settled_s = bench.clock.now_s()
+    assert settled_s == pytest.approx(1.5 + 1.0 + 2.0, abs=0.2)
+    receiver.settle()
+    assert bench.clock.now_s() == settled_s
+    receiver.arm(permit())
+    bench.daq.trigger(4)
+    frame = receiver.acquire(permit())
+    np.testing.assert_array_equal(frame.samples, bench.received[-1])
+    assert len(bench.received) == 2
+
+
+def test_after_a_trigger_it_waits_again(bench: Bench) -> None:
+    receiver = settling(bench)
+    receiver.settle()
+    receiver.arm(permit())
+    began_s = bench.clock.now_s()
+    receiver.settle()
+    assert bench.clock.now_s() - began_s == pytest.approx(2.0, abs=0.06)
+
+
+def test_a_folder_that_never_comes_to_rest_ends_in_time(bench: Bench) -> None:
+    bench.clock.lead(lambda now_s: (bench.folder / "CH003.daq").write_bytes(b"x" * (1 + int(now_s) % 7)))
+    receiver = settling(bench)
+    began_s = bench.clock.now_s()
+    with pytest.raises(DeviceTimeoutError, match="files keep arriving"):
+        receiver.settle()
+    assert bench.clock.now_s() - began_s == pytest.approx(5.0 + 2.0, abs=0.1)
+
+
+def test_acquisitions_are_written_one_after_the_other_though_the_host_is_gone(bench: Bench) -> None:
+    """The emulated device is a computer of its own: at once fired again, it would be one behind."""
+    bench.daq.faults.inject("late files", 0.5)
+    bench.daq.trigger(4)
+    bench.daq.trigger(4)
+    bench.clock.wait(1.45)
+    first = (bench.folder / "CH000.daq").read_bytes()
+    bench.clock.wait(1.2)
+    assert len(bench.received) == 2
+    assert (bench.folder / "CH000.daq").read_bytes() != first
+
+
+def test_the_start_command_gets_the_number_of_pulses(bench: Bench, tmp_path: Path) -> None:
+    code = "import pathlib, sys; pathlib.Path(sys.argv[1]).write_text(sys.argv[2])"
+    command = (sys.executable, "-c", code, str(tmp_path / "said"), "n={frames}")
+    watched = SonixDaqSettings(folder=str(bench.folder), stable_s=0.0, start_command=command)
+    receiver = SonixDaqReceiver(settings=watched, clock=SystemClock(), dark_triggers=4)
+    for pulses, said in ((5, "n=5"), (0, "n=4")):
+        receiver.arm(permit(str(pulses), pulses=pulses))
+        assert (tmp_path / "said").read_text() == said
+
+
+SWEEP = SweepPermit(
+    token="s",
+    angle_deg=-35.0,
+    pulses=9,
+    expires_s=math.inf,
+    to_deg=35.0,
+    slowest_deg_s=2.0,
+    fastest_deg_s=12.0,
+    period_s=0.05,
+)
+
+
+class SweepBench(Bench):
+    """A folder of bursts: each pulse has a frame of its own."""
+
+    def __init__(self, folder: Path, *, frames: str = "triggered") -> None:
+        super().__init__(folder, white_sigma=30.0, start_deg=-35.0, averaged=16)
+        settings = SonixDaqSettings(folder=str(folder), timeout_s=3.0, frames=frames)  # type: ignore[arg-type]
+        self.receiver = SonixDaqReceiver(settings=settings, clock=self.clock, dark_triggers=2)
+
+    def sweep(self, *, lit: int = 7) -> list[ChannelFrame]:
+        self.receiver.begin_sweep(SWEEP)
+        for number in range(lit):
+            self.world.flash(pulses=1, at_s=0.05 * number)
+            self.world.flashes[-1] = replace(self.world.flashes[-1], angle_deg=-35.0 + number)
+        assert self.receiver.frames() == ()
+        self.daq.trigger(9)
+        frames = self.receiver.end_sweep(pulses=lit)
+        return [frame for frame in frames if isinstance(frame, ChannelFrame)]
+
+
+def test_each_pulse_is_a_frame_and_the_last_dark_triggers_are_one(tmp_path: Path) -> None:
+    bench = SweepBench(tmp_path)
+    *frames, dark = bench.sweep()
+    assert bench.angles_deg[:7] == [-35.0 + number for number in range(7)]
+    for frame, samples in zip(frames, bench.received[:7], strict=True):
+        np.testing.assert_array_equal(frame.samples, samples)
+        assert (frame.header.pulses, frame.header.token, frame.header.commanded_deg) == (1, "s", 35.0)
+    assert [frame.header.sequence for frame in frames] == list(range(1, 8))
+    # A single pulse has four times the noise of the mean of sixteen, with light and without.
+    assert np.std(bench.received) == pytest.approx(120.0, rel=0.05)
+    assert (dark.header.pulses, dark.header.token, dark.header.sequence) == (0, "s", 8)
+    np.testing.assert_array_equal(dark.samples, np.rint(np.mean(bench.received[-2:], 0)))
+    # and an acquisition at rest goes on from there
+    allowed = permit("p", pulses=16)
+    bench.receiver.arm(allowed)
+    bench.world.flash(pulses=16, at_s=5.0)
+    bench.daq.trigger(16)
+    assert bench.receiver.acquire(allowed).header.sequence == 9
+
+
+def test_light_in_the_triggers_that_must_be_dark_refuses_the_sweep_whole(tmp_path: Path) -> None:
+    bench = SweepBench(tmp_path)
+    with pytest.raises(AcquisitionError, match="8 of 9 triggers had light, and the last 2 must be dark"):
+        bench.sweep(lit=8)
+
+
+def test_files_that_have_come_since_it_was_connected_are_not_the_answer(tmp_path: Path) -> None:
+    bench = SweepBench(tmp_path)
+    bench.daq.trigger(9)
+    bench.clock.wait(0.3)
+    with pytest.raises(AcquisitionError, match=r"files have arrived in .* although nothing was triggered"):
+        bench.receiver.begin_sweep(SWEEP)
+    with pytest.raises(AcquisitionError, match="stale files"):
+        bench.receiver.settle()
+    bench.receiver.settle()
+    assert len(bench.sweep()) == 8
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [("lost trigger", "hold 8 pulses, 9 were triggered"), ("double trigger", "hold 10 pulses, 9 were triggered")],
+)
+def test_a_trigger_that_is_lost_or_doubled_refuses_the_sweep_whole(tmp_path: Path, fault: str, said: str) -> None:
+    bench = SweepBench(tmp_path)
+    bench.daq.faults.inject(fault, 4)
+    with pytest.raises(AcquisitionError, match=f"{said}: a trigger was lost or doubled"):
+        bench.sweep()
+    # and no part of it can be asked for again
+    with pytest.raises(AcquisitionError, match="was not armed for a sweep"):
+        bench.receiver.end_sweep(pulses=7)
+
+
+def test_a_device_that_records_a_fixed_number_says_why_it_cannot_sweep(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="this rig cannot sweep: its SonixDAQ records a fixed number of pulses"):
+        _ = SweepBench(tmp_path, frames="fixed").receiver.frame_period_s
+    receiver = SweepBench(tmp_path).receiver
+    assert (receiver.frame_period_s, receiver.sweep_readout_s) == (0.05, 12.0)

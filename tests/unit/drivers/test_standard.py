@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 import pytest
 
-from markerseek.core import DeviceError, DeviceTimeoutError, Laser, LaserError, Permit
+from markerseek.core import DeviceError, DeviceTimeoutError, Laser, LaserError
 from markerseek.drivers import StandardLaser
 from markerseek.sim import VirtualClock
 from markerseek.testing import LaserContract
+from tests.emulated_lines import permit
 
 
 @dataclass
@@ -38,10 +38,6 @@ class Lamp:
 def laser(**wrong: object) -> tuple[StandardLaser[Lamp], Lamp]:
     lamp = Lamp(**wrong)  # type: ignore[arg-type]
     return StandardLaser(lamp, clock=VirtualClock(), rate_hz=100.0, name="lamp"), lamp
-
-
-def permit(token: str = "a", *, pulses: int = 4, expires_s: float = math.inf) -> Permit:
-    return Permit(token=token, angle_deg=0.0, pulses=pulses, expires_s=expires_s)
 
 
 class TestStandardLaser(LaserContract):

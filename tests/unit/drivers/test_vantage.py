@@ -27,6 +27,7 @@ from markerseek.drivers import SystemClock, VantageReceiver, VantageSettings, aw
 from markerseek.sim import VirtualClock
 from markerseek.testing import ReceiverContract
 from markerseek.wire.vantage import VantageFrame, VantageFramer, encode
+from tests.emulated_lines import permit
 from tests.octave import NO_OCTAVE, has_octave_sockets
 
 SENDER = Path(__file__).parents[3] / "matlab"
@@ -79,10 +80,6 @@ def sender() -> Iterator[Sender]:
     made = Sender()
     yield made
     made.close()
-
-
-def permit(pulses: int = 4) -> Permit:
-    return Permit(token="a", angle_deg=1.5, pulses=pulses, expires_s=math.inf)
 
 
 class TestVantage(ReceiverContract):

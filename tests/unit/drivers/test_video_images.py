@@ -22,9 +22,9 @@ CAMERA = Camera(focal_px=(150.0, 150.0), centre_px=(79.5, 63.5), size_px=(160, 1
 CAMERAS = (CAMERA, CAMERA)
 
 
-def video(path: Path, values: range, *, rate_hz: float = 25.0, columns: int = 160, halves: int = 0) -> str:
+def video(path: Path, values: range, *, columns: int = 160, halves: int = 0) -> str:
     """An AVI whose image n is even, of brightness n; ``halves``: by how much its right half is brighter."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate_hz, (columns, 128))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (columns, 128))
     assert writer.isOpened()
     for value in values:
         image = np.full((128, columns, 3), value, np.uint8)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from markerseek.emulators._prm1z8 import Motor
+from markerseek.emulators._kdc101_motion import Motor
 from markerseek.sim import StageMotion
 from tests.sizes import examples
 

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.registration.forged_markers import ForgedScene
 from markerseek.core import MarkerPosition
-from markerseek.registration import SeenMarker, choose
+from markerseek.registration.choice import SeenMarker, choose
 from tests.sizes import examples
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from markerseek import rigs
-from markerseek.core import StereoPair
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import EmulatedBench, EmulatedEndoscope
 from markerseek.guard import Admission, FiringLimits, Guard
@@ -25,8 +24,8 @@ from markerseek.registration import (
     StereoSettings,
     TakenMarker,
     Waiting,
-    davinci_to_probe_home,
 )
+from markerseek.registration.report import davinci_to_probe_home
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings
@@ -34,37 +33,22 @@ from tests.emulated_lines import BenchClock, DirectPort
 from tests.registration_sessions import BEGUN
 
 SETTINGS = SimulatedSettings(marker=MarkerSettings(angle_deg=0.0), receiver=ReceiverSettings(readout_s=0.1))
-CALIBRATION_PX = 0.2
 
 
-class Endoscope:
-    """What the cameras of a bench show, without files."""
-
-    name = "emulated endoscope"
-
-    def __init__(self, emulated: EmulatedEndoscope) -> None:
-        self.emulated = emulated
-
-    def newest(self) -> list[StereoPair]:
-        return self.emulated.images.newest()
-
-    def close(self) -> None:
-        """Nothing to release."""
-
-
+@dataclass(slots=True, kw_only=True)
 class Person(DeviceRoom):
     """Lights the place that is asked for."""
 
+    endoscope: EmulatedEndoscope
+
     def ask(self, waiting: Waiting) -> bool:
-        images = self.images
-        assert isinstance(images, Endoscope)
         if waiting.place is not None:
-            images.emulated.light(waiting.place.left_px)
-        return super().ask(waiting)
+            self.endoscope.light(waiting.place.left_px)
+        return DeviceRoom.ask(self, waiting)
 
 
-def room(folder: Path, *, wait_s: float = 6.0) -> tuple[DeviceRoom, EmulatedBench, EmulatedEndoscope]:
-    """The room, and what is emulated in it."""
+def room(folder: Path, *, wait_s: float = 6.0) -> tuple[Person, EmulatedBench]:
+    """The room, and its emulated bench."""
     emulated = EmulatedBench(settings=SETTINGS, rng=np.random.default_rng(1), folder=folder / "daq")
     clock = BenchClock()
     clock.lead(emulated.daq.advance)
@@ -88,20 +72,13 @@ def room(folder: Path, *, wait_s: float = 6.0) -> tuple[DeviceRoom, EmulatedBenc
     )
     simulated = rigs.simulated(seed=1, settings=SETTINGS)
     rig = replace(simulated, stage=stage, laser=laser, receiver=receiver, scanner=scanner, closing_dark=True)
-    cameras = endoscope.cameras
-    stereo = StereoSettings(
-        left=cameras.left,
-        right=cameras.right,
-        rotation_vector=(0.0, 0.0, 0.0),
-        translation_m=(-5e-3, 0.0, 0.0),
-        calibration_sigma_px=CALIBRATION_PX,
-    )
-    person = Person(rig=rig, images=Endoscope(endoscope), stereo=stereo, by="test", wait_s=wait_s)
-    return person, emulated, endoscope
+    stereo = StereoSettings.of(endoscope.cameras, calibration_sigma_px=0.2)
+    images = endoscope.images
+    return Person(rig=rig, images=images, stereo=stereo, by="test", wait_s=wait_s, endoscope=endoscope), emulated
 
 
 def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_path: Path) -> None:
-    person, emulated, endoscope = room(tmp_path)
+    person, emulated = room(tmp_path)
     record = SessionRecord.create(tmp_path / "session", BEGUN)
     session = RegistrationSession(person, plan=SessionPlan(markers=3), record=record)
     steps: list[Step] = [step for step in session.steps() if not isinstance(step, Searching)]
@@ -118,7 +95,7 @@ def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_
     assert last.report.davinci_to_trus is not None
     found = davinci_to_probe_home(last.report.davinci_to_trus)
     target_m = np.array([0.0, 0.0, 0.04])
-    error_m = np.linalg.norm(found.apply(endoscope.true.inverse().apply(target_m)) - target_m)
+    error_m = np.linalg.norm(found.apply(person.endoscope.true.inverse().apply(target_m)) - target_m)
     assert error_m < 2 * last.report.tre95_m < 6e-3
     assert isinstance(steps[-1], Ended)
     assert steps[-1].registered
@@ -132,8 +109,8 @@ def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_
 
 
 def test_a_room_that_nobody_lights_ends_after_its_wait_and_fires_no_more(tmp_path: Path) -> None:
-    person, emulated, endoscope = room(tmp_path, wait_s=4.0)
-    endoscope.images.show(None)
+    person, emulated = room(tmp_path, wait_s=4.0)
+    person.endoscope.images.show(None)
     steps = list(RegistrationSession(person).steps())
     refused = [step for step in steps if isinstance(step, SpotRefused)]
     assert len(refused) == 1

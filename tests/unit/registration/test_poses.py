@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from benchmarks.registration.forged_markers import LIMITS, REACH, STEREO, ForgedScene
-from markerseek.registration import Poses, choose, poses
+from markerseek.core import AnglePrior
+from markerseek.registration import poses
+from markerseek.registration.choice import choose
+from markerseek.registration.poses import Poses
 
 SCENES = 60
 
@@ -27,17 +31,22 @@ def drawn(scene: ForgedScene, count: int) -> tuple[Poses, np.ndarray]:
     return found, one_more
 
 
-@pytest.mark.parametrize("count", [3, 4])
-def test_a_registration_predicts_the_angle_of_the_next_marker(count: int) -> None:
-    within = []
+def held(count: int, holds: Callable[[AnglePrior, float], bool]) -> list[bool]:
+    """Whether what so many markers predict of the next one holds its angle, of each scene that they predict."""
+    found = []
     for seed in range(SCENES):
         scene = ForgedScene(seed)
-        found, spot = drawn(scene, count)
+        possible, spot = drawn(scene, count)
         seen = scene.seen("next", spot)
-        prediction = found.predict(seen.camera_m, seen.camera_covariance_m2, limits=LIMITS)
+        prediction = possible.predict(seen.camera_m, seen.camera_covariance_m2, limits=LIMITS)
         if prediction is not None:
-            off_deg = abs(angle_deg(scene, spot) - prediction.prior.mean_deg)
-            within.append(off_deg <= 3 * prediction.prior.sigma_deg)
+            found.append(holds(prediction.prior, angle_deg(scene, spot)))
+    return found
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_a_registration_predicts_the_angle_of_the_next_marker(count: int) -> None:
+    within = held(count, lambda prior, angle: abs(angle - prior.mean_deg) <= 3 * prior.sigma_deg)
     # Said for most of them, and right in at least 95 %.
     assert len(within) >= 0.8 * SCENES
     assert np.mean(within) >= 0.95
@@ -45,14 +54,7 @@ def test_a_registration_predicts_the_angle_of_the_next_marker(count: int) -> Non
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_before_a_registration_the_window_holds_the_next_marker(count: int) -> None:
-    within = []
-    for seed in range(SCENES):
-        scene = ForgedScene(seed)
-        found, spot = drawn(scene, count)
-        seen = scene.seen("next", spot)
-        prediction = found.predict(seen.camera_m, seen.camera_covariance_m2, limits=LIMITS)
-        if prediction is not None:
-            within.append(angle_deg(scene, spot) in prediction.prior.interval(LIMITS))
+    within = held(count, lambda prior, angle: angle in prior.interval(LIMITS))
     assert len(within) >= 0.1 * SCENES
     assert np.mean(within) >= 0.98
 

@@ -1,4 +1,4 @@
-"""The record of a session: torn, changed, full, written twice, and killed after each step."""
+"""The record of a session: torn, changed, full, written twice, followed while it is written, killed in a search."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,11 +22,12 @@ from markerseek.registration import (
     SpotRefused,
     TakenMarker,
     Waiting,
+    follow_session,
     is_running,
     read_registration,
     read_session,
 )
-from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, matrix_m, registered
+from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, kill, matrix_m, registered, taken
 
 STEPS = [WAITING, SpotRefused(name="2", reason="no light"), MOVED, ENDED]
 
@@ -149,33 +151,84 @@ def test_a_full_disk_leaves_no_part_of_a_step_and_room_lets_it_go_on(
     SessionRecord.create(tmp_path / "new", BEGUN).close()
 
 
-def marker(name: str, *, again: str | None = None) -> TakenMarker:
-    return TakenMarker(
-        name=name,
-        spot={"left_px": (1.0, 2.0), "right_px": (1.0, 2.0), "sigma_px": 0.1},
-        camera_m=[0.0, 0.0, 0.1],
-        camera_covariance_m2=[[0.0] * 3] * 3,
-        camera_shared_m=[[0.0]] * 3,
-        answer="not found",
-        reason=None,
-        candidates=[],
-        acquisitions=5,
-        rig_s=1.0,
-        prior=None,
-        journal=None,
-        at="2026-01-01T00:00:00+00:00",
-        again=again,
-    )
-
-
 def test_a_marker_that_was_measured_again_is_no_marker_more(tmp_path: Path) -> None:
     record = SessionRecord.create(tmp_path / "s", BEGUN)
-    record.add(marker("1"))
-    record.add(marker("1-again", again="1"))
+    record.add(taken("1"))
+    record.add(taken("1-again", again="1"))
     assert [each.name for each in record.taken] == ["1"]
     record.close()
     record = SessionRecord.reopen(tmp_path / "s")
     assert [each.name for each in record.taken] == ["1"]
+    record.close()
+
+
+def no_light(name: str) -> SpotRefused:
+    return SpotRefused(name=name, reason="no light")
+
+
+def test_steps_come_as_they_are_written_and_those_of_a_continued_session_too(tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+
+    def writes() -> Iterator[None]:
+        yield
+        record = SessionRecord.create(folder, BEGUN)
+        yield
+        record.add(no_light("1"))
+        record.add(no_light("2"))
+        yield
+        # Within a line: the half is cut off when the session is continued.
+        kill(record)
+        yield
+        record = SessionRecord.reopen(folder)
+        record.add(no_light("3"))
+        yield
+        record.add(ENDED)
+        record.close()
+        yield
+
+    script = writes()
+    more = [True]
+
+    def wait() -> None:
+        more[0] = next(script, "over") is None
+
+    steps = list(follow_session(folder, is_over=lambda: not more[0], wait=wait))
+    assert steps == read_session(folder)[0]
+    assert [getattr(step, "name", None) for step in steps] == [None, "1", "2", "3", None]
+
+
+def test_without_an_end_it_ends_once_nobody_writes_and_a_changed_line_is_named(tmp_path: Path) -> None:
+    record = SessionRecord.create(tmp_path / "session", BEGUN)
+    waits = []
+
+    def wait() -> None:
+        waits.append(record.add(no_light("1")))
+        record.close()
+
+    assert len(list(follow_session(tmp_path / "session", wait=wait))) == 2
+    assert len(waits) == 1
+    path = tmp_path / "session" / "session.jsonl"
+    os.truncate(path, 0)
+    path.write_bytes(b'00000000 {"type":"waiting"}\n')
+    with pytest.raises(RecordError, match="line 1: it does not agree with its check sum"):
+        list(follow_session(tmp_path / "session", wait=wait))
+
+
+@pytest.mark.parametrize("how", ["deleted", "cut"])
+def test_a_record_whose_steps_are_gone_is_named(tmp_path: Path, how: str) -> None:
+    record = SessionRecord.create(tmp_path / "session", BEGUN)
+    record.add(no_light("1"))
+    path = tmp_path / "session" / "session.jsonl"
+
+    def wait() -> None:
+        if how == "deleted":
+            path.unlink()
+        else:
+            os.truncate(path, path.stat().st_size // 2)
+
+    said = {"deleted": "deleted while it was followed", "cut": "not in it any more"}[how]
+    with pytest.raises(RecordError, match=said):
+        list(follow_session(tmp_path / "session", is_over=lambda: False, wait=wait))
     record.close()
 
 
@@ -188,14 +241,14 @@ def require_whole(folder: Path, last: subprocess.CompletedProcess[str]) -> None:
     """No marker is lost, none is asked for after it was taken, and the session is registered."""
     assert last.returncode == 0, last.stderr
     steps, _ = read_session(folder)
-    taken: list[str] = []
+    names: list[str] = []
     for step in steps:
         if isinstance(step, Waiting):
-            assert step.name == str(1 + len(taken))
+            assert step.name == str(1 + len(names))
         if isinstance(step, TakenMarker):
-            assert step.name == str(1 + len(taken))
-            taken.append(step.name)
-    assert taken == ["1", "2", "3"]
+            assert step.name == str(1 + len(names))
+            names.append(step.name)
+    assert names == ["1", "2", "3"]
     state = [step for step in steps if isinstance(step, Registered)][-1]
     assert state.decided
     truth = json.loads(last.stdout)

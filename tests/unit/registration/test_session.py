@@ -18,7 +18,6 @@ from markerseek.registration import (
     Registered,
     RegistrationSession,
     SessionPlan,
-    Spot,
     SpotRefused,
     SpotSeen,
     Step,
@@ -29,6 +28,7 @@ from markerseek.registration import (
 )
 from markerseek.rigs import movable
 from markerseek.sim import EndoscopeSettings, SimulatedEndoscope, SimulatedSettings, camera_above
+from tests.registration_sessions import taken
 from tests.unit.sim.faulty_endoscope import FaultyEndoscope
 
 SPOT_M = np.array([0.004, -0.003, 0.061])
@@ -150,26 +150,19 @@ class ForgedSession(RegistrationSession):
         # The camera's view of tissue that moves between: the marker moves, the light that the camera sees does not.
         heard_m = spot_m if again is None else spot_m + self._by_m
         seen = self._scene.seen(name, spot_m, [self._scene.candidate(heard_m)])
-        taken = TakenMarker(
-            name=name,
-            spot=Spot(left_px=(0.0, 0.0), right_px=(0.0, 0.0), sigma_px=0.1),
+        marker = taken(
+            name,
             camera_m=seen.camera_m.tolist(),
             camera_covariance_m2=seen.camera_covariance_m2.tolist(),
             camera_shared_m=seen.camera_shared_m.tolist(),
             answer="found",
-            reason=None,
             candidates=list(seen.candidates),
-            acquisitions=8,
-            rig_s=5.0,
-            prior=None,
-            journal=None,
-            at="2026-01-01T00:00:00+00:00",
             again=None if again is None else again.name,
         )
         if again is None:
-            self.taken.append(taken)
-        yield taken
-        return taken
+            self.taken.append(marker)
+        yield marker
+        return marker
 
 
 class ForgedRoom(FaultyRoom):

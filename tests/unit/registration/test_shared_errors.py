@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from markerseek.geometry import StereoCameras, triangulate
-from markerseek.registration import PointPair, camera_shared_m, focal_shared_m, register_pairs, trus_shared_m
+from markerseek.registration import PointPair, register_pairs
+from markerseek.registration.shared_errors import camera_shared_m, focal_shared_m, trus_shared_m
 from markerseek.sim import camera_above, endoscope
 
 TRUS_M = np.array([[x, y, 60 + (x * y) % 7] for x in (-20, 0, 20) for y in (-20, 0, 20)]) * 1e-3

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from markerseek.drivers import bench_settings_from
-from markerseek.rigs import bench, fingerprint, simulated
+from markerseek.rigs import bench, draw_scene, fingerprint, simulated
 from markerseek.sim import LaserSettings, SimulatedSettings
 from markerseek.studies import cells
 from markerseek.studies.paper.fig5 import Condition, study_of
@@ -40,3 +43,16 @@ def test_settings_that_are_newer_than_the_hashes_do_not_change_them() -> None:
     assert fingerprint(SimulatedSettings(laser=LaserSettings(energy_spread=0.1))) != fingerprint(SimulatedSettings())
     study = study_of(Condition(source_radius_m=0.15e-3, peak_snr_db=40.0), seed=1)
     assert cells(study)[0].digest == 7318545960020396796
+
+
+@pytest.mark.parametrize("snr_db", [15.0, 25.0, 40.0])
+def test_single_pulses_stay_below_full_scale(snr_db: float) -> None:
+    """Of the gain that the receiver chooses: single pulses, as in a sweep, have more noise than an average."""
+    settings = SimulatedSettings()
+    settings = replace(settings, noise=replace(settings.noise, peak_snr_db=snr_db))
+    single = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
+    average, one = (draw_scene(each, np.random.default_rng(1)) for each in (settings, single))
+    # The SNR is the same, whatever the gain.
+    assert one.peak / one.noise.white_sigma == pytest.approx(average.peak / average.noise.white_sigma)
+    assert one.peak_counts + 6 * 4 * one.noise.white_sigma <= 2047
+    assert one.peak_counts <= average.peak_counts

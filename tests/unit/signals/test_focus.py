@@ -9,9 +9,9 @@ import pytest
 
 from markerseek.signals import PRESET_NAMES, probe_preset
 from markerseek.signals._kernel import PAD, aligned_energies
-from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.filtering import band_pass
 from markerseek.signals.focus import focused_coherence
-from tests.unit.signals.test_reader import pulse_frame
+from tests.unit.signals.pulse_frames import pulse_frame
 
 BPL = probe_preset("BPL9-5/55")
 WHITE = 5.0
@@ -23,8 +23,7 @@ def counts(clean):
 
 
 def signals_of(samples, preset=BPL):
-    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
-    return band_pass(samples, taps, blanked=preset.pickup_samples)
+    return band_pass(samples, preset)
 
 
 def coherence(samples, *, preset=BPL, lateral_m=4e-3, depth_m=0.04, intensity=1e4, sigma=0.0):

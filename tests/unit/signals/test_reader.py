@@ -13,7 +13,7 @@ from markerseek.core import AcquisitionError, ConfigError
 from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, beamformed_sigma, features, probe_preset
 from markerseek.signals._kernel import PAD
 from markerseek.signals.beamform import half_aperture_m, image_grid, path_delay
-from markerseek.signals.filtering import band_pass, band_pass_taps
+from markerseek.signals.filtering import band_pass
 from tests.unit.signals.pulse_frames import frame_of, pulse_frame
 
 BPL = probe_preset("BPL9-5/55")
@@ -120,8 +120,7 @@ def test_coherent_energy_is_that_of_aligned_channels(name):
     preset, rng = probe_preset(name), np.random.default_rng(11)
     source = (3e-3, 0.032)
     clean = pulse_frame(preset, lateral_m=source[0], depth_m=source[1])
-    taps = band_pass_taps(low_hz=preset.low_hz, high_hz=preset.high_hz, sampling_hz=preset.sampling_hz)
-    signals = band_pass(counts(clean + rng.normal(0, 0.05, clean.shape)), taps, blanked=preset.pickup_samples)
+    signals = band_pass(counts(clean + rng.normal(0, 0.05, clean.shape)), preset)
     lateral = np.append(rng.uniform(-0.02, 0.02, 20), source[0])
     depth = np.append(rng.uniform(0.012, 0.07, 20), source[1])
     energy, used = features.coherent_energies(signals, preset, lateral_m=lateral, depth_m=depth)

@@ -10,7 +10,15 @@ from scipy.integrate import solve_ivp
 
 from markerseek.acoustics import Absorber, AcousticModel, Noise
 from markerseek.core import Interval, Permit
-from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedStage, StageMotion, VirtualClock, World
+from markerseek.sim import (
+    LaserSettings,
+    SimulatedLaser,
+    SimulatedReceiver,
+    SimulatedStage,
+    StageMotion,
+    VirtualClock,
+    World,
+)
 
 TRAVEL = Interval(low_deg=-36.5, high_deg=36.5)
 
@@ -99,7 +107,8 @@ def test_the_energy_of_an_acquisition_varies_and_drifts_and_a_meter_reports_it_w
     """ln energy scatters by the spread about the drift; what the header says is the true energy but for the meter."""
     clock, truth = VirtualClock(), world()
     rng = np.random.default_rng(8)
-    laser = SimulatedLaser(world=truth, clock=clock, energy_spread=0.05, energy_drift_per_min=0.1, rng=rng)
+    light = LaserSettings(energy_spread=0.05, energy_drift_per_min=0.1)
+    laser = SimulatedLaser(world=truth, clock=clock, light=light, rng=rng)
     receiver = SimulatedReceiver(world=truth, clock=clock, readout_s=0.59, meter_noise=0.01, rng=rng)
     reported, fired_s = [], []
     for number in range(400):

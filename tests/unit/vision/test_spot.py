@@ -9,8 +9,9 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from markerseek.core import ConfigError
-from markerseek.sim import EndoscopeSettings, spot_images
+from markerseek.sim import EndoscopeSettings
 from markerseek.vision import LaserSpot, NoSpot, TwoSpots, find_spot
+from tests.spot_images import spot_images
 
 pytest.importorskip("cv2")
 

@@ -184,13 +184,6 @@ def test_any_body_with_the_right_checksum_is_read_or_refused(kind: str, body: by
     assert said is None or said.startswith(f"OpenIGTLink: {kind} 'a': ")
 
 
-def test_a_huge_length_is_refused_by_the_header_alone() -> None:
-    data = igtl.encode(igtl.Message(device="a", content=igtl.Text(text="x")))
-    huge = data[:42] + struct.pack(">Q", 1 << 60) + data[50:58]
-    with pytest.raises(DeviceError, match="a body of 1152921504606846976 bytes, at most 65536 are taken; send less"):
-        igtl.decode_header(huge, most_bytes=65536)
-
-
 def test_a_wrong_checksum_names_both() -> None:
     data = bytearray(igtl.encode(igtl.Message(device="a", content=igtl.Text(text="x"))))
     data[-1] ^= 1
@@ -258,11 +251,11 @@ def test_messages_come_out_whole_however_the_bytes_are_cut(cuts: list[int]) -> N
     framer, taken = igtl.Framer(most_bytes=100), []
     for start, end in pairwise(ends):
         taken += [len(body) for _, body in framer.feed(stream[start:end])]
-        assert framer.incomplete == (end not in (0, len(whole[0]), len(whole[0] + whole[1])) and end < len(stream))
     assert taken == [len(message) - igtl.HEADER_BYTES for message in whole]
 
 
 def test_a_message_that_is_too_long_is_refused_at_its_header() -> None:
-    data = igtl.encode(igtl.Message(device="a", content=igtl.Text(text="b" * 1000)))
-    with pytest.raises(DeviceError, match=r"a body of 10.. bytes, at most 100"):
-        list(igtl.Framer(most_bytes=100).feed(data[: igtl.HEADER_BYTES]))
+    data = igtl.encode(igtl.Message(device="a", content=igtl.Text(text="x")))
+    huge = data[:42] + struct.pack(">Q", 1 << 60) + data[50:58]
+    with pytest.raises(DeviceError, match="a body of 1152921504606846976 bytes, at most 65536 are taken; send less"):
+        list(igtl.Framer(most_bytes=65536).feed(huge))

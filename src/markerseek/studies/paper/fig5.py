@@ -28,7 +28,6 @@ from markerseek.studies.paper.methods import (
     paper_search,
     policy_of,
 )
-from markerseek.studies.paper.printed import paper_number, printed_value
 from markerseek.studies.paper.section import (
     Comparison,
     Errors,
@@ -40,6 +39,8 @@ from markerseek.studies.paper.section import (
     errors_figure,
     errors_table,
     make_section,
+    paper_number,
+    printed_value,
 )
 from markerseek.studies.policies import study_policy
 from markerseek.studies.study import CurveSettings, Study, cells

@@ -14,9 +14,8 @@ from markerseek.core import SearchError
 from markerseek.pictures import tip_figure
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.studies.paper.methods import RunOptions
-from markerseek.studies.paper.printed import paper_number
-from markerseek.studies.paper.section import Comparison, Section, make_section, make_table
-from markerseek.studies.statistics import Mean
+from markerseek.studies.paper.section import Comparison, Section, make_section, make_table, paper_number
+from markerseek.studies.summary import Mean
 from markerseek.vision import SensitiveRange, published_sensitive_range
 
 if TYPE_CHECKING:

@@ -32,8 +32,8 @@ from markerseek.studies.paper.methods import (
     paper_search,
     policy_of,
 )
-from markerseek.studies.paper.printed import MATERIALS, printed_value
 from markerseek.studies.paper.section import (
+    MATERIALS,
     Comparison,
     Errors,
     Group,
@@ -45,6 +45,7 @@ from markerseek.studies.paper.section import (
     errors_table,
     make_section,
     make_table,
+    printed_value,
 )
 
 if TYPE_CHECKING:

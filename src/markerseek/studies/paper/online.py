@@ -30,7 +30,6 @@ from markerseek.studies.paper.methods import (
     policy_of,
 )
 from markerseek.studies.paper.offline import LEVELS_DB, grid
-from markerseek.studies.paper.printed import paper_number, printed_value
 from markerseek.studies.paper.section import (
     ERRORS,
     STYLES,
@@ -47,8 +46,10 @@ from markerseek.studies.paper.section import (
     errors_table,
     make_section,
     make_table,
+    paper_number,
+    printed_value,
 )
-from markerseek.studies.statistics import Mean
+from markerseek.studies.summary import Mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,12 +1,14 @@
 """What the reproduction of one figure or table consists of: text, tables, comparisons with the paper, a picture.
 
-`errors_figure` is the picture of errors over acquisitions, with the colours and marks of the methods.
-
-The text is in `prose.toml`; results stand in it as fields of `str.format`.
+The paper's numbers are in `printed.csv`: value, place, and why a number cannot be reproduced. That file holds nothing
+of ours; `compared` puts a number of ours beside one of them. The text is in `prose.toml`; results stand in it as fields
+of `str.format`. `errors_figure` is the picture of errors over acquisitions, with the colours and marks of the methods.
 """
 
 from __future__ import annotations
 
+import csv
+import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,16 +17,73 @@ from importlib import resources
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
+import msgspec
 import numpy as np
 
+from markerseek.core import ConfigError
 from markerseek.pictures import panel_grid, shared_legend
 from markerseek.studies.figure import draw_means
 from markerseek.studies.paper.methods import PaperMethod, PaperSearch
-from markerseek.studies.paper.printed import SENSITIVE_DEG, PaperNumber, paper_number
-from markerseek.studies.statistics import Mean
+from markerseek.studies.summary import Mean
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaperNumber:
+    """One number of the paper; or, without a value, what a number of ours is for which the paper has none."""
+
+    key: str = ""
+    """Name by which the code refers to it."""
+    place: str = "not in the paper"
+    """Where in the paper it is."""
+    quantity: str
+    value: float | None = None
+    sd: float | None = None
+    """What the paper prints after ±."""
+    unit: str = "deg"
+    limitation: str | None = None
+    """Why the number cannot be reproduced, or not fully; None if nothing is known against it."""
+    note: str | None = None
+    """What else is known of the number."""
+
+    def __str__(self) -> str:
+        if self.value is None:
+            return "–"
+        sd = "" if self.sd is None else f" ± {self.sd:g}"
+        return f"{self.value:g}{sd} {self.unit}".replace(" deg", "°")
+
+
+def _read() -> dict[str, PaperNumber]:
+    lines = resources.files(__package__).joinpath("printed.csv").read_text(encoding="utf-8").splitlines()
+    # An empty cell is a missing value.
+    rows = [{name: cell or None for name, cell in row.items()} for row in csv.DictReader(lines)]
+    return {number.key: number for number in msgspec.convert(rows, list[PaperNumber], strict=False)}
+
+
+PAPER_NUMBERS = _read()
+"""All numbers by key."""
+
+MATERIALS = tuple(key.removeprefix("table1/WA/") for key in PAPER_NUMBERS if key.startswith("table1/WA/"))
+"""Columns of Table 1."""
+
+
+def paper_number(key: str) -> PaperNumber:
+    """Return a number of the paper by its key."""
+    if key not in PAPER_NUMBERS:
+        raise ConfigError(f"printed: {key!r} is not a number of the paper; the keys are: {', '.join(PAPER_NUMBERS)}")
+    return PAPER_NUMBERS[key]
+
+
+def printed_value(key: str) -> float:
+    """Return the value of a number of the paper."""
+    return paper_number(key).value or math.nan
+
+
+SENSITIVE_DEG = printed_value("sensitive")
+"""Error beyond which the tool tip leaves the image: a search with a larger error counts as failed."""
+
 
 Cell: TypeAlias = str | int | float | None
 """One cell of a table; None is empty."""

@@ -27,14 +27,7 @@ from markerseek.registration import (
 )
 from markerseek.sim import endoscope
 
-CAMERAS = endoscope()
-STEREO = StereoSettings(
-    left=CAMERAS.left,
-    right=CAMERAS.right,
-    rotation_vector=(0.0, 0.0, 0.0),
-    translation_m=tuple(CAMERAS.left_to_right.translation_m.tolist()),
-    calibration_sigma_px=0.3,
-)
+STEREO = StereoSettings.of(endoscope(), calibration_sigma_px=0.3)
 SPOT = Spot(left_px=(600.0, 500.0), right_px=(560.0, 500.0), sigma_px=0.1)
 
 

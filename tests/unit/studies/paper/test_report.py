@@ -15,9 +15,8 @@ import pytest
 from markerseek.core import ConfigError
 from markerseek.studies.paper import RunOptions, Section, write_report, write_section
 from markerseek.studies.paper.offline import OfflineBank, fig6, grid, offline_searches
-from markerseek.studies.paper.printed import MATERIALS, PAPER_NUMBERS, paper_number
 from markerseek.studies.paper.report import REPORT
-from markerseek.studies.paper.section import compared, errors_of
+from markerseek.studies.paper.section import MATERIALS, PAPER_NUMBERS, compared, errors_of, paper_number
 
 
 class Tables(HTMLParser):
@@ -131,9 +130,3 @@ def test_results_do_not_depend_on_the_number_of_processes(monkeypatch: pytest.Mo
     assert alone == RunOptions(workers=2).each(math.sqrt, [1.0, 4.0, 9.0], stage="roots") == [1.0, 2.0, 3.0]
     assert steps == [("roots", done, 3) for done in range(4)]
     assert "PYTHONSAFEPATH" not in os.environ, "it would keep later programs from importing of the current folder"
-
-
-@pytest.mark.parametrize(("wrong", "said"), [({"markers": 3}, "between 10 and"), ({"seed": -1}, "0 or more")])
-def test_options_out_of_range_are_is_refused(wrong: dict[str, int], said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
-        RunOptions(**wrong)  # type: ignore[arg-type]

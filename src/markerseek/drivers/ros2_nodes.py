@@ -1,0 +1,491 @@
+"""Drivers of devices behind ROS 2 topics: a stage node, and an acquisition node, which is laser and receiver."""
+
+from __future__ import annotations
+
+import math
+import secrets
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from markerseek.core import (
+    AcquisitionError,
+    ChannelFrame,
+    Clock,
+    ConfigError,
+    DeviceTimeoutError,
+    Frame,
+    FrameHeader,
+    Int16,
+    Interval,
+    LaserError,
+    MoveError,
+    NotConnectedError,
+    Permit,
+    Within,
+    is_finite,
+)
+from markerseek.drivers.entry import Entry, LaserSettings, Opening, ReceiverSettings, StageSettings
+from markerseek.drivers.standard_laser import Permits
+from markerseek.drivers.standard_stage import require_inside
+from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, reach, topics
+
+_SLICE_S = 0.02
+"""Longest time between two beats of the clock while a message is awaited, in seconds."""
+
+_PATIENCE_S = 2.0
+"""Time after which it is said that a node is not found yet, in seconds; on one computer it takes 0.3 s."""
+
+
+def require_found(
+    node: RosNode, clock: Clock, found: Callable[[], bool], *, missing: str, cure: str, connect_s: float
+) -> None:
+    """Wait for a node of a rig, and warn early where it is looked for; `NotConnectedError` if it is not found in time.
+
+    ``missing``: what was not found, as "stage: no node takes angles on /goto". ``cure``: what helps.
+    """
+    early_s = min(_PATIENCE_S, connect_s)
+    if wait_until(node, clock, found, timeout_s=early_s):
+        return
+    where = f"it is looked for in {reach()}"
+    if connect_s > early_s:
+        warnings.warn(f"{missing} so far; {where}; waiting up to {connect_s:g} s", stacklevel=2)
+        if wait_until(node, clock, found, timeout_s=connect_s - early_s):
+            return
+    raise NotConnectedError(f"{missing} within {connect_s:g} s; {cure}; {where}")
+
+
+def wait_until(node: RosNode, clock: Clock, arrived: Callable[[], bool], *, timeout_s: float, of: str = "") -> bool:
+    """Whether a condition came true in time; meanwhile the node is spun, and the clock beats.
+
+    ``arrived``: the condition, which messages change. ``timeout_s``: longest time. ``of``: topic of the node that is
+    waited for; empty while it is looked for. Raises `NotConnectedError` if nobody publishes its topic any more: it has
+    ended, or was killed.
+    """
+    ends_s = clock.now_s() + timeout_s
+    while not arrived():
+        if not clock.now_s() < ends_s:
+            return False
+        if of and not node.publishes(of):
+            raise NotConnectedError(f"its node is gone: nobody publishes {of} any more; start it again")
+        node.spin(_SLICE_S)
+        clock.wait(0.0)
+    return True
+
+
+_TEXT = "std_msgs/msg/String"
+
+_MAX_WAITING = 200
+"""Most messages that are handled before a move, or before the angle is given."""
+
+
+class Ros2StageSettings(StageSettings, frozen=True, kw_only=True, tag="ros2"):
+    """A stage node that takes an angle on one topic and returns the angle reached on another."""
+
+    command_topic: str = topics.MOVE_JP
+    reached_topic: str = topics.MEASURED_JS
+    """``command_topic`` and ``reached_topic``: where the angle to go to is published, and where the angle reached is
+    read."""
+    state_topic: str | None = topics.STATE
+    """State of the node: a move ends when it is busy and then idle. JSON in a String, as of ours, or CRTK's
+    operating_state. None: the move ends with an angle near the target."""
+    message: Literal["joint_state", "float64"] = "joint_state"
+    """Type of both: ``joint_state``, in radians and with a stamp, or ``float64``, as of a LabVIEW bridge."""
+    unit: Literal["rad", "deg"] = "rad"
+    """Unit of ``float64``."""
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 10.0
+    """Longest time until its node is found."""
+    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
+    """Longest duration of a move."""
+    arrival_deg: Annotated[float, Within(0.001, 0.1, "deg")] = 0.05
+    """Largest distance from the target at which an angle counts as reached."""
+    age_s: Annotated[float | None, Within(0.05, 60, "s")] = 1.0
+    """Greatest age of an angle; None for nodes that publish it after a move only."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.message == "joint_state" and self.unit != "rad":
+            raise ConfigError("stage: unit is deg, and a joint_state is in radians; use message = 'float64', or 'rad'")
+        if self.message == "float64" and self.state_topic is not None:
+            raise ConfigError("stage: message is float64, and such nodes publish no state; add state_topic = 'none'")
+
+
+class Ros2Stage:
+    """A stage node of this or another program.
+
+    ``settings``: its keys in the rig file. ``travel``: angles that it may be sent to. ``emulated``: whether the node
+    says that it is simulated. Raises `NotConnectedError` if there is no such node, or it says no angle.
+    """
+
+    def __init__(self, *, node: RosNode, clock: Clock, settings: Ros2StageSettings, travel: Interval) -> None:
+        self.limits = travel
+        self._node, self._clock, self._settings = node, clock, settings
+        self._wait_until = partial(wait_until, node, clock)
+        self._angle_deg = math.nan
+        self._heard_s = -math.inf
+        self._reached_ns = 0
+        self._readings = 0
+        self._in_degrees = False
+        self._states, self._listens = 0, False
+        self.emulated = False
+        self._busy = self._was_busy = self._commanded = False
+        self._idle_ns = 0
+        self._refused: tuple[int, str] | None = None
+        joint = settings.message == "joint_state"
+        kind = "sensor_msgs/msg/JointState" if joint else "std_msgs/msg/Float64"
+        node.advertise(settings.command_topic, kind)
+        node.subscribe(settings.reached_topic, kind, self._on_joint if joint else self._on_number)
+        self._stop_topic = topics.beside(settings.command_topic, topics.STOP)
+        if settings.state_topic is not None:
+            node.advertise(self._stop_topic, "std_msgs/msg/Empty")
+        self._connect()
+
+    def _connect(self) -> None:
+        settings = self._settings
+        for what, found in (
+            (f"takes angles on {settings.command_topic}", lambda: self._node.matched(settings.command_topic)),
+            (f"publishes an angle on {settings.reached_topic}", lambda: self._readings > 0),
+            (f"publishes its state on {settings.state_topic}", self._finds_state),
+        ):
+            require_found(
+                self._node,
+                self._clock,
+                found,
+                missing=f"stage: no node {what}",
+                cure="start it, and compare topics and message types",
+                connect_s=settings.connect_s,
+            )
+
+    def _finds_state(self) -> bool:
+        """Whether a state has come or is not needed; the publisher decides the type of its message."""
+        topic, node = self._settings.state_topic, self._node
+        if topic is None or self._states > 0:
+            return True
+        kind = node.kind_of(topic)
+        if kind is not None and not self._listens:
+            if kind not in (_TEXT, messages.CRTK_STATE) or not messages.is_installed(kind):
+                raise NotConnectedError(
+                    f"stage: {topic} is a {kind}, and {_TEXT} or {messages.CRTK_STATE} is understood; name another "
+                    "state_topic, or install crtk_msgs"
+                )
+            self._listens = True
+            node.subscribe(topic, kind, self._on_state)
+        return False
+
+    def _on_number(self, message: Any) -> None:
+        self._take(message.data if self._settings.unit == "deg" else degrees(message.data))
+
+    def _on_joint(self, message: Any) -> None:
+        if self._in_degrees:
+            # The node's state has the same angle, not rounded by the way over radians.
+            return
+        angle_deg = joint_angle_deg(message)
+        self._reached_ns = messages.stamp_ns(message)
+        # What is no angle is kept as NaN, which the guard refuses.
+        self._take(math.nan if angle_deg is None else angle_deg)
+
+    def _take(self, angle_deg: float) -> None:
+        self._angle_deg, self._heard_s = angle_deg, self._clock.now_s()
+        self._readings += 1
+
+    def _on_state(self, message: Any) -> None:
+        state = messages.state_of(message)
+        if state is None:
+            return
+        self._states += 1
+        self.emulated = state.simulated
+        self._busy = state.is_busy
+        self._was_busy = self._was_busy or state.is_busy
+        if not state.is_busy:
+            self._idle_ns = state.stamp_ns
+        if state.angle_deg is not None:
+            self._in_degrees, self._reached_ns = True, state.stamp_ns
+            self._take(state.angle_deg)
+        self._refused = (state.refused_ns, state.refused) if state.refused else self._refused
+
+    @property
+    def angle_deg(self) -> float:
+        """Angle of the last message in degrees.
+
+        Raises `DeviceTimeoutError` if it is older than ``age_s``.
+        """
+        self._node.drain(_MAX_WAITING)
+        age_s = self._settings.age_s
+        if age_s is not None:
+
+            def fresh() -> bool:
+                return self._clock.now_s() - self._heard_s <= age_s
+
+            if not self._wait_until(fresh, timeout_s=age_s, of=self._settings.reached_topic):
+                raise DeviceTimeoutError(
+                    f"stage: no angle on {self._settings.reached_topic} for more than {age_s:g} s; its node is gone "
+                    "or busy"
+                )
+        return self._angle_deg
+
+    def move_to(self, angle_deg: float) -> float:
+        """Send it to an angle, wait until it has arrived, and return the angle read back in degrees.
+
+        Raises `LimitError` if the angle is NaN or outside the travel range; nothing was sent. Raises `MoveError` if the
+        node refuses the angle. Raises `NotConnectedError` if the node is gone. Raises `DeviceTimeoutError` if it does
+        not arrive in time.
+        """
+        require_inside(self.limits, angle_deg)
+        self._node.drain(_MAX_WAITING)
+        self._was_busy, self._refused = False, None
+        readings = self._readings
+        self._commanded = True
+        sent_ns = self._send(angle_deg)
+
+        def ended() -> bool:
+            if self._refused is not None and self._refused[0] == sent_ns:
+                return True
+            if self._settings.state_topic is not None:
+                # Busy, then idle: idle alone may be from before the command.
+                return self._was_busy and not self._busy and self._reached_ns >= self._idle_ns
+            near = abs(self._angle_deg - angle_deg) <= self._settings.arrival_deg
+            return self._readings > readings and near
+
+        if not self._wait_until(ended, timeout_s=self._settings.timeout_s, of=self._settings.reached_topic):
+            raise DeviceTimeoutError(
+                f"stage: sent to {angle_deg:.3f} deg, it did not arrive within {self._settings.timeout_s:g} s; its "
+                f"last angle is {self._angle_deg:.3f} deg; look at the stage and its node"
+            )
+        self._commanded = False
+        if self._refused is not None and self._refused[0] == sent_ns:
+            raise MoveError(f"stage: its node refuses {angle_deg:.3f} deg: {self._refused[1]}")
+        return self._angle_deg
+
+    def _send(self, angle_deg: float) -> int:
+        """Publish a command; returns its stamp in nanoseconds, 0 if it has none."""
+        if self._settings.message == "float64":
+            value = angle_deg if self._settings.unit == "deg" else math.radians(angle_deg)
+            self._node.publish(self._settings.command_topic, messages.number(value))
+            return 0
+        message = messages.joint_state(time_s=self._node.now_s(), angle_deg=angle_deg)
+        self._node.publish(self._settings.command_topic, message)
+        return messages.stamp_ns(message)
+
+    def stop(self) -> None:
+        """Ask the node to stop, if it publishes its state; a plain node ends its move by itself."""
+        # A command that was sent a moment ago moves the stage before its node says that it is busy.
+        if self._settings.state_topic is not None and (self._busy or self._commanded):
+            self._node.publish(self._stop_topic, messages.empty())
+
+
+def _open_stage(settings: Ros2StageSettings, opening: Opening) -> Ros2Stage:
+    return Ros2Stage(node=opening.node(), clock=opening.clock, settings=settings, travel=opening.limits.travel)
+
+
+STAGE_ENTRY: Entry[Ros2StageSettings, Ros2Stage] = Entry(
+    settings=Ros2StageSettings,
+    open=_open_stage,
+    describe=lambda settings, stage: f"{'SIMULATED ' if stage.emulated else ''}stage node on {settings.command_topic}",
+    is_node=True,
+)
+
+
+_STATE_S = 1.0
+"""Longest wait for a node that may not say whether it is simulated, in seconds."""
+
+
+class RosLaser(LaserSettings, frozen=True, kw_only=True, tag="ros2"):
+    """The laser of an acquisition node, which fires it under its own guard; the receiver's driver must be the same."""
+
+
+class RosReceiver(ReceiverSettings, frozen=True, kw_only=True, tag="ros2"):
+    """The receiver of an acquisition node."""
+
+    request_topic: str = topics.ACQUIRE
+    answer_topic: str = topics.ACQUIRED
+    frame_topic: str = topics.CHANNELS
+    """``request_topic``, ``answer_topic`` and ``frame_topic``: where an acquisition is asked for, where it is answered,
+    and where its channel data come."""
+    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 10.0
+    """Longest time until the node is found."""
+    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
+    """Longest time from the request to the frame."""
+
+
+class Ros2Acquisition:
+    """Laser and receiver of an acquisition node: one class for both, because one request fires and records.
+
+    ``settings``: its keys in the rig file. ``emulated``: whether the node says that it is simulated. Raises
+    `NotConnectedError` if there is no such node.
+    """
+
+    def __init__(self, *, node: RosNode, clock: Clock, settings: RosReceiver) -> None:
+        self._node, self._clock, self._settings = node, clock, settings
+        self._wait_until = partial(wait_until, node, clock)
+        # Two searches use the same tokens; an answer to an earlier search must not be taken for an answer to this one.
+        self._session = secrets.token_hex(4)
+        self._permits = Permits("laser", clock)
+        self._armed: Permit | None = None
+        self._fired: tuple[Permit, float] | None = None
+        self._answers: dict[str, messages.Acquired] = {}
+        self._frames: dict[int, Int16[np.ndarray, "channels samples"]] = {}
+        self.emulated = False
+        self._states = 0
+        node.advertise(settings.request_topic, "std_msgs/msg/String")
+        state_topic = topics.beside(settings.answer_topic, topics.ACQUISITION_STATE)
+        node.subscribe(state_topic, "std_msgs/msg/String", self._on_state, latched=True)
+        node.subscribe(settings.answer_topic, "std_msgs/msg/String", self._on_answer)
+        node.subscribe(settings.frame_topic, "sensor_msgs/msg/Image", self._on_frame)
+
+        def found() -> bool:
+            return node.matched(settings.request_topic) and all(
+                node.publishes(topic) for topic in (settings.answer_topic, settings.frame_topic)
+            )
+
+        require_found(
+            node,
+            clock,
+            found,
+            missing=f"receiver: no acquisition node on {settings.request_topic}",
+            cure="start markerseek ros2 acquire, and compare topics",
+            connect_s=settings.connect_s,
+        )
+
+        # A node of another program need not say whether it is simulated.
+        says = node.publishes(state_topic)
+        self._wait_until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
+
+    def _on_state(self, message: Any) -> None:
+        state = messages.decoded(message.data, messages.AcquisitionState)
+        self._states += 1
+        self.emulated = self.emulated or (state is not None and state.simulated)
+
+    def _on_answer(self, message: Any) -> None:
+        answer = messages.decoded(message.data, messages.Acquired)
+        if answer is not None and answer.id.startswith(f"{self._session}."):
+            self._answers[f"{answer.id} {answer.step}"] = answer
+
+    def _on_frame(self, message: Any) -> None:
+        counts = messages.counts_of(message)
+        if counts is not None:
+            # Only the newest two are kept: frames of half a megabyte that nobody asked for must not pile up.
+            self._frames = {**dict(list(self._frames.items())[-1:]), messages.stamp_ns(message): counts}
+
+    def _id(self, permit: Permit) -> str:
+        return f"{self._session}.{permit.token}"
+
+    def fire(self, permit: Permit) -> int:
+        """Ask the node to fire and record, and return how many pulses were fired.
+
+        Raises `LaserError` if the permit was used before or has expired, or the node refuses. Raises
+        `DeviceTimeoutError` if the node does not answer.
+        """
+        self._permits.use(permit, needed_s=0.0)
+        self._frames.clear()
+        self._answers.clear()
+        began_s = self._clock.now_s()
+        request = messages.AcquireRequest(
+            id=self._id(permit),
+            pulses=permit.pulses,
+            angle_rad=math.radians(permit.angle_deg),
+            stamp_ns=messages.time_ns(self._node.now_s()),
+        )
+        self._node.publish(self._settings.request_topic, messages.text(request))
+        answer = self._answered(permit, "fired", what="laser")
+        if answer.error:
+            raise LaserError(f"laser: the acquisition node refuses: {answer.error}")
+        if answer.simulated and not self.emulated:
+            # It said so too late: no result may name a simulated laser as a real one.
+            raise NotConnectedError("laser: the acquisition node is simulated, which it did not say in time; try again")
+        self._fired = (permit, began_s)
+        return answer.pulses
+
+    def _answered(self, permit: Permit, step: str, *, what: str) -> messages.Acquired:
+        keys = f"{self._id(permit)} {step}", f"{self._id(permit)} error"
+        found = self._wait_until(
+            lambda: any(key in self._answers for key in keys),
+            timeout_s=self._settings.timeout_s,
+            of=self._settings.answer_topic,
+        )
+        if not found:
+            raise DeviceTimeoutError(
+                f"{what}: the acquisition node does not answer within {self._settings.timeout_s:g} s; look at it, and "
+                "at receiver.timeout_s"
+            )
+        return self._answers.get(keys[0]) or self._answers[keys[1]]
+
+    def disarm(self) -> None:
+        """Ask the node to end what it does; allowed at any time, also twice."""
+        self._armed = self._fired = None
+        cancel = messages.AcquireRequest(id=f"{self._session}.cancel", pulses=-1, angle_rad=0.0, stamp_ns=0)
+        self._node.publish(self._settings.request_topic, messages.text(cancel))
+
+    def settle(self) -> None:
+        """Nothing to wait for: a frame names the request that it answers."""
+
+    def arm(self, permit: Permit) -> None:
+        """Note which permit will be fired; the node arms its receiver when it is asked to fire."""
+        self._armed, self._fired = permit, None
+
+    def acquire(self, permit: Permit) -> Frame:
+        """Frame of the request of this permit.
+
+        Raises `AcquisitionError` if it was not armed or fired under this permit, or the node reports an error. Raises
+        `DeviceTimeoutError` if no frame comes in time.
+        """
+        if self._armed != permit or self._fired is None or self._fired[0] != permit:
+            raise AcquisitionError(f"receiver: it was not armed and fired under the permit {permit.token!r}")
+        began_s = self._fired[1]
+        self._armed = self._fired = None
+        answer = self._answered(permit, "frame", what="receiver")
+        if answer.error:
+            raise AcquisitionError(f"receiver: the acquisition node reports: {answer.error}")
+        came = self._wait_until(
+            lambda: answer.stamp_ns in self._frames,
+            timeout_s=self._settings.timeout_s,
+            of=self._settings.frame_topic,
+        )
+        if not came:
+            raise DeviceTimeoutError(
+                f"receiver: the channel data of its answer did not come on {self._settings.frame_topic} within "
+                f"{self._settings.timeout_s:g} s"
+            )
+        if not is_finite(answer.sampling_hz) or answer.sampling_hz != self._settings.sampling_hz:
+            raise AcquisitionError(
+                f"receiver: the node samples at {answer.sampling_hz} Hz, the rig file says "
+                f"{self._settings.sampling_hz:g} Hz; correct one of them"
+            )
+        header = FrameHeader(
+            sequence=answer.sequence,
+            token=permit.token,
+            pulses=answer.pulses,
+            commanded_deg=permit.commanded_deg,
+            started_s=began_s,
+            ended_s=self._clock.now_s(),
+            energy=answer.energy if permit.pulses else None,
+        )
+        samples = self._frames.pop(answer.stamp_ns)
+        return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
+
+
+def _open_receiver(settings: RosReceiver, opening: Opening) -> Ros2Acquisition:
+    return Ros2Acquisition(node=opening.node(), clock=opening.clock, settings=settings)
+
+
+def _open_laser(_settings: RosLaser, opening: Opening) -> Ros2Acquisition:
+    # One node: it is the receiver, which was opened before.
+    node = opening.receiver
+    assert isinstance(node, Ros2Acquisition)  # noqa: S101  `BenchSettings` has checked that they go together
+    return node
+
+
+RECEIVER_ENTRY: Entry[RosReceiver, Ros2Acquisition] = Entry(
+    settings=RosReceiver,
+    open=_open_receiver,
+    describe=lambda settings, node: (
+        f"{'SIMULATED ' if node.emulated else ''}acquisition node on {settings.request_topic}"
+    ),
+    paired=True,
+    is_node=True,
+)
+LASER_ENTRY: Entry[RosLaser, Ros2Acquisition] = Entry(
+    settings=RosLaser, open=_open_laser, describe=lambda _settings, _node: "", paired=True, is_node=True
+)

@@ -1,0 +1,136 @@
+"""OpenCV, imported when it is first needed; images as other programs hand them on; a part of an image."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import Annotated
+
+import numpy as np
+
+from markerseek.core import ConfigError, UInt8, Within, needs_package, require_fields
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
+"""Endings of the names of image files that are read."""
+
+_PNG, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+_JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+_TAIL = 1024
+"""Bytes at the end of a PNG among which its last block is looked for."""
+
+_PORTABLE = re.compile(rb"P([56])\s+(?:#[^\n]*\s+)*(\d+)\s+(?:#[^\n]*\s+)*(\d+)\s+(?:#[^\n]*\s+)*(\d+)\s")
+_PURPOSE = "reading camera images"
+
+
+def opencv(purpose: str) -> ModuleType:
+    """The package ``cv2``.
+
+    ``purpose``: what it is needed for, for the message.
+    """
+    with needs_package("opencv-python-headless", extra="vision", purpose=purpose, module="cv2"):
+        import cv2
+    return cv2
+
+
+def brightness(image: np.ndarray) -> UInt8[np.ndarray, "rows columns"]:
+    """Of each pixel the brightest colour, without transparency, as `find_spot` has it.
+
+    ``image``: shape (rows, columns), or (rows, columns, channels) with 1, 3 or 4 channels. Raises `ConfigError` if a
+    pixel has more than 8 bits.
+    """
+    if image.dtype != np.uint8:
+        raise ConfigError(f"the image has pixels of {image.dtype}, they must have 8 bits; save or send it with 8 bits")
+    if image.ndim == 2:
+        return image
+    if image.shape[2] < 3:
+        return np.ascontiguousarray(image[:, :, 0])
+    # A maximum along the last axis takes five times as long.
+    cv2 = opencv(_PURPOSE)
+    first, second, third = cv2.split(image)[:3]
+    return np.asarray(cv2.max(cv2.max(first, second), third))
+
+
+def says_its_end(data: bytes) -> bool:
+    """Whether the format of this file marks its end, so that a file that is being written differs from a whole one."""
+    return data.startswith((_PNG, _JPEG))
+
+
+def decoded_image(data: bytes) -> UInt8[np.ndarray, "rows columns"] | None:
+    """Image of a PNG, JPEG, BMP, PGM, PPM or TIFF file; None if the file is not complete, or no image.
+
+    Raises `ConfigError` if a pixel has more than 8 bits.
+    """
+    if not _may_be_whole(data):
+        return None
+    cv2 = opencv(_PURPOSE)
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        return None
+    return None if image is None else brightness(image)
+
+
+def _may_be_whole(data: bytes) -> bool:
+    """Whether nothing shows that the end is missing; OpenCV fills up what is missing without saying so."""
+    if data.startswith(_PNG):
+        return _PNG_END in data[-_TAIL:]
+    if data.startswith(_JPEG):
+        return data.rstrip(b"\0").endswith(_JPEG_END)
+    if data.startswith(b"BM"):
+        return int.from_bytes(data[2:6], "little") <= len(data)
+    if (portable := _PORTABLE.match(data)) is not None:
+        kind, width, height, most = map(int, portable.groups())
+        return len(data) - portable.end() >= width * height * (3 if kind == 6 else 1) * (2 if most > 255 else 1)
+    return len(data) > 8
+
+
+LARGEST_PX = 8192
+"""Most rows or columns of an image."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rectangle:
+    """Part of an image, in whole pixels."""
+
+    row: Annotated[int, Within(-LARGEST_PX, LARGEST_PX, "pixels")]
+    column: Annotated[int, Within(-LARGEST_PX, LARGEST_PX, "pixels")]
+    """``row`` and ``column``: its upper left pixel."""
+    rows: Annotated[int, Within(3, LARGEST_PX, "pixels")]
+    columns: Annotated[int, Within(3, LARGEST_PX, "pixels")]
+
+    def __post_init__(self) -> None:
+        require_fields(self, "rectangle")
+
+    def centred(self, row: float, column: float) -> Rectangle:
+        """The same size, with its middle at a pixel."""
+        return replace(self, row=round(row - (self.rows - 1) / 2), column=round(column - (self.columns - 1) / 2))
+
+    def grown(self, rows: int, columns: int, *, shape: tuple[int, int]) -> Rectangle:
+        """Larger by these numbers of pixels on each side, as far as the image reaches."""
+        row, column = max(0, self.row - rows), max(0, self.column - columns)
+        return Rectangle(
+            row=row,
+            column=column,
+            rows=min(shape[0], self.row + self.rows + rows) - row,
+            columns=min(shape[1], self.column + self.columns + columns) - column,
+        )
+
+    def within(self, shape: tuple[int, int]) -> Rectangle:
+        """The part of it inside of an image; `ConfigError` if less than 3 pixels are left."""
+        try:
+            return self.grown(0, 0, shape=shape)
+        except ConfigError:
+            raise ConfigError(
+                f"rectangle of {self.rows} × {self.columns} pixels at row {self.row}, column {self.column}: it lies "
+                f"outside of the image of {shape[0]} × {shape[1]} pixels; name another"
+            ) from None
+
+    def relative_to(self, other: Rectangle) -> Rectangle:
+        """The same part of the image, counted from the upper left pixel of another rectangle."""
+        return replace(self, row=self.row - other.row, column=self.column - other.column)
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Index of its pixels in an image that contains it."""
+        return slice(self.row, self.row + self.rows), slice(self.column, self.column + self.columns)
