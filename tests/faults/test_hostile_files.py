@@ -70,7 +70,6 @@ def readers(tmp_path, monkeypatch):
 
 OUT_OF_BOUNDS = """
 import os
-import time
 import numpy as np
 
 def dies(path):
@@ -83,21 +82,11 @@ def computes_for_ever(path):
     while True:
         pass
 
-def computes_for_long(path):
-    while time.process_time() < 7:
-        pass
-
-def fails(path):
-    raise ValueError("not this")
-
 def dies_of_some(path):
     with open(path.with_name("seen"), "a") as seen:
         seen.write(path.stem + " ")
     if path.read_bytes() == b"deadly":
         os.abort()
-
-def prints(path):
-    os.write(1, b"x" * 100)
 """
 
 

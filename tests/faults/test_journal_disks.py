@@ -1,4 +1,4 @@
-"""Full disks and folders that cannot be written: one kind of error, and no acknowledged event is lost."""
+"""Full disks, folders that cannot be written, and kills: no acknowledged event is lost, and the next run starts."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
 from markerseek.sim import GaussianCurve
+from tests.faults.kills import kill
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, measured
 
 
@@ -123,3 +124,8 @@ def test_a_journal_that_cannot_be_begun_leaves_no_file(small_disk: Path) -> None
     (small_disk / "ballast").unlink()
     Journal.create(small_disk / "run.journal", configuration()).close()
     assert read_journal(small_disk / "run.journal").entries == ()
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_run_that_is_killed_keeps_what_it_acknowledged_and_goes_on(number: int) -> None:
+    kill(number, seed=0)

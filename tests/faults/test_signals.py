@@ -28,9 +28,9 @@ from markerseek.drivers import SystemClock
 from markerseek.emulators import EmulatedBench, serve
 from markerseek.records.journal import RecordedRun, is_journal, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
+from tests.faults import laser_off
 
 pytestmark = pytest.mark.real_time
-pytest.importorskip("serial", reason="needs the extra devices")
 pytest.importorskip("serial", reason="needs the extra devices")
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGKILL", "SIGSTOP")
@@ -196,6 +196,13 @@ def test_a_strike_leaves_the_laser_off_the_stage_inside_and_the_journal_whole(
     if phase != "idle":
         assert seen.entries >= 2
         assert (seen.last_entry == "Interrupted") is politely
+
+
+def test_the_real_command_s_laser_is_disarmed_soon_after_a_kill() -> None:
+    """How soon is measured on a quiet machine: `python -m tests.faults.laser_off --kills 100`."""
+    (blow,) = laser_off.measure(kills=1, seed=1, how=signal.SIGKILL, busy=0, lease_s=1.0)
+    assert blow.after_s < 1.0
+    assert blow.threads > 1
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ import pytest
 
 from markerseek.files import Line
 from markerseek.supervisor import Supervisor
-from markerseek.supervisor.parent_death import end_with_parent
+from markerseek.supervisor.process import end_with_parent
 from tests.faults.pseudo_terminals import SOON_S, STOP, Device, gone
 
 pytestmark = pytest.mark.real_time
@@ -170,7 +170,7 @@ def test_a_supervisor_outlives_the_thread_that_made_it(laser: Device) -> None:
 SLEEPER = """
 import signal
 signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])  # before a library starts threads
-from markerseek.supervisor.parent_death import end_with_parent
+from markerseek.supervisor.process import end_with_parent
 print(end_with_parent(), flush=True)
 signal.sigwait([signal.SIGTERM])
 print("signalled", flush=True)
@@ -190,5 +190,5 @@ def test_the_system_announces_the_death_of_the_parent() -> None:
 
 
 def test_where_the_system_announces_no_death_the_socket_remains(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("markerseek.supervisor.parent_death.sys.platform", "darwin")
+    monkeypatch.setattr("markerseek.supervisor.process.sys.platform", "darwin")
     assert not end_with_parent()

@@ -16,7 +16,7 @@ import pytest
 import markerseek
 from markerseek.core import MAX_ACQUISITIONS
 from markerseek.figures import search_figure
-from markerseek.runs.former_search import read_marker
+from markerseek.runs import read_marker
 from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 
 Shell = Callable[..., tuple[int, str, str]]

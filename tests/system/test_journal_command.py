@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import Measured
-from markerseek.records.journal import read_journal, run_state
+from markerseek.records.journal import read_journal
+from markerseek.runs import RunView
 from tests.emulated import ran
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -46,7 +47,7 @@ def test_a_search_keeps_a_journal_in_the_users_data_folder(shell: Shell, tmp_pat
     code, _, err = shell(*SEARCH)
     (path,) = journals(tmp_path)
     assert f"journal: {path}" in err.replace("\n", "")
-    assert run_state(read_journal(path).entries).state == "finished"
+    assert RunView.of(read_journal(path)).state == "finished"
     cut = path.with_name("cut")
     cut.write_bytes(path.read_bytes()[:-1])
     code, out, _ = shell("journal", "verify", cut)

@@ -12,16 +12,17 @@ import pytest
 
 from markerseek import find_marker, rigs
 from markerseek.core import AcquisitionError, Asked, DeviceTimeoutError, SearchPlan, Turning
+from markerseek.drivers import GuidedStage, GuidedStageSettings
+from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.records.journal import Journal, read_journal, salvage
 from markerseek.rigs import Rig
 from markerseek.runs import answer_again, new_session, plan_on
+from markerseek.scan import Scanner
 from markerseek.signals import IntensityReader
-from markerseek.sim import GaussianCurve, HandMotion
-from tests.by_hand import compared, turned_by_hand
+from markerseek.sim import GaussianCurve, HandMotion, SimulatedHand
 
 Shell = Callable[..., tuple[int, str, str]]
 SEEDS = range(1, 9)
-"""Few, for the time that it takes; decision 61 has 40 worlds of frames."""
 
 
 def in_world(seed: int) -> Rig:
@@ -31,20 +32,49 @@ def in_world(seed: int) -> Rig:
 
 
 def by_hand(seed: int, *, motion: HandMotion | None = None) -> Rig:
-    return turned_by_hand(in_world(seed), reader=IntensityReader(), seed=seed, motion=motion)
+    """The same world, with a hand in the place of the motor, and without a recipe: it is of no file."""
+    rig = in_world(seed)
+    clock, settings = rig.scanner.clock, GuidedStageSettings()
+    hand = settings.by_hand
+    turner = SimulatedHand(
+        world=rig.laser._world,  # type: ignore[attr-defined]
+        clock=clock,
+        limits=rig.limits.search,
+        rng=np.random.default_rng(seed),
+        motion=motion,
+    )
+    stage = GuidedStage(encoder=turner, clock=clock, settings=settings, limits=rig.limits, asks=turner.turn_to)
+    # As `markerseek.rigs.bench_rig.guard_of`.
+    guard = Guard(
+        limits=rig.limits,
+        firing=FiringLimits(),
+        admission=Admission(settled_deg=hand.drift_deg),
+        arrival_deg=hand.reach_deg + hand.drift_deg,
+    )
+    scanner = Scanner(
+        stage=stage,
+        laser=rig.laser,
+        receiver=rig.receiver,
+        reader=IntensityReader(),
+        clock=clock,
+        guard=guard,
+        pulses=rig.scanner.pulses,
+        arms_itself=True,
+    )
+    return replace(rig, stage=stage, scanner=scanner, by_hand=hand, recipe=None)
 
 
 def test_a_hand_finds_what_the_motor_finds() -> None:
-    pairs = [compared(in_world, seed, reader=lambda _rig: IntensityReader()) for seed in SEEDS]
-    assert [pair.by_hand.found for pair in pairs] == [pair.motor.found for pair in pairs]
-    more = [pair.by_hand.acquisitions - pair.motor.acquisitions for pair in pairs]
+    with_motor, with_hand = ([find_marker(make(seed)) for seed in SEEDS] for make in (in_world, by_hand))
+    assert [result.found for result in with_hand] == [result.found for result in with_motor]
+    more = [hand.acquisitions - motor.acquisitions for hand, motor in zip(with_hand, with_motor, strict=True)]
     assert np.mean(more) <= 2
-    motor_deg, hand_deg = ([getattr(pair, who).error_deg for pair in pairs] for who in ("motor", "by_hand"))
+    motor_deg, hand_deg = ([result.error_deg for result in results] for results in (with_motor, with_hand))
     # Both are far below the tolerance of a degree.
     assert np.median(hand_deg) <= np.median(motor_deg) + 0.1
     assert max(hand_deg) < 1.0
     # The hand is never exactly there, and the angle that was reached counts.
-    reached = [sample.angle_deg for pair in pairs for sample in pair.by_hand.samples]
+    reached = [sample.angle_deg for result in with_hand for sample in result.samples]
     assert not any(angle_deg == round(angle_deg) for angle_deg in reached)
 
 

@@ -21,7 +21,7 @@ from markerseek.cli.terminal import announce_compilation, new_table, one_line, p
 from markerseek.core import Finished, Turning, counted, rig_in_words
 
 if TYPE_CHECKING:
-    from markerseek.records.journal import Entry, JournalSummary, RecordedRun
+    from markerseek.records.journal import Entry, RecordedRun
 
 
 _POLL_S = 0.02
@@ -45,13 +45,13 @@ def list_journals(
     --------
     markerseek journal list /data/runs --last 100 --json
     """
-    from markerseek.records.journal import journals_folder, journals_in, size_bytes_of, summary
+    from markerseek.records.journal import journals_folder, journals_in, size_bytes_of
 
     place = folder or journals_folder()
     # Before the first search there is no such folder.
     paths = journals_in(place) if folder is not None or place.exists() else []
     total_bytes = sum(map(size_bytes_of, paths))
-    summaries = [summary(path) for path in paths[: -last - 1 : -1]]
+    summaries = [runs.journal_summary(path) for path in paths[: -last - 1 : -1]]
     lines = []
     for each in summaries:
         lines.append(f"[bold]{one_line(Path(each.path).name)}[/]\n  {one_line(_in_words(each))}")
@@ -70,7 +70,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     --------
     markerseek journal show run.journal
     """
-    from markerseek.records.journal import run_state, salvage
+    from markerseek.records.journal import salvage
 
     objects: list[dict[str, object]] = []
     # Converted one by one, so that the frames (half a megabyte each) are not all in memory.
@@ -80,7 +80,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
         print_json(
             {
                 "configuration": recorded.configuration.flat(),
-                "state": run_state(recorded.entries).state,
+                "state": runs.RunView.of(recorded).state,
                 "entries": objects,
                 "damage": None if damage is None else str(damage),
             }
@@ -144,7 +144,7 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     markerseek journal replay run.journal
     """
     from markerseek.records import Answer
-    from markerseek.records.journal import read_journal, run_state
+    from markerseek.records.journal import read_journal
 
     recorded = read_journal(journal)
     announce_compilation()
@@ -157,7 +157,7 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     answers = {name: None if each is None else Answer.of(each) for name, each in estimates.items()}
     values = {name.replace(" ", "_"): each for name, each in answers.items()}
     rows = ((name, "none: the run is not over" if each is None else str(each)) for name, each in answers.items())
-    state = run_state(recorded.entries).state
+    state = runs.RunView.of(recorded).state
     Output(as_json=as_json).show(Report(values={"state": state} | values, shown=[facts(rows)]))
 
 
@@ -175,8 +175,6 @@ def _as_object(entry: Entry) -> dict[str, object]:
 
 
 def _print_table(recorded: RecordedRun) -> None:
-    from markerseek.records.journal import run_state
-
     plan, facts = recorded.configuration.plan, recorded.configuration.facts
     form = " as published" if plan.as_published else ""
     stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.rig_name}: {one_line(facts.description)}")
@@ -192,11 +190,10 @@ def _print_table(recorded: RecordedRun) -> None:
             continue
         table.add_row(str(entry.number), f"{entry.clock_s:.2f}", one_line(view.line))
     stdout.print(table)
-    state = run_state(recorded.entries)
-    stdout.print(f"state: {state.state}" + ("" if state.fault is None else f": {one_line(state.fault)}"))
+    stdout.print(f"state: {view.state}" + ("" if view.fault is None else f": {one_line(view.fault)}"))
 
 
-def _in_words(each: JournalSummary) -> str:
+def _in_words(each: runs.JournalSummary) -> str:
     if each.method is None or each.acquisitions is None:
         return f"{each.state}: {each.problem}"
     begun = "not begun" if each.begun is None else _local(each.begun)

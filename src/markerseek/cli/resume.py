@@ -50,22 +50,21 @@ def command(
     markerseek resume run.journal --rig examples/rigs/bench.toml --arm
     """
     from markerseek.cli.session import conclude
-    from markerseek.records.journal import read_journal, run_state, since_started
+    from markerseek.records.journal import read_journal, since_started
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     watch = WatchOptions(heartbeat=heartbeat)
     # Frames are needed for the picture only, and have half a megabyte each.
     recorded = read_journal(journal, frames=plot)
-    state = run_state(recorded.entries)
-    if state.state == "finished":
-        view = runs.RunView.of(recorded)
+    view = runs.RunView.of(recorded)
+    if view.state == "finished":
         imaging, policy = None, None
         if plot:
             imaging = runs.rebuild_image_reader(recorded.configuration)
             policy = runs.rebuild_policy(recorded.configuration)
             runs.tell_recorded(policy, since_started(recorded.entries))
     else:
-        runs.require_reset(recorded.path, state, reset_fault=reset_fault)
+        runs.require_reset(recorded.path, view, reset_fault=reset_fault)
         bench = _bench_named(recorded, rig, arm=arm)
         announce_compilation()
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
@@ -131,23 +130,22 @@ def _resume(
 def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> bool:
     """Print the state of the run, and ask on a terminal whether to continue; with --json nothing is asked."""
     from markerseek.cli.session import resume_command
-    from markerseek.records.journal import run_state
 
-    state = run_state(recorded.entries)
+    view = runs.RunView.of(recorded)
     plan, facts = recorded.configuration.plan, recorded.configuration.facts
     rig_file_needed = rig is None and facts.kind == "bench"
     if as_json:
         print_json(
             {
-                "state": state.state,
+                "state": view.state,
                 "armed": False,
-                "acquisitions": state.acquisitions,
+                "acquisitions": view.acquisitions,
                 "journal": str(recorded.path),
                 "rig_file_needed": rig_file_needed,
             }
         )
         return False
-    kept = counted(state.acquisitions, "acquisition is", "acquisitions are")
+    kept = counted(view.acquisitions, "acquisition is", "acquisitions are")
     stdout.print(escape(f"{plan.method} on a {facts.rig_name}: {kept} kept, the strongest is measured again"))
     if rig_file_needed:
         cure = f"{resume_command(recorded.path, Path('RIG.toml'))} --arm"

@@ -10,7 +10,7 @@ from .bank_images import (
 from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank
 from .calibration_scan import Calibration, calibrate
 from .delay import DelayRun, MeasuredDelay
-from .former_search import former_curve, read_marker
+from .former_runs import JournalSummary, former_curve, journal_summary, read_marker
 from .journalled import configuration_of
 from .rebuild import (
     answer_again,
@@ -21,17 +21,25 @@ from .rebuild import (
     recorded_bench,
     require_same_measurement,
 )
-from .resume import commanded_deg, require_reset, strongest_of, tell_recorded
-from .run_curve import curve_of, mark_of, mean_deg, others_deg
-from .run_view import FAULT_END, STOPPED, Phase, Point, RunView
+from .resume import require_reset, tell_recorded
+from .run_view import STOPPED, Phase, Point, RunView
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
-from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
+from .verdict import (
+    Verdict,
+    VerdictKind,
+    curve_of,
+    mark_of,
+    mean_deg,
+    numbers_of,
+    others_deg,
+    verdict_of,
+)
 
 __all__ = [
-    "FAULT_END",
     "STOPPED",
     "Calibration",
     "DelayRun",
+    "JournalSummary",
     "MeasuredDelay",
     "Phase",
     "Point",
@@ -47,7 +55,6 @@ __all__ = [
     "bank_images",
     "bank_samples",
     "calibrate",
-    "commanded_deg",
     "configuration_of",
     "curve_of",
     "dark_intensity",
@@ -55,6 +62,7 @@ __all__ = [
     "former_curve",
     "intensities_stored",
     "journal_bank",
+    "journal_summary",
     "mark_of",
     "mean_deg",
     "new_session",
@@ -73,7 +81,6 @@ __all__ = [
     "resumed_session",
     "scan_angles",
     "scan_bank",
-    "strongest_of",
     "tell_recorded",
     "verdict_of",
 ]

@@ -46,12 +46,12 @@ from markerseek.records.journal import (
     RecordedRun,
     has_begun,
     read_journal,
-    run_state,
     salvage,
 )
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, is_scan, journalled, limits_of
 from markerseek.runs.resume import resumed
+from markerseek.runs.run_view import RunView
 from markerseek.search import Exhaustive
 
 MAX_ANGLES = 5000
@@ -185,7 +185,7 @@ def scan_bank(
         facts = _scan_facts(recorded) or facts
         # One that was killed while its bank was made has all its angles.
         events = _nothing()
-        if run_state(recorded.entries).state != "finished":
+        if RunView.of(recorded).state != "finished":
             events = resumed(policy, rig, journal, recorded, by=by, anew=lambda: policy, check=False, limits=limits)
     else:
         journal = Journal.create(record_of(path), configuration)
@@ -208,11 +208,11 @@ def _nothing() -> Generator[JournalEvent, None, None]:
 def _require_same_scan(recorded: RecordedRun, now: Configuration) -> None:
     """Refuse to go on with a scan of another rig, or with other steps."""
     was = recorded.configuration
-    state = run_state(recorded.entries)
-    if state.state == "fault":
+    view = RunView.of(recorded)
+    if view.state == "fault":
         # Only a person's reset leaves a fault, and a record of so few angles is soon made again.
         raise DeviceError(
-            f"{recorded.path}: the scan ended with a fault: {state.fault}; look at the rig, delete this file, "
+            f"{recorded.path}: the scan ended with a fault: {view.fault}; look at the rig, delete this file, "
             "and scan again"
         )
     if not is_scan(was):

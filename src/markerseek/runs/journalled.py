@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -13,7 +12,6 @@ from markerseek.core import (
     AngleBelief,
     AnyPolicy,
     Asked,
-    Clock,
     Event,
     Finished,
     Float64,
@@ -94,22 +92,13 @@ def committed(
     clock = rig.scanner.clock
     intensities = [sample.reading.intensity for sample in (earlier or Tally()).lit]
     beliefs = Beliefs(policy, journal.configuration.plan, intensities)
-    with closing_run(events, clock, journal):
+    try:
         for event in map(beliefs.added, events):
             journal.commit(event, clock_s=clock.now_s() + ahead_s)
             yield event
-
-
-@contextmanager
-def closing_run(events: Generator[Event, None, None], clock: Clock, journal: Journal) -> Iterator[None]:
-    """Close a run at the end, which stops the rig; a failure to stop it is recorded in the journal.
-
-    It is not recorded if the run is over, or ended with another fault.
-    """
-    try:
-        yield
     finally:
         try:
+            # Stops the rig. A failure to stop it is recorded unless the run is over, or ended with another fault.
             events.close()
         except Exception as error:
             journal.fail(error, clock_s=clock.now_s())

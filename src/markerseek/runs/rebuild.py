@@ -75,17 +75,13 @@ def rebuild_reader(configuration: Configuration) -> Reader:
 
 def rebuild_image_reader(configuration: Configuration) -> ImageReader | None:
     """The reader of a journal's rig where it makes photoacoustic images; None if it makes none."""
-    return _image_reader(bytes(configuration.imaging))
-
-
-@lru_cache(maxsize=2)
-def _image_reader(imaging: bytes) -> ImageReader | None:
-    """Cached, because its tables take a quarter of a second."""
-    reader = _reader(imaging)
+    reader = rebuild_reader(configuration)
     return reader if isinstance(reader, ImageReader) else None
 
 
+@lru_cache(maxsize=2)
 def _reader(imaging: bytes) -> ImageReader | IntensityReader:
+    """Cached, because its tables take a quarter of a second."""
     try:
         preset = msgspec.json.decode(imaging, type=ProbePreset | None)
     except (msgspec.MsgspecError, RecursionError) as problem:

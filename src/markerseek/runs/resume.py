@@ -31,13 +31,12 @@ from markerseek.records.journal import (
     JournalEvent,
     RecordedRun,
     Resuming,
-    RunState,
-    run_state,
     since_started,
     versions,
 )
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import committed, limits_of
+from markerseek.runs.run_view import RunView
 from markerseek.scan import RunLimits, Tally, larger_noise, moved_source, run
 
 SHARE, PULSE_SHARE, HAND_SHARE = 0.1, 0.4, 0.3
@@ -72,10 +71,10 @@ def resumed(
     ``reset_fault``: whether that person has inspected the rig after a fault, and resets it. ``check``: False for a
     scan, which only goes on with the angles that are missing. ``limits``: those of a run on this plan unless given.
     """
-    state = run_state(recorded.entries)
-    if state.state == "finished":
+    view = RunView.of(recorded)
+    if view.state == "finished":
         raise RecordError(f"{recorded.path}: the run is over; it cannot be resumed")
-    require_reset(recorded.path, state, reset_fault=reset_fault)
+    require_reset(recorded.path, view, reset_fault=reset_fault)
     entries, clock = since_started(recorded.entries), rig.scanner.clock
     limits = limits or limits_of(journal.configuration)
     begun_s = entries[0].clock_s if entries else 0.0
@@ -99,7 +98,7 @@ def resumed(
         Resuming(
             by=by,
             check_deg=None if strongest is None else commanded_deg(strongest),
-            fault_reset=state.state == "fault",
+            fault_reset=view.state == "fault",
             versions=versions(),
         ),
         clock_s=clock.now_s() + ahead_s,
@@ -157,11 +156,11 @@ def strongest_of(entries: Sequence[Entry]) -> Sample | None:
     return max(lit, key=lambda sample: sample.reading.intensity, default=None)
 
 
-def require_reset(path: Path, state: RunState, *, reset_fault: bool) -> None:
+def require_reset(path: Path, view: RunView, *, reset_fault: bool) -> None:
     """Refuse to resume a run that ended with a fault, by `DeviceError`, unless a person has inspected the rig."""
-    if state.state == "fault" and not reset_fault:
+    if view.state == "fault" and not reset_fault:
         raise DeviceError(
-            f"{path}: the run ended with a fault: {state.fault}; look at the rig, then resume with --reset-fault"
+            f"{path}: the run ended with a fault: {view.fault}; look at the rig, then resume with --reset-fault"
         )
 
 

@@ -137,6 +137,8 @@ class RunView:
         One line of the log on this event.
     problem
         What went wrong, with its cure, if a fault ended the run; else empty.
+    fault
+        The same in the words of the record; None unless a fault ended the run and no person has reset it.
     """
 
     plan: SearchPlan
@@ -163,6 +165,7 @@ class RunView:
     dark: int = 0
     line: str = ""
     problem: str = ""
+    fault: str | None = None
 
     @classmethod
     def of(cls, run: Configuration | RecordedRun) -> RunView:
@@ -211,6 +214,13 @@ class RunView:
     def unit(self) -> str:
         """Unit of the intensities; those of a table have the unit of whoever made the table."""
         return "as recorded" if self.facts.probe is None else "counts"
+
+    @property
+    def state(self) -> Literal["finished", "fault", "open"]:
+        """Finished with an answer, ended by a fault, or open: it runs, or was stopped or died, and can be resumed."""
+        if self.finished is not None:
+            return "finished"
+        return "open" if self.fault is None else "fault"
 
     @property
     def over(self) -> bool:
@@ -280,7 +290,7 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
     match event:
         case Started(start_deg=start_deg, limits=limits):
             # A search that starts again keeps no measurement, but the pulses were fired.
-            begun = RunView(plan=view.plan, facts=view.facts, number=view.number, pulses=view.pulses)
+            begun = RunView(plan=view.plan, facts=view.facts, number=view.number, pulses=view.pulses, fault=view.fault)
             line = f"started at {start_deg:.3f}°, searches {limits}"
             begun = replace(begun, probe_deg=start_deg, seen_deg=start_deg)
             return replace(begun, started_s=clock_s, start_deg=start_deg, line=line)
@@ -295,12 +305,13 @@ def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
             return _finished(view, event)
         case Failed(error=error):
             line = f"fault: {error}; {FAULT_END}"
-            return replace(view, phase="fault", finished=None, line=line, problem=with_minus(str(error)))
+            ended = replace(view, phase="fault", finished=None, fault=str(error))
+            return replace(ended, line=line, problem=with_minus(str(error)))
         case Interrupted(reason=reason):
             return replace(view, phase="stopped", line=f"{STOPPED} ({reason})")
-        case Resuming(by=by):
+        case Resuming(by=by, fault_reset=fault_reset):
             line = f"armed by {by}" + ("; measures the strongest angle again" if view.points else "")
-            return replace(view, phase="checking", line=line)
+            return replace(view, phase="checking", fault=None if fault_reset else view.fault, line=line)
         case Checked(difference=difference):
             changed = difference and f"{difference}: the search starts again"
             line = changed or "the strongest angle is unchanged: the search goes on"

@@ -6,7 +6,7 @@ A recorded scan over all angles is a bank (`markerseek.records.banks`).
 from markerseek.scan.confirmation import apply_confirmation, larger_noise, moved_source
 from markerseek.scan.loop import RunLimits, Tally, run
 from markerseek.scan.scanner import Scanner, Watchdog, per_energy
-from markerseek.scan.sweeping_devices import SweepingDevices
+from markerseek.scan.sweeping import SweepingDevices
 
 __all__ = [
     "RunLimits",

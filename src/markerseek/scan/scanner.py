@@ -33,8 +33,7 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.guard import Guard, Limits, State
-from markerseek.scan.sweeping import SweepInProgress, SweptFrame
-from markerseek.scan.sweeping_devices import SweepingDevices
+from markerseek.scan.sweeping import SweepingDevices, SweepInProgress, SweptFrame
 
 MIN_ENERGY = 0.1
 """Least measured energy over the usual one with which a reading is used; the most is as much above it."""

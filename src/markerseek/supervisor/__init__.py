@@ -5,7 +5,6 @@ the control process: it sends each line's safe command when the socket closes, w
 late while the lease is held, and when it is terminated itself. It relays bytes and knows no device's protocol.
 """
 
-from markerseek.supervisor.client import Supervisor
-from markerseek.supervisor.port import SupervisedPort
+from markerseek.supervisor.client import SupervisedPort, Supervisor
 
 __all__ = ["SupervisedPort", "Supervisor"]

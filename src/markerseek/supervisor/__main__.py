@@ -10,8 +10,7 @@ import msgspec
 from markerseek.core import MarkerseekError
 from markerseek.files import Line
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed
-from markerseek.supervisor.parent_death import set_realtime_priority
-from markerseek.supervisor.process import SupervisorProcess
+from markerseek.supervisor.process import SupervisorProcess, set_realtime_priority
 
 
 class _Arguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -20,8 +20,7 @@ from markerseek.core import ConfigError, NotConnectedError
 from markerseek.files import Line, pyserial
 from markerseek.guard import Lease
 from markerseek.supervisor.messages import MAX_BYTES, Kind, packed, packed_beat, unpacked
-from markerseek.supervisor.parent_death import set_realtime_priority
-from markerseek.supervisor.port import SupervisedPort
+from markerseek.supervisor.process import set_realtime_priority
 
 _CHUNK = 65536
 _MAX_CHUNKS = 16
@@ -212,6 +211,25 @@ class Supervisor(Closing):
                 self._lapsed = content.decode(errors="replace")
         if ended:
             raise _gone("its socket is closed")
+
+
+class SupervisedPort:
+    """A line that the supervisor holds, as a `markerseek.wire.Port`; `Supervisor.port` hands it out."""
+
+    def __init__(self, *, write: Callable[[bytes], None], read: Callable[[int, float], bytes]) -> None:
+        self._write = write
+        self._read = read
+
+    def write(self, data: bytes) -> None:
+        """Send one message of the device; `NotConnectedError` once the supervisor has released the lines."""
+        self._write(data)
+
+    def read(self, size: int, *, timeout_s: float) -> bytes:
+        """Up to that many bytes, fewer (perhaps none) at the end of the timeout; the lease is renewed meanwhile."""
+        return self._read(size, timeout_s)
+
+    def close(self) -> None:
+        """Nothing to do: the supervisor holds the line until it is closed itself."""
 
 
 def _gone(reason: object) -> NotConnectedError:

@@ -12,8 +12,15 @@ pytest then runs every test. A test fails by `AssertionError`; pytest itself is 
 `check_laser` and `check_receiver` try a device that is open by those rules that need no light and no move.
 """
 
-from markerseek.testing.devices import LaserContract, ReceiverContract, StageContract
-from markerseek.testing.opened import RuleCheck, check_laser, check_receiver, check_stage
+from markerseek.testing.devices import (
+    LaserContract,
+    ReceiverContract,
+    RuleCheck,
+    StageContract,
+    check_laser,
+    check_receiver,
+    check_stage,
+)
 from markerseek.testing.policies import PolicyContract
 
 __all__ = [

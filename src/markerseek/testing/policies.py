@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from markerseek.core import PAPER_RANGE, Estimate, Found, Interval, Policy, Reading, Sample, SearchError
-from markerseek.testing._refused import refused
+from markerseek.testing.devices import refused
 
 Intensity = Callable[[float], float]
 """A curve: angle in degrees to intensity."""

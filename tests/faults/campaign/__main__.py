@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -12,10 +13,8 @@ from pathlib import Path
 
 from rich.progress import track
 
-from .chunks import CHUNK, readings
-from .commit import commit_made_from
-from .report import faults, in_words, observable_keys, promises
-from .tally import Broken, Tally
+from .report import faults, observable_keys, promises
+from .tally import CHUNK, Broken, Tally, readings
 
 
 def main() -> int:
@@ -26,7 +25,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, help="where the tables go")
     words = parser.parse_args()
-    commit, whole, firsts = commit_made_from(), Tally(), range(0, words.runs, CHUNK)
+    commit, whole, firsts = _commit_made_from(), Tally(), range(0, words.runs, CHUNK)
     with ProcessPoolExecutor(words.workers, mp_context=get_context("spawn")) as pool:
         counted = pool.map(partial(readings, words.seed), firsts, (min(CHUNK, words.runs - each) for each in firsts))
         for part in track(counted, total=len(firsts), disable=not sys.stderr.isatty()):
@@ -50,7 +49,7 @@ def _page(whole: Tally, *, seed: int, commit: str) -> str:
         "",
         "## Promises",
         "",
-        *promises(whole, preventable=observable_keys()),
+        *promises(whole),
         "",
         (
             f"Outcomes: {', '.join(f'{count:,} {name}' for name, count in sorted(whole.outcomes.items()))}; "
@@ -59,7 +58,7 @@ def _page(whole: Tally, *, seed: int, commit: str) -> str:
             f"longest {whole.longest_s:,.0f} s of virtual time."
         ),
         "",
-        *faults(whole, seen=observable_keys(), words=in_words()),
+        *faults(whole),
         "",
         *_broken_section(whole.broken, set(observable_keys())),
     ]
@@ -75,6 +74,18 @@ def _broken_section(broken: Sequence[Broken], preventable: set[str]) -> list[str
         f"- {each.promise}, run {each.run} ({', '.join(each.faults) or 'no fault'}): {each.said}" for each in listed
     )
     return ["## Runs that broke a promise", "", *lines, ""]
+
+
+def _commit_made_from() -> str:
+    """Commit of the working tree, and whether the package or the campaign was changed since."""
+    here = Path(__file__).parent
+    described = subprocess.run(["git", "rev-parse", "HEAD"], cwd=here, capture_output=True, text=True, check=False)
+    root = here.parents[2]
+    changed = subprocess.run(
+        ["git", "status", "--porcelain", "src", "tests/faults/campaign"],
+        cwd=root, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return described.stdout.strip()[:12] + (" with changes" if changed.stdout.strip() else "")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from markerseek.core import Failed, Finished, Found, Measured, ReadingFrame, Ref
 
 from .faulty import HostKilled
 from .runs import CAPS, Trace
-from .vocabulary import FAULTS
 from .world import Light, Received
 
 SETTLED_DEG = 0.2
@@ -47,7 +46,7 @@ def check(trace: Trace) -> Verdict:
     """Look at a run."""
     verdict = Verdict()
     plan = trace.plan
-    kinds = {(fault.device, fault.name): FAULTS[fault.device, fault.name] for fault in plan.faults}
+    harms = {fault.harm for fault in plan.faults}
     events = [entry.event for entry in trace.journal.entries]
     last = events[-1] if events else None
     verdict.outcome = (
@@ -62,15 +61,15 @@ def check(trace: Trace) -> Verdict:
     # A host that has died reports nothing more: what it left behind is judged by P1 and P3.
     verdict.acted = bool(trace.acted) and verdict.outcome != "killed"
     verdict.reported = any(isinstance(event, Refused | Failed) for event in events)
-    _p1(trace, verdict, harmless=not any(each.harm == "angle" for each in kinds.values()))
-    _p3(trace, verdict, harmless=not any(each.harm == "pulses" for each in kinds.values()))
-    _p6(trace, verdict, observable=all(each.harm in ("none", "pulses") for each in kinds.values()))
+    _p1(trace, verdict, harmless="angle" not in harms)
+    _p3(trace, verdict, harmless="pulses" not in harms)
+    _p6(trace, verdict, observable=harms <= {"none", "pulses"})
     if trace.left_fault:
         verdict.broken.append(("P7", "FAULT was left by something else than a person's reset"))
     if not trace.virtual_s <= CAPS.duration_s + 3 * CAPS.attempts * (SAMPLE_S + 3 * plan.readout_s):
         verdict.broken.append(("P8", f"the run took {trace.virtual_s:.0f} virtual seconds"))
     killed = isinstance(trace.raised, HostKilled)
-    _left_alone(trace, verdict, harmless=not any(each.harm == "angle" for each in kinds.values()))
+    _left_alone(trace, verdict, harmless="angle" not in harms)
     if not killed and (not events or not isinstance(last, Finished | Failed)):
         verdict.broken.append(("P8", f"the journal ends with {last!r}"))
     if isinstance(last, Finished) and isinstance(last.estimate, Found):
@@ -88,7 +87,7 @@ def _p1(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     for fault in trace.plan.faults:
         if fault.name == "scale":
             injected += abs(fault.amount) * max(abs(travel.low_deg), abs(travel.high_deg))
-        elif FAULTS[fault.device, fault.name].harm == "angle":
+        elif fault.harm == "angle":
             injected += abs(fault.amount)
     verdict.injected_deg = injected
     if not verdict.excess_deg <= (0.0 if harmless else injected + 1e-3):

@@ -6,9 +6,14 @@ holds the faults that changed something that a healthy device would not have don
 
 from __future__ import annotations
 
+from typing import Any, NoReturn
+
 import numpy as np
 
-from .fault import Fault
+from markerseek.core import DeviceTimeoutError
+from markerseek.sim import VirtualClock
+
+from .vocabulary import DeviceName, Fault
 
 ANSWER_S = 0.5
 """How long a driver waits for an answer."""
@@ -42,15 +47,21 @@ class Host:
 
 
 class Faulty:
-    """The faults of one device, and its steps."""
+    """The faults of one device, and its steps; what no fault changes is asked of the simulated device."""
 
     host = Host()
+    device: DeviceName
 
-    def __init__(self, faults: tuple[Fault, ...], rng: np.random.Generator) -> None:
+    def __init__(self, inner: Any, clock: VirtualClock, faults: tuple[Fault, ...], rng: np.random.Generator) -> None:
+        self._inner = inner
+        self._clock = clock
         self.step = 0
         self.acted: list[Fault] = []
         self._faults = faults
         self._rng = rng
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.__dict__["_inner"], name)
 
     def has(self, name: str, *, silently: bool = False, ever: bool = False) -> Fault | None:
         """The fault of that name if it holds now, or at any time; it acts unless it is only asked for."""
@@ -66,6 +77,11 @@ class Faulty:
         self.host.require()
         if self.has("unplugged", silently=silently):
             raise OSError("device disconnected")
+
+    def no_answer(self, *, after_s: float = ANSWER_S) -> NoReturn:
+        """Raise what a driver does that has waited for an answer."""
+        self._clock.wait(after_s)
+        raise DeviceTimeoutError(f"{self.device}: no answer within {ANSWER_S} s")
 
     def act(self, fault: Fault) -> None:
         """Note that the fault did something."""

@@ -12,8 +12,8 @@ import numpy as np
 from markerseek.core import DeviceTimeoutError, LaserError, Permit, Pulse, SweepPermit
 from markerseek.sim import SimulatedLaser, VirtualClock
 
-from .fault import Fault
-from .faulty import ANSWER_S, SLOWER, Faulty
+from .faulty import SLOWER, Faulty
+from .vocabulary import Fault
 from .world import WatchedWorld
 
 DARK_S = 1.0
@@ -22,6 +22,8 @@ DARK_S = 1.0
 
 class FaultyLaser(Faulty):
     """A laser box as its driver shows it."""
+
+    device = "laser"
 
     def __init__(
         self,
@@ -35,10 +37,8 @@ class FaultyLaser(Faulty):
         stage_rests: Callable[[], None],
         readout_s: float,
     ) -> None:
-        super().__init__(faults, rng)
-        self._inner = inner
+        super().__init__(inner, clock, faults, rng)
         self._world = world
-        self._clock = clock
         self._send = send
         self._stage_rests = stage_rests
         self._readout_s = readout_s
@@ -61,11 +61,9 @@ class FaultyLaser(Faulty):
         fired, reported = self._train(permit)
         self._stage_rests()
         if self.has("silent"):
-            self._clock.wait(ANSWER_S)
-            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+            self.no_answer()
         if (late := self.has("late answer")) is not None:
-            self._clock.wait(late.amount)
-            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+            self.no_answer(after_s=late.amount)
         if (slow := self.has("slow", silently=True)) is not None and fired:
             self._clock.wait(slow.amount * fired / 100)
             if slow.amount > SLOWER:
@@ -88,18 +86,6 @@ class FaultyLaser(Faulty):
         self.reach(silently=True)
         self._inner.disarm()
 
-    @property
-    def sweep_period_s(self) -> float:
-        return self._inner.sweep_period_s
-
-    @property
-    def delay_sigma_s(self) -> float:
-        return self._inner.delay_sigma_s
-
-    @property
-    def stamp_delay_s(self) -> float:
-        return self._inner.stamp_delay_s
-
     def begin_sweep(self, permit: SweepPermit) -> None:
         self._take(permit)
         self.sweeps.append((permit, self._clock.now_s()))
@@ -108,14 +94,12 @@ class FaultyLaser(Faulty):
         if self._dark is None:
             self._inner.begin_sweep(permit)
         if (late := self.has("late answer")) is not None:
-            self._clock.wait(late.amount)
-            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+            self.no_answer(after_s=late.amount)
 
     def pulses(self) -> Sequence[Pulse]:
         self.reach()
         if self.has("silent"):
-            self._clock.wait(ANSWER_S)
-            raise DeviceTimeoutError(f"laser: no answer within {ANSWER_S} s")
+            self.no_answer()
         told = [] if self._dark is not None else list(self._inner.pulses())
         for each in range(len(told)):
             self._until -= 1

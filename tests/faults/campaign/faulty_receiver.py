@@ -12,12 +12,14 @@ import numpy as np
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame, SweepPermit
 from markerseek.sim import SimulatedReceiver, VirtualClock
 
-from .fault import Fault
 from .faulty import SLOWER, Faulty
+from .vocabulary import Fault
 
 
 class FaultyReceiver(Faulty):
     """A data acquisition and its reader as the search sees them."""
+
+    device = "receiver"
 
     def __init__(
         self,
@@ -31,10 +33,8 @@ class FaultyReceiver(Faulty):
         readout_s: float,
         sweeps: bool,
     ) -> None:
-        super().__init__(faults, rng)
-        self._inner = inner
+        super().__init__(inner, clock, faults, rng)
         self._reader = reader
-        self._clock = clock
         self._while_reading = while_reading
         self._readout_s = readout_s
         self._last: ReadingFrame | None = None
@@ -76,14 +76,6 @@ class FaultyReceiver(Faulty):
         faulty = self._faulty_frame(frame, self._last)
         self._last = frame
         return faulty
-
-    @property
-    def frame_period_s(self) -> float:
-        return self._inner.frame_period_s
-
-    @property
-    def sweep_readout_s(self) -> float:
-        return self._inner.sweep_readout_s
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         self.step += 1

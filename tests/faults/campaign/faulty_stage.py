@@ -8,23 +8,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from markerseek.core import DeviceTimeoutError, Interval, MoveError, StageReading
-from markerseek.scan.sweeping_devices import SLOWEST
+from markerseek.core import DeviceTimeoutError, MoveError, StageReading
+from markerseek.scan.sweeping import SLOWEST
 from markerseek.sim import SimulatedStage, StageMotion, VirtualClock
 
-from .fault import Fault
-from .faulty import ANSWER_S, SLOWER, Faulty
+from .faulty import SLOWER, Faulty
+from .vocabulary import Fault
 from .world import WatchedWorld
 
 COUNTS_PER_DEG = StageMotion().counts_per_deg
 
 TOO_SLOW, FASTER, ARRIVAL_DEG, BEYOND_DEG = 1.1 / SLOWEST, 1.25, 0.1, 0.15
-"""How many times as slowly as asked a sweep is never lit; how many times as fast, and by how much more in degrees, a
-reading is refused; and how far beyond its end one is, in degrees, with some room."""
+"""How many times as slowly as the probe can turn on its way a sweep is never lit; how many times as fast, and by how
+much more in degrees, a reading is refused; and how far beyond its end one is, in degrees, with some room."""
 
 
 class FaultyStage(Faulty):
     """A stage as its driver shows it."""
+
+    device = "stage"
 
     def __init__(
         self,
@@ -35,11 +37,8 @@ class FaultyStage(Faulty):
         rng: np.random.Generator,
         turning: Callable[[], None],
     ) -> None:
-        super().__init__(faults, rng)
-        self.limits: Interval = inner.limits
-        self._inner = inner
+        super().__init__(inner, clock, faults, rng)
         self._world = world
-        self._clock = clock
         self._turning = turning
         self._frozen_deg: float | None = None
         self._before_deg = inner.angle_deg
@@ -50,12 +49,8 @@ class FaultyStage(Faulty):
 
     @property
     def angle_deg(self) -> float:
-        self.reach()
-        if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
-            self._clock.wait(ANSWER_S)
-            raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
-        reported_deg = self._reported_deg(self._inner.angle_deg)
-        return self._stale(reported_deg) if reported_deg == self._inner.angle_deg else reported_deg
+        self._answer()
+        return self._told_deg(self._inner.angle_deg)
 
     def _reported_deg(self, true_deg: float) -> float:
         """The angle that it reports for a true one."""
@@ -86,10 +81,7 @@ class FaultyStage(Faulty):
     def move_to(self, angle_deg: float) -> float:
         self.step += 1
         self._creep_deg = 0.0
-        self._before_deg = self._inner.angle_deg
-        if self.has("frozen readback", silently=True) and self._frozen_deg is None:
-            self._frozen_deg = self._inner.angle_deg
-        self.reach()
+        self._begin()
         self._world.moving = True
         try:
             self._turn(angle_deg)
@@ -103,18 +95,6 @@ class FaultyStage(Faulty):
         self.reach(silently=True)
         self._inner.stop()
 
-    @property
-    def fastest_sweep_deg_s(self) -> float:
-        return self._inner.fastest_sweep_deg_s
-
-    @property
-    def acceleration_deg_s2(self) -> float:
-        return self._inner.acceleration_deg_s2
-
-    @property
-    def play_deg(self) -> float:
-        return self._inner.play_deg
-
     def prepare_sweep(self, *, speed_deg_s: float) -> None:
         self.step += 1
         self._asked_deg_s = speed_deg_s
@@ -122,20 +102,19 @@ class FaultyStage(Faulty):
             speed_deg_s *= fast.amount
         if (slow := self.has("slow", silently=True)) is not None:
             speed_deg_s /= slow.amount
-            if slow.amount > TOO_SLOW:
-                self.act(slow)
         self._inner.prepare_sweep(speed_deg_s=speed_deg_s)
 
     def begin_sweep(self, to_deg: float) -> None:
-        self._before_deg = self._inner.angle_deg
-        if self.has("frozen readback", silently=True) and self._frozen_deg is None:
-            self._frozen_deg = self._inner.angle_deg
-        self.reach()
+        self._begin()
         self._target_deg = to_deg
         self._until = int(self._rng.integers(2, 60))
         self._forth = math.copysign(1.0, to_deg - self._before_deg)
         if self.has("frozen motor"):
             return
+        if (slow := self.has("slow", silently=True)) is not None:
+            reached_deg_s = math.sqrt(abs(to_deg - self._before_deg) * self._inner.acceleration_deg_s2)
+            if self._asked_deg_s / slow.amount < min(self._asked_deg_s, reached_deg_s) / TOO_SLOW:
+                self.act(slow)
         self._inner.begin_sweep(to_deg)
         now_s = self._clock.now_s()
         self._read = StageReading(angle_deg=self._before_deg, asked_s=now_s, answered_s=now_s)
@@ -147,10 +126,7 @@ class FaultyStage(Faulty):
 
     def read_sweep(self) -> StageReading:
         self.host.read()
-        self.reach()
-        if self.has("silent") or ((lost := self.has("drop-outs", silently=True)) and self._lost(lost)):
-            self._clock.wait(ANSWER_S)
-            raise DeviceTimeoutError(f"stage: no answer within {ANSWER_S} s")
+        self._answer()
         reading = self._inner.read_sweep()
         self._until -= 1
         if self._until == 0:
@@ -184,7 +160,7 @@ class FaultyStage(Faulty):
                 self.act(beyond)
 
     def _told_deg(self, true_deg: float) -> float:
-        """The angle that it tells in a sweep for a true one."""
+        """The angle that it tells for a true one."""
         reported_deg = self._reported_deg(true_deg)
         return self._stale(true_deg) if reported_deg == true_deg else reported_deg
 
@@ -268,8 +244,18 @@ class FaultyStage(Faulty):
             self._world.slip_deg = play.amount
         self._world.settle()
 
-    def _lost(self, fault: Fault) -> bool:
-        if not self.chance(fault.amount):
-            return False
-        self.act(fault)
-        return True
+    def _answer(self) -> None:
+        """Raise if no answer comes to a question for the angle."""
+        self.reach()
+        if self.has("silent"):
+            self.no_answer()
+        if (lost := self.has("drop-outs", silently=True)) and self.chance(lost.amount):
+            self.act(lost)
+            self.no_answer()
+
+    def _begin(self) -> None:
+        """Begin to turn from where it is."""
+        self._before_deg = self._inner.angle_deg
+        if self.has("frozen readback", silently=True) and self._frozen_deg is None:
+            self._frozen_deg = self._inner.angle_deg
+        self.reach()

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
 from .checker import OFF_DEG
 from .tally import PROMISES, Tally, upper95
-from .vocabulary import FAULTS, Injected
+from .vocabulary import FAULTS, Fault
 
 _WORDS = {
     "P1": "the probe never leaves its limits, nor the permit of its sweep when the host has died, in truth",
@@ -17,9 +15,9 @@ _WORDS = {
 }
 
 
-def key_of(injected: Injected) -> str:
+def key_of(fault: Fault) -> str:
     """Name under which a tally holds a fault."""
-    return f"{injected.fault.device} {injected.fault.name}"
+    return f"{fault.device} {fault.name}"
 
 
 def observable_keys() -> list[str]:
@@ -27,14 +25,14 @@ def observable_keys() -> list[str]:
     return [key_of(each) for each in FAULTS.values() if each.harm == "none"]
 
 
-def promises(tally: Tally, *, preventable: Iterable[str]) -> list[str]:
+def promises(tally: Tally) -> list[str]:
     """Lines of the table of promises."""
     lines = ["| | promise | broken | runs | upper 95 % limit |", "|---|---|---|---|---|"]
     for promise in PROMISES:
         runs = tally.in_fault if promise == "P7" else tally.runs
         hits = tally.runs_that_broke(promise)
         lines.append(f"| {promise} | {_WORDS[promise]} | {hits} | {runs:,} | {upper95(hits, runs):.2g} |")
-    single = tally.of(preventable)
+    single = tally.of(observable_keys())
     none = tally.of(["none"])
     for words, row in (("under a single observable fault", single), ("without fault", none)):
         limit = upper95(row.off, row.runs)
@@ -51,13 +49,10 @@ def promises(tally: Tally, *, preventable: Iterable[str]) -> list[str]:
     return lines
 
 
-def faults(tally: Tally, *, seen: Iterable[str], words: Mapping[str, str]) -> list[str]:
-    """One line for each fault, and one without.
-
-    ``seen``: faults that show in what the devices send before they do harm. ``words``: by fault, its kind,
-    what happens, and what covers a fault that no program can prevent.
-    """
-    evident = set(seen)
+def faults(tally: Tally) -> list[str]:
+    """One line for each fault, and one without: whether it shows in what the devices send before it does harm, and what
+    covers a fault that no program can prevent."""
+    evident, words = set(observable_keys()), _in_words()
     lines = [
         (
             "| fault | to be seen | what happens | runs | acted | reported | ended with an answer | found | off | "
@@ -75,10 +70,10 @@ def faults(tally: Tally, *, seen: Iterable[str], words: Mapping[str, str]) -> li
     return lines
 
 
-def in_words() -> dict[str, str]:
+def _in_words() -> dict[str, str]:
     """By fault, its kind, what happens, and what covers it."""
     return {
-        key_of(each): f"{each.fault.kind.value}: {each.fault.meaning}"
+        key_of(each): f"{each.kind.value}: {each.meaning}"
         + (f"; covered by: {each.covered_by}" if each.covered_by else "")
         for each in FAULTS.values()
     }

@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -50,13 +49,12 @@ from markerseek.sim import (
     VirtualClock,
 )
 
-from .fault import Fault
 from .faulty import Host, HostKilled
 from .faulty_laser import FaultyLaser
 from .faulty_receiver import FaultyReceiver
 from .faulty_stage import FaultyStage
 from .held_lines import HeldLines
-from .vocabulary import FAULTS, IN_SWEEPS, drawn
+from .vocabulary import FAULTS, IN_SWEEPS, DeviceName, Fault, drawn
 from .world import WatchedWorld
 
 CELLS = 460_000
@@ -115,10 +113,7 @@ def draw_plan(seed: int, number: int) -> Plan:
     steps = 4 if sweeps else 3 + (acquisitions or 20)
     how_many = int(rng.choice(3, p=[0.08, 0.84, 0.08]))
     share = np.array(
-        [
-            (1.0 if each.harm == "none" else 0.3) * (sweeps or each.fault.name not in IN_SWEEPS)
-            for each in FAULTS.values()
-        ]
+        [(1.0 if each.harm == "none" else 0.3) * (sweeps or each.name not in IN_SWEEPS) for each in FAULTS.values()]
     )
     dies = np.random.default_rng([seed, number, 3])
     chosen = rng.choice(len(FAULTS), size=how_many, replace=False, p=share / share.sum())
@@ -289,7 +284,7 @@ class Campaign:
         return rig, world, clock, (stage, laser, receiver)
 
 
-_DEVICES: tuple[Literal["stage", "laser", "receiver"], ...] = ("stage", "laser", "receiver")
+_DEVICES: tuple[DeviceName, ...] = ("stage", "laser", "receiver")
 
 
 def _left_alone(world: WatchedWorld, clock: VirtualClock, laser: FaultyLaser) -> tuple[float, ...]:

@@ -1,14 +1,21 @@
-"""Counts over runs, added up run by run and chunk by chunk, and kept as JSON between two calls."""
+"""Counts over runs, added up run by run and chunk by chunk; a chunk is what a worker process runs."""
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterable
+from pathlib import Path
 
 import msgspec
 from scipy.stats import beta
 
-from .checker import OFF_DEG, Verdict
+from markerseek.core import Measured
 
+from .checker import OFF_DEG, Verdict, check
+from .held_lines import HeldLines
+from .runs import Campaign, draw_plan
+
+CHUNK = 250
 PROMISES = ("P1", "P3", "P6", "P7", "P8")
 
 
@@ -83,19 +90,22 @@ class Tally(msgspec.Struct, kw_only=True):
             excess_pulses=verdict.excess_pulses,
             moving_pulses=verdict.moving_pulses,
         )
-        self.rows.setdefault(key, Row()).add(row)
-        self.outcomes[verdict.outcome] = self.outcomes.get(verdict.outcome, 0) + 1
-        self.in_fault += verdict.outcome == "fault"
-        self.accepted += accepted
-        self.noticed_later += verdict.noticed_later
-        self.slowest_s = max(self.slowest_s, real_s)
-        self.longest_s = max(self.longest_s, virtual_s)
-        for promise, said in verdict.broken[:3]:
-            self.broken.append(Broken(promise=promise, run=number, faults=faults, said=said[:300]))
-        if verdict.off:
-            self.broken.append(
-                Broken(promise="P10", run=number, faults=faults, said=f"found, and off by more than {OFF_DEG:g} deg")
+        broken = [
+            *verdict.broken[:3],
+            *([("P10", f"found, and off by more than {OFF_DEG:g} deg")] if verdict.off else []),
+        ]
+        self.add(
+            Tally(
+                rows={key: row},
+                broken=[Broken(promise=each, run=number, faults=faults, said=said[:300]) for each, said in broken],
+                outcomes={verdict.outcome: 1},
+                in_fault=verdict.outcome == "fault",
+                accepted=accepted,
+                noticed_later=verdict.noticed_later,
+                slowest_s=real_s,
+                longest_s=virtual_s,
             )
+        )
 
     def add(self, other: Tally) -> None:
         """Add the counts of another."""
@@ -125,3 +135,27 @@ class Tally(msgspec.Struct, kw_only=True):
 def upper95(hits: int, count: int) -> float:
     """Upper 95 % limit (one-sided, Clopper-Pearson) of a share: 3/n where nothing was seen in n."""
     return 1.0 if count == 0 or hits == count else float(beta.ppf(0.95, hits + 1, count - hits))
+
+
+def readings(seed: int, first: int, count: int) -> Tally:
+    """Counts of a chunk of runs with readings."""
+    tally = Tally()
+    with tempfile.TemporaryDirectory(dir=_ram()) as folder, HeldLines() as lines:
+        campaign = Campaign(Path(folder), lines)
+        for number in range(first, first + count):
+            plan = draw_plan(seed, number)
+            trace = campaign.perform(plan)
+            tally.count_run(
+                check(trace),
+                number=number,
+                faults=tuple(f"{fault.device} {fault.name}" for fault in plan.faults),
+                accepted=sum(isinstance(entry.event, Measured) for entry in trace.journal.entries),
+                real_s=trace.real_s,
+                virtual_s=trace.virtual_s,
+            )
+    return tally
+
+
+def _ram() -> str | None:
+    """Where journals are synchronised without a disk."""
+    return "/dev/shm" if Path("/dev/shm").is_dir() else None

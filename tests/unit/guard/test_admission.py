@@ -1,4 +1,4 @@
-"""Which frames and readings are believed, case by case, each refused by its name."""
+"""Which frames and readings are believed, each refused by its name, and which of a run the guard compares them with."""
 
 from __future__ import annotations
 
@@ -14,16 +14,19 @@ from markerseek.core import (
     ConfigError,
     Frame,
     FrameHeader,
+    LimitError,
     Permit,
     Reading,
     ReadingFrame,
     SaturationError,
     SpotEnergy,
 )
-from markerseek.guard import Admission
+from markerseek.guard import Admission, Guard, State
 from tests.unit.core.damaged import damaged
+from tests.unit.guard.guards import armed, disarmed
 
 NAN = math.nan
+FOREIGN = Permit(token="foreign", angle_deg=0.0, pulses=1, expires_s=1e9)
 PERMIT = Permit(token="permit-7", angle_deg=3.0, pulses=16, expires_s=100.0)
 HEADER = FrameHeader(
     sequence=4,
@@ -178,21 +181,7 @@ def test_data_that_differ_in_one_sample_are_new() -> None:
     admit(replace(FRAME, samples=nearly), previous=replace(BEFORE, samples=np.zeros((128, 8), np.int16)))
 
 
-FEATURES = ("lateral_m", "depth_m", "arrival_s", "noise_sigma", "coherence", "saturated_fraction")
-
-
-@pytest.mark.parametrize("value", [NAN, math.inf, -math.inf, np.float32("nan")])
-@pytest.mark.parametrize("name", FEATURES)
-def test_a_feature_that_is_no_number_is_refused(name: str, value: float) -> None:
-    reading = replace(READING)
-    # Past the type check of the tests, which a reader outside of the package does not have.
-    object.__setattr__(reading, name, value)
-    with pytest.raises(AcquisitionError) as refusal:
-        Admission().admit_reading(reading, frame=FRAME, usual_sigma=None)
-    assert str(refusal.value) == f"{name} is {value}, it must be finite; take it again"
-
-
-@pytest.mark.parametrize("intensity", [NAN, math.inf, -1.0, -1e-300])
+@pytest.mark.parametrize("intensity", [-1.0, -1e-300])
 def test_an_intensity_that_is_no_measurement_is_refused(intensity: float) -> None:
     with pytest.raises(AcquisitionError) as refusal:
         Admission().admit_reading(damaged(intensity=intensity), frame=FRAME, usual_sigma=None)
@@ -255,13 +244,6 @@ def test_a_frame_is_as_noisy_as_the_first_of_its_kind(
         )
         rules = Admission(noise_ratio=math.inf)
         rules.admit_reading(reading, frame=FRAME, usual_sigma=usual_sigma)
-
-
-def test_the_factor_of_the_noise_can_be_chosen() -> None:
-    rules = Admission(noise_ratio=3.0)
-    rules.admit_reading(Reading(intensity=10.0, noise_sigma=1.5), frame=FRAME, usual_sigma=0.5)
-    with pytest.raises(AcquisitionError, match=r"the noise is 1\.6 and was 0\.5 at first"):
-        rules.admit_reading(Reading(intensity=10.0, noise_sigma=1.6), frame=FRAME, usual_sigma=0.5)
 
 
 @pytest.mark.parametrize(
@@ -333,3 +315,163 @@ def test_a_probability_that_is_none_is_refused(dark_alarm: float) -> None:
     with pytest.raises(ConfigError, match="dark_alarm is"):
         Admission(dark_alarm=dark_alarm)
     assert Admission(dark_alarm=0.01).dark_alarm == 0.01
+
+
+def admitted(made: Guard, permit: Permit, *, sequence: int, intensity: float, started_s: float) -> ReadingFrame:
+    header = FrameHeader(
+        sequence=sequence,
+        token=permit.token,
+        pulses=permit.pulses,
+        commanded_deg=permit.angle_deg,
+        started_s=started_s,
+        ended_s=started_s,
+        angle_before_deg=0.0,
+        angle_after_deg=0.0,
+    )
+    answer = ReadingFrame(header=header, intensity=intensity)
+    made.admit_frame(answer, permit=permit, now_s=started_s)
+    return answer
+
+
+def test_frames_are_admitted_in_order_and_a_new_run_begins_anew() -> None:
+    made = armed()
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=5.0)
+    admitted(made, permit, sequence=8, intensity=1.0, started_s=5.0)
+    with pytest.raises(AcquisitionError, match="frame 8 after 8"):
+        admitted(made, permit, sequence=8, intensity=2.0, started_s=5.0)
+    with pytest.raises(AcquisitionError, match="those of the frame before"):
+        admitted(made, permit, sequence=9, intensity=1.0, started_s=5.0)
+    with pytest.raises(AcquisitionError, match=r"permitted at 5\.000 s"):
+        admitted(made, permit, sequence=9, intensity=2.0, started_s=4.0)
+    assert made.state is State.ARMED
+    made.disarm()
+    made.arm(by="a test")
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=5.0)
+    admitted(made, permit, sequence=1, intensity=1.0, started_s=5.0)
+
+
+def test_a_frame_without_any_permit_is_refused() -> None:
+    with pytest.raises(AcquisitionError, match="permitted at nan s"):
+        admitted(armed(), FOREIGN, sequence=1, intensity=1.0, started_s=0.0)
+
+
+def test_a_reading_of_channels_is_judged_by_its_frame() -> None:
+    channels = replace(FRAME, samples=np.zeros((4, 2), np.int16))
+    with pytest.raises(AcquisitionError, match="1 of 4 channels are dead"):
+        armed().admit_reading(Reading(intensity=1.0, dead_channels=(2,)), frame=channels)
+
+
+def test_a_reading_is_admitted_by_the_rules_given() -> None:
+    made = armed(admission=Admission(saturated_limit=0.5))
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
+    answer = admitted(made, permit, sequence=1, intensity=1.0, started_s=0.0)
+    made.admit_reading(Reading(intensity=1.0, saturated_fraction=0.5), frame=answer)
+    for bad in (replace(Reading(intensity=1.0), saturated_fraction=0.75), damaged(intensity=math.nan)):
+        with pytest.raises(AcquisitionError):
+            made.admit_reading(bad, frame=answer)
+
+
+def frame_of(*, pulses: int, sequence: int = 1, intensity: float = 1.0) -> ReadingFrame:
+    header = FrameHeader(sequence=sequence, token="t", pulses=pulses, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
+    return ReadingFrame(header=header, intensity=intensity)
+
+
+def test_noise_is_judged_by_the_first_frame_of_its_kind_in_a_run() -> None:
+    made = armed()
+    lit, dark = frame_of(pulses=1), frame_of(pulses=0)
+    for one, sigma in ((dark, 1.0), (lit, 3.0), (dark, 1.9), (lit, 1.6), (dark, 0.6)):
+        made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=one)
+    for one, sigma in ((dark, 3.0), (lit, 1.0), (lit, 6.5), (dark, 0.4)):
+        with pytest.raises(AcquisitionError, match="at first in this run"):
+            made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=one)
+    made.disarm()
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=6.5), frame=lit)
+
+
+@pytest.mark.parametrize(("dark", "lit", "believed"), [(1.0, 9.0, True), (1.0, 0.5, True), (1.0, 0.49, False)])
+def test_a_lit_frame_may_be_noisier_than_the_dark_ones_and_not_quieter(dark: float, lit: float, believed: bool) -> None:
+    made = armed()
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=dark), frame=frame_of(pulses=0))
+    reading = Reading(intensity=1.0, noise_sigma=lit)
+    if believed:
+        made.admit_reading(reading, frame=frame_of(pulses=16))
+    else:
+        with pytest.raises(AcquisitionError, match=r"the noise is 0\.49 and was 1 at first"):
+            made.admit_reading(reading, frame=frame_of(pulses=16))
+
+
+@pytest.mark.parametrize(("dark", "believed"), [(0.01, True), (2.0, True), (2.01, False)])
+def test_the_first_dark_frame_may_be_quieter_than_the_lit_ones_and_not_noisier(dark: float, believed: bool) -> None:
+    made = armed()
+    # Single pulses of a sweep are noisier than the mean of 16; no noise is known of one.
+    for pulses, sigma in ((1, 4.0), (16, 1.0), (8, None)):
+        made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=frame_of(pulses=pulses))
+    reading = Reading(intensity=1.0, noise_sigma=dark)
+    if believed:
+        made.admit_reading(reading, frame=frame_of(pulses=0))
+    else:
+        with pytest.raises(AcquisitionError, match=r"the noise is 2\.01 and was 1 at first"):
+            made.admit_reading(reading, frame=frame_of(pulses=0))
+
+
+@pytest.mark.parametrize("pulses", [0, 16])
+@pytest.mark.parametrize("sigma", [0.0, 1e-6, 1e6])
+def test_the_first_frame_of_a_run_may_be_of_any_noise(pulses: int, sigma: float) -> None:
+    armed().admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=frame_of(pulses=pulses))
+
+
+def test_noise_may_become_known_in_the_middle_of_a_run() -> None:
+    made = armed()
+    for sigma in (None, None, 5.0):
+        made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=frame_of(pulses=16))
+
+
+def test_a_refused_reading_is_no_measure_of_noise() -> None:
+    made = armed()
+    lit = frame_of(pulses=16)
+    for bad in (damaged(intensity=-1.0, noise_sigma=9.0), damaged(noise_sigma=math.nan)):
+        with pytest.raises(AcquisitionError):
+            made.admit_reading(bad, frame=lit)
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=1.0), frame=lit)
+
+
+def test_a_guard_that_recalls_a_run_refuses_what_the_first_one_would_have() -> None:
+    made = disarmed()
+    made.charge(32)
+    lit, dark = frame_of(sequence=8, intensity=1.0, pulses=1), frame_of(sequence=7, intensity=3.0, pulses=0)
+    made.recall(dark, Reading(intensity=3.0, noise_sigma=4.0))
+    made.recall(lit, Reading(intensity=1.0, noise_sigma=1.0))
+    made.recall(lit, Reading(intensity=1.0, noise_sigma=100.0))
+    assert made.pulses_permitted == 32
+    made.arm(by="a test")
+    permit = made.issue(angle_deg=0.0, pulses=16, now_s=5.0)
+    with pytest.raises(AcquisitionError, match="frame 8 after 8"):
+        admitted(made, permit, sequence=8, intensity=2.0, started_s=5.0)
+    with pytest.raises(AcquisitionError, match="those of the frame before"):
+        admitted(made, permit, sequence=9, intensity=1.0, started_s=5.0)
+    made.admit_reading(Reading(intensity=1.0, noise_sigma=2.0), frame=lit)
+    for sigma, of in ((2.1, lit), (1.9, dark), (8.1, dark)):
+        with pytest.raises(AcquisitionError, match="the noise is"):
+            made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=of)
+
+
+def test_a_run_that_goes_on_is_recalled_before_the_rig_is_armed() -> None:
+    made = armed()
+    with pytest.raises(LimitError, match="guard: armed, not allowed to recall"):
+        made.recall(frame_of(sequence=1, intensity=1.0, pulses=16), Reading(intensity=1.0))
+
+
+@pytest.mark.parametrize(("pulses", "intensity", "fault"), [(0, 8.0, True), (0, 7.0, False), (16, 8.0, False)])
+def test_a_source_in_a_dark_frame_is_a_fault_at_once(pulses: int, intensity: float, fault: bool) -> None:
+    made = armed(admission=Admission(dark_alarm=1e-6))
+    permit = made.issue(angle_deg=0.0, pulses=pulses, now_s=5.0)
+    taken = admitted(made, permit, sequence=1, intensity=intensity, started_s=5.0)
+    reading = Reading(intensity=intensity, noise_sigma=1.0, cells=460_000)
+    if not fault:
+        made.admit_reading(reading, frame=taken)
+        assert made.state is State.ARMED
+        return
+    with pytest.raises(AcquisitionError, match="restart the data acquisition"):
+        made.admit_reading(reading, frame=taken)
+    assert made.state is State.FAULT
+    assert "holds a source" in (made.fault or "")

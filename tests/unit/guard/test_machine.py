@@ -4,33 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from markerseek.core import ConfigError, Interval, LaserError, LimitError, MoveError, Permit, SweepPermit
-from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
+from markerseek.core import ConfigError, Interval, LaserError, LimitError, MoveError, Permit
+from markerseek.guard import FiringLimits, Guard, Limits, State
+from tests.unit.guard.guards import WANTED, armed, disarmed
 
 FOREIGN = Permit(token="foreign", angle_deg=0.0, pulses=1, expires_s=1e9)
-WANTED = SweepPermit(
-    token="", angle_deg=0.0, pulses=16, expires_s=0.0, to_deg=9.0, slowest_deg_s=2.0, fastest_deg_s=12.0, period_s=0.05
-)
+SWEEP = replace(WANTED, angle_deg=0.0, pulses=16)
 
 
 def guard(state: State = State.ARMED) -> Guard:
     """A guard that was led to a state by the steps allowed."""
-    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission())
-    if state is State.DISARMED:
-        return made
+    made = disarmed() if state in (State.DISARMED, State.FAULT) else armed()
     if state is State.FAULT:
         made.fail("the stage is on fire")
-        return made
-    made.arm(by="a test")
     if state is State.MOVING:
         made.begin_move(5.0)
     if state is State.FIRING:
         made.redeem(made.issue(angle_deg=0.0, pulses=16, now_s=0.0), angle_deg=0.0, now_s=0.0)
     if state is State.SWEEPING:
-        made.redeem(made.issue_sweep(WANTED, now_s=0.0), angle_deg=0.0, now_s=0.0)
+        made.redeem(made.issue_sweep(SWEEP, now_s=0.0), angle_deg=0.0, now_s=0.0)
     return made
 
 
@@ -40,7 +37,7 @@ STEPS: dict[str, tuple[Callable[[Guard], object], set[State], str]] = {
     "begin_move": (lambda it: it.begin_move(1.0), {State.ARMED}, "move"),
     "end_move": (lambda it: it.end_move(5.0), {State.MOVING}, "end a move"),
     "issue": (lambda it: it.issue(angle_deg=0.0, pulses=1, now_s=0.0), {State.ARMED}, "permit pulses"),
-    "issue_sweep": (lambda it: it.issue_sweep(WANTED, now_s=0.0), {State.ARMED}, "permit pulses"),
+    "issue_sweep": (lambda it: it.issue_sweep(SWEEP, now_s=0.0), {State.ARMED}, "permit pulses"),
     "redeem": (lambda it: it.redeem(FOREIGN, angle_deg=0.0, now_s=0.0), {State.ARMED}, "fire"),
     "end_fire": (lambda it: it.end_fire(16), {State.FIRING}, "end a firing"),
     "read_sweep": (lambda it: it.read_sweep(0.0, now_s=0.1), {State.SWEEPING}, "sweep"),
@@ -73,25 +70,6 @@ def test_a_step_out_of_its_state_is_refused_and_changes_nothing(name: str, state
     assert made.pulses_permitted == (16 if state in (State.FIRING, State.SWEEPING) else 0)
 
 
-def test_a_measurement_goes_through_the_states() -> None:
-    made = guard(State.DISARMED)
-    seen = [made.state]
-    made.arm(by="a test")
-    seen.append(made.state)
-    made.begin_move(5.0)
-    seen.append(made.state)
-    made.end_move(5.0)
-    seen.append(made.state)
-    permit = made.issue(angle_deg=5.0, pulses=16, now_s=0.0)
-    seen.append(made.state)
-    made.redeem(permit, angle_deg=5.0, now_s=0.0)
-    seen.append(made.state)
-    made.end_fire(16)
-    seen.append(made.state)
-    assert [state.value for state in seen] == ["disarmed", "armed", "moving", "armed", "armed", "firing", "armed"]
-    assert made.pulses_permitted == 16
-
-
 @pytest.mark.parametrize("state", State)
 def test_disarming_ends_every_state_but_fault(state: State) -> None:
     made = guard(state)
@@ -118,8 +96,8 @@ def test_a_person_leaves_fault_for_disarmed_and_forgets_the_reason() -> None:
     assert made.fault == "again"
 
 
-@pytest.mark.parametrize("by", ["", "  "])
-def test_nobody_may_neither_arm_nor_reset(by: str) -> None:
+@pytest.mark.parametrize("by", ["", "  ", None, 7, b"me"])
+def test_nobody_may_neither_arm_nor_reset(by: Any) -> None:
     for made, step in ((guard(State.DISARMED), Guard.arm), (guard(State.FAULT), Guard.reset)):
         before = made.state
         with pytest.raises(ConfigError) as refusal:
@@ -161,14 +139,9 @@ def test_a_readback_outside_the_travel_is_a_fault(read: Callable[[Guard, float],
     assert made.fault == str(refusal.value)
 
 
-def test_a_readback_inside_the_travel_is_handed_on() -> None:
-    assert guard().readback(36.5) == 36.5
-
-
 @pytest.mark.parametrize("reached_deg", [4.875, 5.125])
 def test_the_probe_may_stop_beside_its_target_by_the_limit(reached_deg: float) -> None:
-    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(), arrival_deg=0.125)
-    made.arm(by="a test")
+    made = armed(arrival_deg=0.125)
     made.begin_move(5.0)
     made.end_move(reached_deg)
     assert made.state is State.ARMED
@@ -189,8 +162,7 @@ def test_a_probe_that_did_not_arrive_is_a_fault(reached_deg: float) -> None:
 
 @pytest.mark.parametrize(("angle_deg", "allowed"), [(3.125, True), (2.875, True), (3.2, False), (2.8, False)])
 def test_a_permit_is_good_at_its_angle_only(angle_deg: float, allowed: bool) -> None:
-    made = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(), arrival_deg=0.125)
-    made.arm(by="a test")
+    made = armed(arrival_deg=0.125)
     permit = made.issue(angle_deg=3.0, pulses=16, now_s=0.0)
     if allowed:
         made.redeem(permit, angle_deg=angle_deg, now_s=0.0)
@@ -206,14 +178,6 @@ def test_a_permit_is_good_at_its_angle_only(angle_deg: float, allowed: bool) -> 
     assert made.fault == str(refusal.value)
 
 
-def test_a_permit_at_a_readback_that_is_no_number_is_a_fault() -> None:
-    made = guard()
-    permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
-    with pytest.raises(LimitError):
-        made.redeem(permit, angle_deg=math.nan, now_s=0.0)
-    assert made.state is State.FAULT
-
-
 def test_a_permit_expires_by_the_rigs_clock() -> None:
     made = guard()
     permit = made.issue(angle_deg=0.0, pulses=16, now_s=7.0)
@@ -225,8 +189,7 @@ def test_a_permit_expires_by_the_rigs_clock() -> None:
 
 
 def test_a_dose_that_is_exceeded_is_refused_and_no_fault() -> None:
-    made = Guard(limits=Limits(), firing=FiringLimits(pulses_per_second=20), admission=Admission())
-    made.arm(by="a test")
+    made = armed(firing=FiringLimits(pulses_per_second=20))
     with pytest.raises(LimitError, match="129 pulses under one permit"):
         made.issue(angle_deg=0.0, pulses=129, now_s=0.0)
     made.redeem(made.issue(angle_deg=0.0, pulses=16, now_s=0.0), angle_deg=0.0, now_s=0.0)
@@ -250,7 +213,7 @@ def test_other_pulses_than_permitted_are_a_fault(fired: int) -> None:
 @pytest.mark.parametrize("arrival_deg", [0.0, -0.1, 73.0, math.nan])
 def test_an_arrival_that_could_be_anywhere_is_refused(arrival_deg: float) -> None:
     with pytest.raises(ConfigError) as refusal:
-        Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(), arrival_deg=arrival_deg)
+        disarmed(arrival_deg=arrival_deg)
     assert str(refusal.value) == (
         f"guard: arrival_deg is {arrival_deg} deg, it must be positive and less than the travel"
     )
@@ -258,4 +221,4 @@ def test_an_arrival_that_could_be_anywhere_is_refused(arrival_deg: float) -> Non
 
 def test_the_limits_are_those_given() -> None:
     limits = Limits(search=Interval(low_deg=-1, high_deg=1))
-    assert Guard(limits=limits, firing=FiringLimits(), admission=Admission()).limits is limits
+    assert disarmed(limits=limits).limits is limits

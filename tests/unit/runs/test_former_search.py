@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import ConfigError, MarkerCurve, Reading, RecordError, Sample, SearchPlan
+from markerseek.core import MarkerCurve, Reading, RecordError, Sample, SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.runs import former_curve, new_session, plan_on, rebuild_policy
-from markerseek.search import build
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.shapes import LOG_WIDTH_SIGMA, family, log_curve, shapes_with
 from markerseek.sim import SechCurve
@@ -67,13 +66,6 @@ def test_a_file_that_says_nothing_of_a_curve_is_refused(tmp_path: Path, text: st
     path.write_text(text)
     with pytest.raises(RecordError, match=message):
         former_curve(path)
-
-
-def test_other_methods_take_no_prior() -> None:
-    with pytest.raises(ConfigError, match="prior is given, but only the posterior"):
-        build(SearchPlan(method="ternary", prior=MarkerCurve(fwhm_deg=6.0, peak=100.0)))
-    with pytest.raises(ConfigError, match="others is given, but only the posterior"):
-        build(SearchPlan(method="ternary", others=0.0))
 
 
 def test_the_prior_of_the_width_is_that_of_the_former_marker() -> None:

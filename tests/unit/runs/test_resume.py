@@ -27,14 +27,14 @@ from markerseek.records.journal import (
     Checked,
     Configuration,
     Journal,
+    RecordedRun,
     Resuming,
     read_journal,
-    run_state,
     salvage,
     since_started,
 )
 from markerseek.rigs import Rig
-from markerseek.runs import RunView, answer_again, rebuild_policy
+from markerseek.runs import RunView, answer_again, rebuild_policy, rebuild_rig
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import change_of, pulses_before, resumed
 from markerseek.sim import GaussianCurve
@@ -86,7 +86,7 @@ def test_a_run_that_never_started_begins_when_it_is_armed(tmp_path: Path) -> Non
     path = tmp_path / "run.journal"
     Journal.create(path, begin()[2]).close()
     assert isinstance(resume_run(path)[0], Started)
-    assert run_state(read_journal(path).entries).state == "finished"
+    assert RunView.of(read_journal(path)).state == "finished"
 
 
 def test_a_run_that_is_over_is_not_resumed(whole: Path) -> None:
@@ -198,7 +198,7 @@ def test_a_fault_is_kept_and_left_by_a_reset_only(when: str, tmp_path: Path) -> 
         with pytest.raises(MoveError):
             resume_run(path, rig=rig)
     held = read_journal(path)
-    assert isinstance(held.entries[-1].event, Failed) or run_state(held.entries).state == "finished"
+    assert isinstance(held.entries[-1].event, Failed) or RunView.of(held).state == "finished"
     if when == "at the stop":
         return
     with pytest.raises(DeviceError, match=r"ended with a fault: the stage was sent .* --reset-fault"):
@@ -269,3 +269,16 @@ def test_the_pulses_of_all_sessions_are_counted_together(tmp_path: Path, whole: 
     rig.scanner.guard._permits._limits = FiringLimits(pulses_per_session=spent + rig.scanner.pulses)
     with pytest.raises(LimitError, match=f"{spent + rig.scanner.pulses} pulses were permitted in this session"):
         resume_run(path, rig=rig)
+
+
+def test_a_replay_and_a_rig_of_python_are_not_resumed(tmp_path: Path) -> None:
+    def recorded(rig: Rig) -> RecordedRun:
+        return RecordedRun(path=Path("run.journal"), configuration=configured(rig), entries=())
+
+    scan = tmp_path / "scan.csv"
+    rows = [f"{angle},{1 + 90 * 2.0 ** -((angle - 8) ** 2 / 9)}" for angle in range(-35, 36)]
+    scan.write_text("angle_deg,intensity\n" + "\n".join(rows) + "\n")
+    with pytest.raises(RecordError, match=f"it is of a recorded scan, which takes seconds: replay {scan} again"):
+        rebuild_rig(recorded(rigs.replayed(scan)))
+    with pytest.raises(RecordError, match="from Python, with the rig"):
+        rebuild_rig(recorded(rigs.of_intensities(seed=1, curve=None, marker_deg=0.0)))

@@ -166,36 +166,11 @@ class SweepBench:
         return permit.expires_s - 30.0
 
 
-class Slow(SimulatedStage):
-    """Answers late from the tenth reading on."""
-
-    late_s = 0.2
-    readings = 0
-
-    def read_sweep(self) -> StageReading:
-        self.readings += 1
-        if self.readings == 10:
-            self._clock.wait(self.late_s)
-        return super().read_sweep()
-
-
 class Fast(SimulatedStage):
     """Turns twice as fast as it was told."""
 
     def prepare_sweep(self, *, speed_deg_s: float) -> None:
         super().prepare_sweep(speed_deg_s=2 * speed_deg_s)
-
-
-class Stalling(SimulatedStage):
-    """Comes to rest at the twentieth reading, and turns no more."""
-
-    readings = 0
-
-    def read_sweep(self) -> StageReading:
-        self.readings += 1
-        if self.readings >= 20:
-            self.brake()
-        return super().read_sweep()
 
 
 class Staying(SimulatedStage):
@@ -216,17 +191,6 @@ class Short(SimulatedStage):
         super().begin_sweep(to_deg - 0.05)
 
 
-class Slipping(SimulatedStage):
-    """Its encoder loses two degrees at the twentieth reading."""
-
-    readings = 0
-
-    def read_sweep(self) -> StageReading:
-        self.readings += 1
-        reading = super().read_sweep()
-        return replace(reading, angle_deg=reading.angle_deg - 2.0 * (self.readings >= 20))
-
-
 class Running(SimulatedStage):
     """Does not brake at its end."""
 
@@ -235,36 +199,12 @@ class Running(SimulatedStage):
         return replace(reading, angle_deg=reading.angle_deg + max(0.0, reading.angle_deg - 30.0))
 
 
-class Jumping(SimulatedLaser):
-    """Its clock jumps by a second in mid-sweep."""
-
-    def pulses(self) -> Sequence[Pulse]:
-        jump_s = 1.0 if self._fired > 30 else 0.0
-        return [replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
-
-
-class Dark(SimulatedLaser):
-    """Gives no light, and says so."""
-
-    def begin_sweep(self, permit: SweepPermit) -> None:
-        super().begin_sweep(permit)
-        self.disarm()
-
-
 class Ahead(SimulatedLaser):
     """Its clock jumps by less than the probe needs to come to rest: all stamps lie between two readings."""
 
     def pulses(self) -> Sequence[Pulse]:
         jump_s = 0.2 if self._fired > 30 else 0.0
         return [replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
-
-
-class Double(SimulatedLaser):
-    """Gives two pulses at one trigger."""
-
-    def pulses(self) -> Sequence[Pulse]:
-        pulses = super().pulses()
-        return [*pulses, *pulses[-1:]] if self._fired > 30 else pulses
 
 
 class Hasty(SimulatedLaser):
@@ -286,14 +226,6 @@ class Pausing(SimulatedLaser):
         super()._fire_one(at_s + 0.5 - since_s * 5 / 6 if 0 < since_s < 0.6 else at_s)
 
 
-class Silent(SimulatedLaser):
-    """Loses the stamp of a pulse."""
-
-    def pulses(self) -> Sequence[Pulse]:
-        pulses = super().pulses()
-        return pulses[1:] if self._fired > 30 else pulses
-
-
 class Losing(SimulatedReceiver):
     """Misses the thirtieth trigger of each sweep, and counts those that it got."""
 
@@ -311,28 +243,3 @@ class Losing(SimulatedReceiver):
     def begin_sweep(self, permit: SweepPermit) -> None:
         super().begin_sweep(permit)
         self.triggers = 0
-
-
-class Skipping(SimulatedReceiver):
-    """Misses the thirtieth trigger, and counts it."""
-
-    def _swept(self, now_s: float) -> list[Frame]:
-        return [frame for frame in super()._swept(now_s) if frame.header.sequence != 30]
-
-
-class Doubling(SimulatedReceiver):
-    """Delivers each thirtieth frame twice."""
-
-    def _swept(self, now_s: float) -> list[Frame]:
-        frames = super()._swept(now_s)
-        return [each for frame in frames for each in [frame] * (2 if frame.header.sequence % 30 == 0 else 1)]
-
-
-class Swapping(SimulatedReceiver):
-    """Delivers two frames in the wrong order."""
-
-    def _swept(self, now_s: float) -> list[Frame]:
-        frames = super()._swept(now_s)
-        if len(frames) > 40:
-            frames[30], frames[31] = frames[31], frames[30]
-        return frames

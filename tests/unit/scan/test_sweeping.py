@@ -13,7 +13,6 @@ from markerseek.core import (
     AcquisitionError,
     Asked,
     ConfigError,
-    DeviceError,
     Failed,
     Finished,
     LaserError,
@@ -35,23 +34,13 @@ from tests.unit.scan.scan_bench import drain
 from tests.unit.scan.sweep_bench import (
     TO_END,
     Ahead,
-    Dark,
-    Double,
-    Doubling,
     Fast,
     Hasty,
-    Jumping,
     Losing,
     Pausing,
     Running,
     Short,
-    Silent,
-    Skipping,
-    Slipping,
-    Slow,
-    Stalling,
     Staying,
-    Swapping,
     SweepBench,
     Sweeps,
 )
@@ -278,12 +267,6 @@ def test_most_of_a_way_is_lit_on_which_the_probe_does_not_reach_its_speed(
     bench.require_permitted()
 
 
-def test_a_sweep_to_where_the_probe_is_gets_no_permit() -> None:
-    sweep = Sweep(to_deg=-35.0, speed_deg_s=10.0)
-    with pytest.raises(ConfigError, match="these must be two different angles"):
-        SweepBench().scanner.sweeping.permit(sweep, from_deg=-35.0)
-
-
 @pytest.mark.parametrize(
     ("readout_s", "there_deg", "lasts_s"), [(10.0, -5.0, 10.0), (2.0, 35.0, 2.0), (0.0, 35.0, 0.15)]
 )
@@ -336,7 +319,7 @@ def test_a_sweep_that_cannot_be_made_moves_nothing(sweep: Sweep, error: type[Exc
     assert bench.scanner.guard.state is not State.FAULT
 
 
-@pytest.mark.parametrize("kind", [Slow, Fast, Stalling, Slipping, Running])
+@pytest.mark.parametrize("kind", [Fast, Running])
 def test_a_stage_that_does_not_do_its_part_ends_light_and_motion(kind: type[SimulatedStage]) -> None:
     bench = SweepBench()
     bench.stage.__class__ = kind
@@ -356,43 +339,11 @@ def test_a_stage_that_does_not_do_its_part_ends_light_and_motion(kind: type[Simu
     assert -35.1 <= bench.world.angle_deg <= 35.1
 
 
-@pytest.mark.parametrize(
-    ("kind", "error"),
-    [
-        (Jumping, DeviceError),
-        (Ahead, LaserError),
-        (Dark, LaserError),
-        (Double, LaserError),
-        (Silent, AcquisitionError),
-    ],
-)
-def test_a_laser_that_is_dark_or_whose_stamps_are_wrong_gives_no_answer(
-    kind: type[SimulatedLaser], error: type[Exception]
-) -> None:
+def test_stamps_that_are_wrong_though_each_lies_between_two_readings_give_no_answer() -> None:
     bench = SweepBench()
-    bench.laser.__class__ = kind
-    drain(bench.run(Sweeps(TO_END)), error)
+    bench.laser.__class__ = Ahead
+    drain(bench.run(Sweeps(TO_END)), LaserError)
     assert bench.scanner.guard.state is State.FAULT
-
-
-@pytest.mark.parametrize("kind", [Losing, Doubling])
-def test_a_stream_that_loses_or_doubles_a_frame_gives_no_answer(kind: type[SimulatedReceiver]) -> None:
-    bench = SweepBench()
-    bench.receiver.__class__ = kind
-    events = drain(bench.run(Sweeps(TO_END)), AcquisitionError)
-    assert not any(isinstance(event, Finished) for event in events)
-    assert bench.scanner.guard.state is State.FAULT
-
-
-def test_a_counter_that_jumps_ends_the_sweep_at_once() -> None:
-    bench, policy = SweepBench(), Sweeps(TO_END)
-    bench.receiver.__class__ = Skipping
-    events = drain(bench.run(policy), AcquisitionError)
-    assert len(policy.samples) == 29
-    failed = events[-1]
-    assert isinstance(failed, Failed)
-    assert "frame 31 came after frame 29: a trigger was lost or doubled" in str(failed.error)
-    assert bench.stage.angle_deg < 0
 
 
 def test_a_sweep_that_is_left_ends_the_light_and_the_motion_by_itself() -> None:
@@ -410,10 +361,9 @@ def test_a_sweep_that_is_left_ends_the_light_and_the_motion_by_itself() -> None:
     assert abs(bench.stage.angle_deg - at_deg) == pytest.approx(2.0, abs=0.1)
 
 
-@pytest.mark.parametrize("kind", [Losing, Doubling, Swapping])
-def test_a_burst_that_loses_doubles_or_swaps_a_frame_is_refused_whole(kind: type[SimulatedReceiver]) -> None:
+def test_a_burst_that_loses_a_frame_is_refused_whole_and_swept_again_from_its_beginning() -> None:
     bench = SweepBench(readout_s=10.0)
-    bench.receiver.__class__ = kind
+    bench.receiver.__class__ = Losing
     policy = Sweeps(TO_END)
     events = drain(bench.run(policy, limits=RunLimits(attempts=2)), AcquisitionError)
     assert [type(event) for event in events[1:]] == [Asked, Refused, Asked, Failed]

@@ -14,6 +14,7 @@ from markerseek.records.journal.entries import (
     Resuming,
     decode,
     encode,
+    escaped,
     versions,
 )
 from markerseek.records.journal.file import (
@@ -28,16 +29,12 @@ from markerseek.records.journal.file import (
 )
 from markerseek.records.journal.reader import (
     JournalItem,
-    JournalSummary,
     RecordedRun,
-    RunState,
     follow,
     has_begun,
     read_journal,
-    run_state,
     salvage,
     since_started,
-    summary,
 )
 from markerseek.records.journal.writer import Journal
 
@@ -49,14 +46,13 @@ __all__ = [
     "Journal",
     "JournalEvent",
     "JournalItem",
-    "JournalSummary",
     "RecordedError",
     "RecordedRun",
     "Resuming",
-    "RunState",
     "decode",
     "default_journal",
     "encode",
+    "escaped",
     "follow",
     "has_begun",
     "is_journal",
@@ -66,10 +62,8 @@ __all__ = [
     "lock",
     "make_folder",
     "read_journal",
-    "run_state",
     "salvage",
     "since_started",
     "size_bytes_of",
-    "summary",
     "versions",
 ]

@@ -1,25 +1,22 @@
 """Reads a journal and checks every entry; a run that died has all entries that were committed.
 
-`read_journal` refuses a damaged journal, `salvage` reads its undamaged beginning and names the damage, `follow` reads a
-journal while it is written, and `summary` is its line in a list.
+`read_journal` refuses a damaged journal, `salvage` reads its undamaged beginning and names the damage, and `follow`
+reads a journal while it is written.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
-import msgspec
-
-from markerseek.core import Failed, Finished, Measured, RecordError, Refused, Sample, Started
-from markerseek.records.journal.entries import Checked, Configuration, Entry, Resuming, escaped
-from markerseek.records.journal.file import as_record_error, is_written, open_for_reading, size_bytes_of
+from markerseek.core import Finished, Measured, RecordError, Refused, Sample, Started
+from markerseek.records.journal.entries import Checked, Configuration, Entry
+from markerseek.records.journal.file import as_record_error, is_written, open_for_reading
 from markerseek.records.journal.lines import EntryReader, UnfinishedError
-from markerseek.records.words import answer_line, answer_name
 
 JournalItem: TypeAlias = Configuration | Entry
 """What a journal holds: the configuration first, then the entries."""
@@ -122,116 +119,10 @@ def follow(
             wait()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunState:
-    """State of a run."""
-
-    state: Literal["finished", "fault", "open"]
-    """Finished with an answer, ended by a fault, or open: it was stopped or it died, and can be resumed."""
-    acquisitions: int
-    """Acquisitions with light that the policy received, or will receive."""
-    fault: str | None
-    """None unless it was a fault."""
-
-
-def run_state(entries: Iterable[Entry]) -> RunState:
-    """State of the run of these entries.
-
-    ``entries``: all of them, in order.
-    """
-    state: Literal["finished", "fault", "open"] = "open"
-    acquisitions = 0
-    fault: str | None = None
-    for entry in entries:
-        match entry.event:
-            case Started():
-                acquisitions = 0
-            case Measured(role=role):
-                acquisitions += role == "search"
-            case Finished():
-                state = "finished"
-            case Failed(error=error):
-                state, fault = "fault", str(error)
-            case Resuming(fault_reset=True):
-                state, fault = "open", None
-    return RunState(state=state, acquisitions=acquisitions, fault=fault)
-
-
 def since_started(entries: Sequence[Entry]) -> tuple[Entry, ...]:
     """The entries since the search last began; it begins again if a check finds that the rig has changed."""
     begun = [index for index, entry in enumerate(entries) if isinstance(entry.event, Started)]
     return tuple(entries[begun[-1] :]) if begun else ()
-
-
-class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of a list of journals; values that cannot be read are None."""
-
-    path: str
-    """The file; bytes of its name that are not Unicode are written as escapes."""
-    size_bytes: int
-    begun: str | None = None
-    """When its run began, UTC, ISO 8601."""
-    method: str | None = None
-    as_published: bool | None = None
-    rig: str | None = None
-    emulated: tuple[str, ...] = ()
-    """``method``, ``as_published``, ``rig`` and ``emulated``: the policy's name and whether it is in the paper's form,
-    the kind of the rig, and its emulated devices."""
-    description: str | None = None
-    """The rig in words; of a simulated one also tissue and seed."""
-    seed: int | None = None
-    """Seed of a simulated rig."""
-    state: Literal["finished", "fault", "open", "running", "damaged", "unreadable"]
-    """"running" while a program writes it, "damaged" if only a part can be read, "unreadable" if nothing can."""
-    answer: str | None = None
-    angle_deg: float | None = None
-    """``answer`` and ``angle_deg``: the answer of a run that is over, and the angle in degrees to which it points."""
-    acquisitions: int | None = None
-    """Acquisitions with light that the search received."""
-    problem: str | None = None
-    """What is wrong, in words."""
-
-    @property
-    def end(self) -> str:
-        """The answer with its angle, in a line; the state of a run without an answer."""
-        if self.answer is None or self.angle_deg is None:
-            return self.state
-        return answer_line(self.answer, self.angle_deg, as_published=bool(self.as_published))
-
-
-def summary(path: Path) -> JournalSummary:
-    """Summary of a journal; damage is reported in it, not raised."""
-    size_bytes = size_bytes_of(path)
-    name = escaped(str(path))
-    try:
-        recorded, damage = salvage(path, frames=False)
-    except RecordError as problem:
-        # One unreadable file must not hide the others of the list.
-        return JournalSummary(path=name, size_bytes=size_bytes, state="unreadable", problem=_without(path, problem))
-    state = run_state(recorded.entries)
-    last = recorded.entries[-1].event if recorded.entries else None
-    over = last if isinstance(last, Finished) else None
-    return JournalSummary(
-        path=name,
-        size_bytes=size_bytes,
-        begun=recorded.entries[0].written if recorded.entries else None,
-        method=recorded.configuration.plan.method,
-        as_published=recorded.configuration.plan.as_published,
-        rig=recorded.configuration.facts.kind,
-        emulated=recorded.configuration.facts.emulated,
-        description=recorded.configuration.facts.description,
-        seed=recorded.configuration.facts.seed,
-        state="damaged" if damage is not None else "running" if recorded.is_written else state.state,
-        answer=None if over is None else answer_name(over.estimate),
-        angle_deg=None if over is None else over.estimate.mean_deg,
-        acquisitions=state.acquisitions,
-        problem=state.fault if damage is None else _without(path, damage),
-    )
-
-
-def _without(path: Path, problem: RecordError) -> str:
-    # The list prints the path once, so that the message need not begin with it.
-    return escaped(str(problem).removeprefix(f"{path}: "))
 
 
 @contextmanager

@@ -13,7 +13,8 @@ import pytest
 from markerseek.core import Asked, RecordError, Started
 from markerseek.guard import State
 from markerseek.records.banks import read_bank
-from markerseek.records.journal import Journal, read_journal, salvage, summary
+from markerseek.records.journal import Journal, read_journal, salvage
+from markerseek.runs import journal_summary
 from markerseek.runs.journalled import journalled
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration, write
 from tests.unit.runs.journalled_runs import begin, times_and_events
@@ -29,10 +30,10 @@ def test_two_programs_do_not_drive_one_run_and_any_number_read_it(tmp_path: Path
         assert path.read_bytes() == before
         assert len(read_journal(path).entries) == 1
         assert salvage(path)[1] is None
-        assert summary(path).state == "running"
+        assert journal_summary(path).state == "running"
         journal.commit(Asked(role="search", index=1, angle_deg=1.1), clock_s=0.0)
     assert len(read_journal(path).entries) == 2
-    assert summary(path).state == "open"
+    assert journal_summary(path).state == "open"
 
 
 def holding(data: bytes) -> Callable[[Path], object]:

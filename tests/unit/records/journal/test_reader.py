@@ -24,8 +24,8 @@ from markerseek.records.journal import (
     follow,
     read_journal,
     salvage,
-    summary,
 )
+from markerseek.runs import journal_summary
 from tests.unit.records.journal.synthetic_journals import (
     RANGE,
     configuration,
@@ -58,7 +58,7 @@ def most_bytes(work: Callable[[], object]) -> int:
 
 
 @pytest.mark.parametrize(
-    "look", [summary, lambda path: salvage(path, frames=False), lambda path: read_journal(path, frames=False)]
+    "look", [journal_summary, lambda path: salvage(path, frames=False), lambda path: read_journal(path, frames=False)]
 )
 def test_unused_frames_are_not_kept_in_memory(look: Callable[[Path], object], long_run: Path) -> None:
     assert most_bytes(lambda: look(long_run)) < 10 * FRAME_BYTES

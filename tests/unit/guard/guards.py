@@ -1,0 +1,31 @@
+"""An armed guard and the permit of a sweep, for the tests of the guard."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from markerseek.core import SweepPermit
+from markerseek.guard import Admission, FiringLimits, Guard, Limits
+
+WANTED = SweepPermit(
+    token="",
+    angle_deg=-30.0,
+    pulses=100,
+    expires_s=0.0,
+    to_deg=30.0,
+    slowest_deg_s=2.0,
+    fastest_deg_s=12.0,
+    period_s=0.05,
+)
+
+
+def disarmed(**changes: Any) -> Guard:
+    """A new guard, by the usual rules but for those that are changed."""
+    return Guard(**({"limits": Limits(), "firing": FiringLimits(), "admission": Admission()} | changes))
+
+
+def armed(**changes: Any) -> Guard:
+    """The same, armed."""
+    made = disarmed(**changes)
+    made.arm(by="a test")
+    return made
