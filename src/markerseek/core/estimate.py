@@ -79,7 +79,7 @@ class Found:
     floor
         Detection threshold that the evidence had to exceed; None in the paper's form of a method, which asks for none.
     others
-        Further sources, the loudest first.
+        Further sources, the strongest first.
     surveyed
         Share of the range in which a second source as strong would have been detected, 0 to 1; None if not known.
     curve
@@ -123,8 +123,8 @@ class NotFound:
 class Ambiguous:
     """Two sources about as strong, or one source whose angle is one of several.
 
-    ``modes_deg`` lists the angles; ``mean_deg`` is that of the loudest source, or the likeliest, and ``sigma_deg`` and
-    ``interval95_deg`` are those of that source.
+    ``modes_deg`` lists the angles; ``mean_deg``, ``sigma_deg`` and ``interval95_deg`` are those of the strongest
+    source, or of the likeliest.
     """
 
     mean_deg: float

@@ -85,7 +85,7 @@ class MarkerCandidate:
     position: MarkerPosition
 
 
-_LOUDER_DB = 3.0
+_STRONGER_DB = 3.0
 """Standard deviation in dB of a difference in strength that does not show which source is the marker."""
 
 _USUAL_OTHER, _LEAST_OTHER = 0.01, 1e-6
@@ -98,8 +98,8 @@ _SAME_DEG = 0.5
 def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigFacts) -> tuple[MarkerCandidate, ...]:
     """Sources of an answer that may be the marker, the likeliest first; none where their places are not known.
 
-    The loudest source has the place that `marker_position` gives, the others that of their own frames. Where the answer
-    does not state how probable another source is, that follows from its loudness.
+    The strongest source has the place that `marker_position` gives, the others that of their own frames. How probable
+    another source is follows from its strength, where the answer does not state it.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigF
     for other in estimate.others:
         if other.lateral_m is not None and other.depth_m is not None:
             place = (other.lateral_m, (facts.face_radius_m or 0.0) + other.depth_m)
-            weight = min(1.0, math.exp(other.relative_db / _LOUDER_DB))
+            weight = min(1.0, math.exp(other.relative_db / _STRONGER_DB))
             found.append((other.angle_deg, weight, _placed(other.angle_deg, other.sigma_deg, *place)))
     if isinstance(estimate, Ambiguous):
         # The same source where its angle is one of several.

@@ -210,7 +210,7 @@ class Guard:
         A dark frame that holds a source ends in FAULT: if frames come late, a second try would hide it.
         """
         pulses, known = frame.header.pulses, self._usual_sigma
-        # The first lit frame may be louder than a dark one, and the first dark one quieter than those with light.
+        # The first lit frame may be stronger than a dark one, and the first dark one quieter than those with light.
         others = [sigma for of, sigma in known.items() if sigma and bool(of) != bool(pulses)]
         usual_sigma = known.get(pulses) or (max if pulses else min)([reading.noise_sigma or 0, *others])
         self._admission.admit_reading(reading, frame=frame, usual_sigma=usual_sigma)

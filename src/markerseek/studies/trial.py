@@ -90,7 +90,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     second_deg: float | None = None
     """Angle of the second source, where the scene holds one."""
     second_db: float | None = None
-    """Loudness of the second source over the marker's."""
+    """Strength of the second source over the marker's."""
     nearest: Literal["stronger", "weaker", "between", "outside"] | None = None
     """Which of the two sources the angle of the answer belongs to."""
     other_deg: float | None = None

@@ -100,7 +100,7 @@ _ALL = (
     Fault("receiver", "infinite", GARBAGE, "the intensity is infinite"),
     Fault("receiver", "negative", GARBAGE, "the intensity is negative"),
     Fault("receiver", "other kind", GARBAGE, "a frame of channel data comes where intensities came"),
-    Fault("receiver", "burst", GARBAGE, "the noise is this many times as loud", amounts=(3, 50)),
+    Fault("receiver", "burst", GARBAGE, "the noise is this many times as strong", amounts=(3, 50)),
     Fault("receiver", "garbled feature", GARBAGE, "the noise floor is no number"),
     Fault("receiver", "other token", WRONG, "the header carries another token"),
     Fault("receiver", "out of order", WRONG, "the sequence numbers do not rise"),

@@ -76,14 +76,14 @@ from markerseek.search.posterior.survey import (
 from markerseek.search.posterior.symmetry import TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS
 
 MAX_OTHERS = MAX_ARRIVALS - 1
-"""Most sources beside the loudest that get a posterior of their own, the strongest first: as many as a frame lists."""
+"""Most sources beside the strongest that get a posterior, the strongest first: as many as a frame lists."""
 
 MEASURED_SHARE = 0.5
 """Distance of a sample from a source, over the full width of its curve, up to which the source has been measured: there
 the curve has half of its height."""
 
-LOUDER_SIGMAS = 2.0
-"""Standard deviations of the ratio of two loudnesses by which one must exceed the other to be the louder."""
+STRONGER_SIGMAS = 2.0
+"""Standard deviations of the ratio of two strengths by which one must exceed the other to be the stronger."""
 
 PARTICLES, UNDETECTED_PARTICLES = 48, 4000
 """Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
@@ -191,7 +191,7 @@ class Analysis:
         """The source of the strongest arrival that is evidence of one."""
         particles = PARTICLES if self.detected else UNDETECTED_PARTICLES
         for group in self._groups:
-            # A background that is the same at all angles may be louder than the marker.
+            # A background that is the same at all angles may be stronger than the marker.
             if self._why_missing(group) is None:
                 return self._candidate(group, None, self._inference, particles)
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
@@ -262,7 +262,7 @@ class Analysis:
     @cached_property
     def unresolved_rival(self) -> tuple[Candidate, float | None] | None:
         """A source that may still be the marker, as of the function of this name; None without one."""
-        # Of a single source the loudest is the marker.
+        # Of a single source the strongest is the marker.
         by_db = 0.0 if self._single else -RIVAL_DB
         return unresolved_rival(self.sources, self.measured_deg, limits=self.limits, by_db=by_db)
 
@@ -360,7 +360,7 @@ UNRESOLVED_BEYOND = 0.1
 """Probability of lying beyond an end of the range from which an uncertain angle is answered as `AtBound`."""
 
 RIVAL_SIGMAS = 1.0
-"""Standard deviations of the ratio of two loudnesses within which a source is a rival: at two, one 10 dB weaker was."""
+"""Standard deviations of the ratio of two strengths within which a source is a rival: at two, one 10 dB weaker was."""
 
 GAP_ANGLES = 41
 """Places of a hidden top that are tried in a gap."""
@@ -381,11 +381,11 @@ def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
     A source whose strength is not known is not among them; it is unresolved.
     """
     first, *others = sources
-    present = [each for each in others if each.missing is None and each.loudness_known and each.apart_from(first)]
-    return [each for each in present if _may_be_as_loud(each, first, by_db=-RIVAL_DB, sigmas=RIVAL_SIGMAS)]
+    present = [each for each in others if each.missing is None and each.strength_known and each.apart_from(first)]
+    return [each for each in present if _may_be_as_strong(each, first, by_db=-RIVAL_DB, sigmas=RIVAL_SIGMAS)]
 
 
-def _may_be_as_loud(source: Candidate, first: Candidate, *, by_db: float, sigmas: float = LOUDER_SIGMAS) -> bool:
+def _may_be_as_strong(source: Candidate, first: Candidate, *, by_db: float, sigmas: float = STRONGER_SIGMAS) -> bool:
     """Whether a source may be the marker instead of the strongest.
 
     A source beyond an end of the range counts with the strength seen in the range, because the marker is in the range.
@@ -404,16 +404,16 @@ def unresolved_rival(
 
     With it comes the angle at which its top may have been missed, in degrees; None if not known.
 
-    ``sources``: the sources, the loudest first. ``measured_deg``: angles measured so far. ``by_db``: loudness over the
-    loudest from which one is a rival, in dB.
+    ``sources``: the sources, the strongest first. ``measured_deg``: angles measured so far. ``by_db``: strength over
+    the strongest from which one is a rival, in dB.
     """
     first, *others = sources
     for each in others:
-        # At the angle of the loudest it does not matter which of the two is the marker.
+        # At the angle of the strongest it does not matter which of the two is the marker.
         if each.measured and not each.apart_from(first):
             continue
         top_deg = missed_peak_deg(first, each, measured_deg, limits=limits, by_db=by_db)
-        if top_deg is not None or (not each.known and _may_be_as_loud(each, first, by_db=by_db)):
+        if top_deg is not None or (not each.known and _may_be_as_strong(each, first, by_db=by_db)):
             return each, top_deg
     return None
 
@@ -426,8 +426,8 @@ def missed_peak_deg(
     Its strong samples may lie on the flank of a narrow curve, or on the shoulders of it, and its top in a gap beside
     them.
 
-    ``first``, ``other``: the loudest source, and another. ``measured_deg``: angles measured so far. ``by_db``: least
-    loudness of that top over the loudest, in dB.
+    ``first``, ``other``: the strongest source, and another. ``measured_deg``: angles measured so far. ``by_db``: least
+    strength of that top over the strongest, in dB.
     """
     strongest = max(sample.reading.intensity for sample in other.samples)
     strong = [sample for sample in other.samples if sample.reading.intensity >= SHOULDER_SHARE * strongest]
@@ -446,7 +446,7 @@ def top_beside_deg(
 ) -> float | None:
     """Return an angle in a gap beside some samples at which a top may have been missed, in degrees; None without one.
 
-    The curve posited there is as narrow as any, no weaker than ``by_db`` over the loudest, and no stronger at either
+    The curve posited there is as narrow as any, no weaker than ``by_db`` over the strongest, and no stronger at either
     end of the gap than what was measured of the source there.
 
     ``beside``: samples of ``other``.
@@ -466,7 +466,7 @@ def top_beside_deg(
         hidden = away_deg[highest - math.log(other.posterior.sigma) > log_least]
         if hidden.size:
             angle_deg = edge.angle_deg + side * float(hidden.mean())
-            # Beside a sample nothing is hidden, however loud.
+            # Beside a sample nothing is hidden, however strong.
             if min(abs(angle_deg - each) for each in measured_deg) > BESIDE_DEG / 2:
                 return angle_deg
     return None
@@ -488,7 +488,7 @@ def answer_of(
 ) -> Estimate:
     """Return the answer.
 
-    ``others``: prior probability that there is another source as loud; 0: nothing else can be the marker. ``spent``:
+    ``others``: prior probability that there is another source as strong; 0: nothing else can be the marker. ``spent``:
     whether so many acquisitions are made that what may still hide is stated, and no veto. ``tolerance``: how well the
     angle must be known. ``weaker_than_predicted``: why the acquisition at the angle found does not confirm it; None if
     it does, or was not made. ``more``: how to have more samples than these, for a person.
@@ -499,7 +499,7 @@ def answer_of(
     if first.missing is not None:
         reason = first.missing + missed_marker(known.lit, known.noise, limits)
         return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
-    beside = [each.as_other_source(first) for each in seen if each.missing is None and each.loudness_known]
+    beside = [each.as_other_source(first) for each in seen if each.missing is None and each.strength_known]
     seen_so_far: dict[str, Any] = {
         "sigma_deg": posterior.sigma_deg,
         "interval95_deg": first.interval95_deg,
@@ -510,10 +510,10 @@ def answer_of(
     }
     probability = other_probability(known, others=others)
     # With a prior of a single source, the strongest is the marker. A source that is not known enough may be stronger.
-    settled = first.loudness_known and (spent or known.unresolved_rival is None)
+    settled = first.strength_known and (spent or known.unresolved_rival is None)
     rivals = rivals_of(known.sources) if others and settled else []
     side = _side(posterior, limits)
-    # How loud a source beyond an end is cannot be measured: one inside may as well be the marker.
+    # How strong a source beyond an end is cannot be measured: one inside may as well be the marker.
     if side is not None and not rivals:
         return AtBound(mean_deg=mean_deg, side=side, **seen_so_far)
     at_rivals = (mean_deg, *(limits.nearest(each.posterior.mean_deg) for each in rivals))
@@ -557,17 +557,17 @@ def _cure(posterior: AnglePosterior, *, more: str) -> str:
 
 
 def other_probability(known: Analysis, *, others: float) -> float:
-    """Probability that another source is the marker: one that still hides, or one that was seen and may be louder.
+    """Probability that another source is the marker: one that still hides, or one that was seen and may be stronger.
 
     ``others``: prior probability of a second source as strong.
     """
     first, *seen = known.sources
     none = 1.0 - (others if known.survey is None else hidden_probability(known.survey, others=others))
     for each in seen:
-        none *= 1.0 - _louder_probability(each, first)
+        none *= 1.0 - _stronger_probability(each, first)
     if known.unresolved_rival is not None:
         # A source that is not known enough may be as strong as one that was not seen.
-        none *= 1.0 - max(others, known.unresolved_rival[0].louder_probability(first))
+        none *= 1.0 - max(others, known.unresolved_rival[0].stronger_probability(first))
     return 1.0 - none
 
 
@@ -580,11 +580,11 @@ def _unmeasured(source: Candidate, modes: Sequence[float], measured_deg: Sequenc
     return f"the marker may be near {' or '.join(f'{each:.1f}' for each in left_deg)} deg, not measured so far; {more}"
 
 
-def _louder_probability(source: Candidate, first: Candidate) -> float:
-    """Probability that a source that was seen is the louder one of two, and another one at all."""
+def _stronger_probability(source: Candidate, first: Candidate) -> float:
+    """Probability that a source that was seen is the stronger one of two, and another one at all."""
     if source.missing is not None or not source.apart_from(first):
         return 0.0
-    return source.louder_probability(first) if _may_be_as_loud(source, first, by_db=-RIVAL_DB) else 0.0
+    return source.stronger_probability(first) if _may_be_as_strong(source, first, by_db=-RIVAL_DB) else 0.0
 
 
 def _other(known: Analysis, probability: float, *, more: str) -> str:
@@ -593,9 +593,9 @@ def _other(known: Analysis, probability: float, *, more: str) -> str:
     if known.unresolved_rival is not None:
         return f"{said}: a source near {known.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as strong; {more}"
     first, *seen = known.sources
-    louder = max(seen, key=lambda each: _louder_probability(each, first), default=first)
-    if _louder_probability(louder, first) > probability / 2:
-        return f"{said}: the source at {louder.posterior.mean_deg:.1f} deg may be stronger; {more}"
+    stronger = max(seen, key=lambda each: _stronger_probability(each, first), default=first)
+    if _stronger_probability(stronger, first) > probability / 2:
+        return f"{said}: the source at {stronger.posterior.mean_deg:.1f} deg may be stronger; {more}"
     if known.survey is None:
         return f"{said}: the range has not been surveyed; {more}"
     return (

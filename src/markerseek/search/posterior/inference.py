@@ -220,7 +220,7 @@ class Inference:
         is known better now.
 
         ``lit``: samples with the laser on, at least one. ``particles``: markers to draw. ``bounds``: samples that say
-        only how loud the source is at most (`as_upper_limit`).
+        only how strong the source is at most (`as_upper_limit`).
         """
         coarse = self._coarse(lit, bounds, noise)
         first_deg, last_deg = self._coarse_deg[0], self._coarse_deg[-1]
@@ -260,7 +260,7 @@ class Inference:
 
     def _coarse(self, lit: Sequence[Sample], bounds: Sequence[Sample], noise: SearchNoise) -> Grid:
         """The coarse grid with all samples; computed again when their scale has changed."""
-        # Not of the bounds, which may be of a source far louder: the amplitudes of the grid begin at half of the unit.
+        # Not of the bounds, which may be of a far stronger source: the amplitudes of the grid begin at half the unit.
         scale = scale_of(lit, noise)
         lit = [*lit, *bounds]
         stated = all(sample.reading.noise_sigma is not None and sample.reading.cells is not None for sample in lit)

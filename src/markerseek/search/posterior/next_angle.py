@@ -341,7 +341,7 @@ BINS = 700
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Belief:
-    """Posterior of the loudest source's angle."""
+    """Posterior of the strongest source's angle."""
 
     angles_deg: Float64[np.ndarray, " parts"]
     """Middles of equal parts of the range in degrees."""

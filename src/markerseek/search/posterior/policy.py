@@ -441,22 +441,22 @@ class Posterior(SearchPolicy):
         # A confirmation changes the amplitude by a little; it does not begin the survey again.
         worth = 0.0 if self._confirmation_taken or self._range_swept else self._others * survey.gain
         if self._range_swept or self._asked >= SURVEY_UNTIL:
-            # Frames show another source from afar, by its place; intensities only where it is the louder of the two.
+            # Frames show another source from afar, by its place; intensities only where it is the stronger of the two.
             gap = not self._analysis.sources[0].has_positions and worth > max(WORTH, LATE_WORTH * probability)
             return probability > STATED or gap
         return probability > STATED or worth > WORTH
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
-        """Next angle for a source other than the loudest, in degrees; its top may be hidden."""
-        loudest_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
-        beside = sum(abs(angle_deg - loudest_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
+        """Next angle for a source other than the strongest, in degrees; its top may be hidden."""
+        strongest_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
+        beside = sum(abs(angle_deg - strongest_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
         if beside > 1 or (source.source is not None and source.seen > 1):
             if hidden_deg is None and not source.measured and source.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG:
                 return self._limits.nearest(source.posterior.mean_deg)
             return self._informative_deg(source) if hidden_deg is None else hidden_deg
         # Seen once it may be a burst: beside that angle it is seen again, or is none.
-        inwards = 1 if loudest_deg < self._limits.centre_deg else -1
-        return loudest_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
+        inwards = 1 if strongest_deg < self._limits.centre_deg else -1
+        return strongest_deg + inwards * min(0.9 * BESIDE_DEG, self._limits.width_deg / 4)
 
     def _informative_deg(self, source: Candidate) -> float:
         return most_informative_deg(

@@ -3,7 +3,7 @@
 A frame holds up to eight arrivals, and a source is at one place in all of them: at the same lateral position, and at a
 depth that grows off the plane by c·D(t) of (4) at most. A second marker, clutter, and a repeat of the sound behind a
 source are therefore sources of their own. Where a source has no arrival in a frame, the image at its place still says
-how loud it can be: the largest envelope of a few cells instead of a hundred thousand, so that M of (3) is small there.
+how strong it can be: the largest envelope of a few cells, not of a hundred thousand, so that M of (3) is small there.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def sources_of(lit: Sequence[Sample], *, level: float) -> tuple[Source, ...]:
 
 
 def samples_at(lit: Sequence[Sample], sources: Sequence[Source], source: Source) -> tuple[list[Sample], list[Sample]]:
-    """Return the samples as they are at the place of one source, and those that say only how loud it is at most.
+    """Return the samples as they are at the place of one source, and those that say only how strong it is at most.
 
     The former hold its strongest arrival, or the image at its place. The latter (`as_upper_limit`) are samples in which
     another source covers the place, and readings with nothing but their largest peak, which is elsewhere.
@@ -259,7 +259,7 @@ BESIDE_DEG = 1.0
 """Distance at which the narrowest curve still has half of its height, in degrees."""
 
 KNOWN_LOG_SIGMA = 0.25
-"""Standard deviation of ln A from which the loudness of a source is known, 2 dB: a third of `RIVAL_DB`."""
+"""Standard deviation of ln A from which the strength of a source is known, 2 dB: a third of `RIVAL_DB`."""
 
 
 SUSPECT_SHARE = 0.05
@@ -284,7 +284,7 @@ class SourceSamples:
     samples: Sequence[Sample]
     """The samples with the laser on, as they are at its place."""
     bounds: Sequence[Sample] = ()
-    """Samples that say only how loud it is at most (`as_upper_limit`)."""
+    """Samples that say only how strong it is at most (`as_upper_limit`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -309,16 +309,16 @@ class Candidate(SourceSamples):
         return float(np.std(self.posterior.log_snr))
 
     @property
-    def loudness_known(self) -> bool:
-        """Whether it was measured at its angle, and so often that its loudness is known, as far as it can be."""
+    def strength_known(self) -> bool:
+        """Whether it was measured at its angle, and so often that its strength is known, as far as it can be."""
         vague = self.log_snr_sigma > KNOWN_LOG_SIGMA
         vague = vague or float(np.mean(self.posterior.log_snr)) > self.log_most
         return self.measured and (self.beyond or not vague)
 
     @property
     def known(self) -> bool:
-        """Whether its loudness is known, and its angle."""
-        return self.loudness_known and self.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG
+        """Whether its strength is known, and its angle."""
+        return self.strength_known and self.posterior.centre_sigma_deg <= KNOWN_SIGMA_DEG
 
     @property
     def log_snr(self) -> float:
@@ -341,11 +341,11 @@ class Candidate(SourceSamples):
         return mine.high_deg < theirs.low_deg or theirs.high_deg < mine.low_deg
 
     def relative_db(self, other: Candidate) -> float:
-        """Loudness over that of another source, in dB."""
+        """Strength over that of another source, in dB."""
         return 20 / math.log(10) * (self.log_snr - other.log_snr)
 
-    def louder_probability(self, other: Candidate) -> float:
-        """Probability that it is louder than another, from the standard deviations of both."""
+    def stronger_probability(self, other: Candidate) -> float:
+        """Probability that it is stronger than another, from the standard deviations of both."""
         spread = math.hypot(self.log_snr_sigma, other.log_snr_sigma)
         return 0.5 * math.erfc((other.log_snr - self.log_snr) / (math.sqrt(2) * max(spread, 1e-9)))
 

@@ -1,7 +1,7 @@
 """The policy `SweepPosterior`: turns the probe over the range in light, and stops it only where that is not enough.
 
 1. It sweeps from where the probe is to the nearer end of the range, and from there to the other end, whatever it sees:
-   the last degrees cost tenths of a second, and a louder source may be there. Where there is only one source, the
+   the last degrees cost tenths of a second, and a stronger source may be there. Where there is only one source, the
    sweep is over once the marker is known and both of its flanks are swept. Where the frames of a sweep are read at its
    end, the probe turns to the nearer end without light, and sweeps there and back in one burst: the order of its frames
    is not believed. While they are read it turns to the middle of the range, which is nearer to most markers.

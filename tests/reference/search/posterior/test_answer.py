@@ -126,13 +126,13 @@ def test_the_other_source_is_described():
         assert other.angle_deg == pytest.approx(20.0, abs=3 * other.sigma_deg + 0.1)
         assert (other.lateral_m, other.depth_m) == (pytest.approx(-12e-3, abs=0.2e-3), pytest.approx(33e-3))
         relative_db.append(other.relative_db)
-    # It is 10.5 dB weaker; few samples are spent on how loud it is.
+    # It is 10.5 dB weaker; few samples are spent on how strong it is.
     assert np.mean(relative_db) == pytest.approx(20 * math.log10(0.3), abs=1.0)
     assert relative_db == pytest.approx([20 * math.log10(0.3)] * 6, abs=2.5)
 
 
 def test_a_source_beyond_an_end_is_at_bound_alone_and_ambiguous_beside_one_inside():
-    """How loud it would be with the probe on it is not known: the other may be the marker as well."""
+    """How strong it would be with the probe on it is not known: the other may be the marker as well."""
     beyond, inside = (35.8, 100.0, 8.0, 5.0, 40.0), (0.0, 60.0, 6.0, -12.0, 33.0)
     for seed in range(3):
         alone = search(World([beyond], seed=seed)).estimate()

@@ -266,10 +266,10 @@ def coherence_of(*coherences):
 
 def test_a_sample_without_an_intensity_says_nothing_of_the_coherence():
     """A reader of the user's own may state a coherence of a frame in which there is nothing."""
-    silent, loud = (
+    silent, strong = (
         Sample(angle_deg=0.0, reading=Reading(intensity=each, focused_coherence=0.9)) for each in (0.0, 60.0)
     )
-    assert mean_coherence([silent, loud], sigma=1.0) == mean_coherence([loud], sigma=1.0)
+    assert mean_coherence([silent, strong], sigma=1.0) == mean_coherence([strong], sigma=1.0)
     assert mean_coherence([silent], sigma=1.0) is None
 
 

@@ -111,7 +111,7 @@ def test_no_angle_is_measured_twice():
         assert min(abs(angles[-1] - each) for each in angles[:-1]) > BESIDE_DEG
 
 
-def test_a_louder_source_hides_less():
+def test_a_stronger_source_hides_less():
     angles = [-30.0, -10.0, -3.0, 0.0, 3.0, 12.0, 30.0]
     shares = []
     for peak in (12.0, 50.0, 300.0):

@@ -1,4 +1,4 @@
-"""Which sources may be the marker beside the loudest, and where the top of one may have been missed."""
+"""Which sources may be the marker beside the strongest, and where the top of one may have been missed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.reference.search.posterior.test_next_angle import posterior
 
 
 def source(angle_deg, snr, *, log_sigma=0.02, samples=()):
-    """A source of which angle and loudness are known, with its samples as (angle, intensity over σ)."""
+    """A source of which angle and strength are known, with its samples as (angle, intensity over σ)."""
     near_deg = angle_deg + np.linspace(-0.5, 0.5, 21)
     share = norm.pdf(near_deg, loc=angle_deg, scale=0.1)
     known = posterior(
@@ -50,27 +50,27 @@ def test_a_source_is_a_rival_where_it_may_be_within_6_db(snr, log_sigma, rival):
 
 
 def test_a_narrow_top_may_be_missed_beyond_a_shoulder():
-    """The three samples look like a weak curve about -28.2°; the first of them lies on the flank of a loud one."""
+    """The three samples look like a weak curve about -28.2°; the first of them lies on the flank of a strong one."""
     shoulder = source(-28.3, 16.0, samples=[(-29.5, 15.0), (-28.2, 16.0), (-26.9, 14.0)])
-    loudest = source(-22.1, 50.0)
+    strongest = source(-22.1, 50.0)
     measured_deg = [-29.5, -28.2, -26.9, -25.6, -21.9, -14.4]
-    (found, top_deg) = unresolved_rival([loudest, shoulder], measured_deg, limits=PAPER_RANGE)
+    (found, top_deg) = unresolved_rival([strongest, shoulder], measured_deg, limits=PAPER_RANGE)
     assert found is shoulder
     assert -34 < top_deg < -31.5
     # Once that has been measured without a top, nothing is left to hide it.
     measured_deg += [top_deg, -30.9]
-    assert missed_peak_deg(loudest, shoulder, measured_deg, limits=PAPER_RANGE) is None
+    assert missed_peak_deg(strongest, shoulder, measured_deg, limits=PAPER_RANGE) is None
 
 
 def test_no_top_is_hidden_in_a_gap_at_whose_far_end_nothing_was_measured_of_it():
     """A curve of 3° that is 15 at -29.5° and hardly seen at -34° is at most 17 high in between, by a fine grid."""
-    loudest = source(-22.1, 50.0)
+    strongest = source(-22.1, 50.0)
     seen = [(-34.0, 3.0), (-29.5, 15.0), (-28.2, 16.0), (-26.9, 14.0), (-25.6, 6.0)]
     weak = source(-28.3, 16.0, samples=seen)
     measured_deg = [angle_deg for angle_deg, _ in seen] + [-22.1]
-    assert missed_peak_deg(loudest, weak, measured_deg, limits=PAPER_RANGE) is None
-    loud = source(-28.3, 16.0, samples=[(-34.0, 7.5), *seen[1:]])
-    top_deg = missed_peak_deg(loudest, loud, measured_deg, limits=PAPER_RANGE)
+    assert missed_peak_deg(strongest, weak, measured_deg, limits=PAPER_RANGE) is None
+    strong = source(-28.3, 16.0, samples=[(-34.0, 7.5), *seen[1:]])
+    top_deg = missed_peak_deg(strongest, strong, measured_deg, limits=PAPER_RANGE)
     assert top_deg is not None
     assert -32.5 < top_deg < -30.5
 
@@ -78,21 +78,21 @@ def test_no_top_is_hidden_in_a_gap_at_whose_far_end_nothing_was_measured_of_it()
 def test_a_narrow_top_may_be_missed_between_two_shoulders():
     """The near field of an element without a lens: a peak of 3° stands on a curve of 16°, in a gap of 6.5°."""
     seen = [(9.3, 7.0), (13.7, 8.3), (16.7, 12.1), (23.2, 15.0), (26.5, 11.4), (29.9, 6.0)]
-    loudest, wide = source(-25.0, 77.0), source(21.0, 16.0, samples=seen)
+    strongest, wide = source(-25.0, 77.0), source(21.0, 16.0, samples=seen)
     measured_deg = [angle_deg for angle_deg, _ in seen]
-    top_deg = missed_peak_deg(loudest, wide, measured_deg, limits=PAPER_RANGE)
+    top_deg = missed_peak_deg(strongest, wide, measured_deg, limits=PAPER_RANGE)
     assert top_deg is not None
     assert 18.0 < top_deg < 22.0
     # A sample in the gap that is no higher than its neighbours leaves no room.
     measured = source(21.0, 16.0, samples=[*seen, (20.0, 14.5)])
-    assert missed_peak_deg(loudest, measured, [*measured_deg, 20.0], limits=PAPER_RANGE) is None
+    assert missed_peak_deg(strongest, measured, [*measured_deg, 20.0], limits=PAPER_RANGE) is None
 
 
 def test_no_top_is_hidden_beside_a_sample_of_nothing():
     """Tables hold zeros where a program has taken the background off, or a frame was lost."""
-    loudest = source(-25.0, 50.0)
+    strongest = source(-25.0, 50.0)
     nothing = Sample(angle_deg=4.0, reading=Reading(intensity=0.0, noise_sigma=1.0))
-    assert top_beside_deg(loudest, loudest, [nothing], [-25.0, 4.0], limits=PAPER_RANGE) is None
+    assert top_beside_deg(strongest, strongest, [nothing], [-25.0, 4.0], limits=PAPER_RANGE) is None
 
 
 SPREAD = 0.2 * float(np.std(norm.ppf((np.arange(9) + 0.5) / 9)))
@@ -106,7 +106,7 @@ SPREAD = 0.2 * float(np.std(norm.ppf((np.arange(9) + 0.5) / 9)))
         (0.05, 0.95, None, 0.0025 / 0.9525),
         (0.5, 0.95, None, 0.025 / 0.525),
         (0.0, 0.2, None, 0.0),
-        # As loud, 3 dB and 10 dB weaker, with 0.2 in ln A of each: the normal distribution of their difference.
+        # As strong, 3 dB and 10 dB weaker, with 0.2 in ln A of each: the normal distribution of their difference.
         (0.05, 1.0, (100.0, 10.0), 0.5),
         (0.05, 1.0, (70.8, 10.0), norm.sf(0.345 / np.hypot(SPREAD, SPREAD))),
         (0.05, 1.0, (31.6, 10.0), norm.sf(1.152 / np.hypot(SPREAD, SPREAD))),
@@ -122,7 +122,7 @@ def test_the_probability_that_another_source_is_the_marker(others, share, beside
     assert other_probability(known, others=others) == pytest.approx(probability, rel=0.01, abs=1e-9)
 
 
-def test_further_sources_are_named_the_loudest_first():
+def test_further_sources_are_named_the_strongest_first():
     """One whose angle is not known yet comes last among those that may be the marker, not in the answer."""
     first, weak, vague = (
         source(-20.0, 100.0, samples=[(-20.0, 100.0)]),

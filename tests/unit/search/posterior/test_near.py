@@ -122,7 +122,7 @@ def test_a_wrong_prior_costs_acquisitions_and_not_truth(marker_deg: float, measu
 
 
 def test_a_weak_source_where_the_prior_expects_the_marker_is_not_taken_for_it() -> None:
-    """The prior is wrong, and clutter is where it points: the marker is seen from there, and louder."""
+    """The prior is wrong, and clutter is where it points: the marker is seen from there, and stronger."""
     policy = Posterior(near=NEAR)
     search(policy, sources(marker=(-6.0, 100.0, 5.0), clutter=(-20.0, 25.0, -15.0)))
     answer, evidence = policy.estimate(), policy.near_evidence
@@ -135,7 +135,7 @@ def test_a_weak_source_where_the_prior_expects_the_marker_is_not_taken_for_it() 
 
 def test_a_prior_at_the_other_of_two_sources_as_loud_is_not_contradicted() -> None:
     policy = Posterior(near=NEAR)
-    search(policy, sources(louder=(5.0, 100.0, 5.0), other=(-20.0, 92.0, -15.0)))
+    search(policy, sources(stronger=(5.0, 100.0, 5.0), other=(-20.0, 92.0, -15.0)))
     answer, evidence = policy.estimate(), policy.near_evidence
     assert isinstance(answer, Ambiguous)
     assert answer.mean_deg == pytest.approx(5.0, abs=0.5)

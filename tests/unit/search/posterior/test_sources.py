@@ -21,10 +21,10 @@ def arrival(intensity: float, lateral_mm: float, depth_mm: float) -> Arrival:
     )
 
 
-def blocks(loud: dict[tuple[float, float], float]) -> LocalMaxima:
-    """Blocks of 2 mm with an envelope of 3.5, and louder ones at some places, lateral and depth in mm."""
+def blocks(strong: dict[tuple[float, float], float]) -> LocalMaxima:
+    """Blocks of 2 mm with an envelope of 3.5, and stronger ones at some places, lateral and depth in mm."""
     values = [3.5] * (COLUMNS * ROWS)
-    for (lateral_mm, depth_mm), intensity in loud.items():
+    for (lateral_mm, depth_mm), intensity in strong.items():
         column, row = int((lateral_mm + 28) // 2), int(depth_mm // 2)
         values[row * COLUMNS + column] = intensity
     return LocalMaxima(
@@ -39,9 +39,9 @@ def blocks(loud: dict[tuple[float, float], float]) -> LocalMaxima:
 
 
 def sample(
-    angle_deg: float, *arrivals: Arrival, loud: dict[tuple[float, float], float] | None = None, noise: float = 3.0
+    angle_deg: float, *arrivals: Arrival, strong: dict[tuple[float, float], float] | None = None, noise: float = 3.0
 ) -> Sample:
-    """A sample with these arrivals, or with a noise peak; its blocks hold them and what is ``loud``."""
+    """A sample with these arrivals, or with a noise peak; its blocks hold them and what is ``strong``."""
     strongest = max(arrivals, key=lambda each: each.intensity, default=arrival(noise, -20, 70))
     held = {(1e3 * each.lateral_m, 1e3 * each.depth_m): each.intensity for each in arrivals}
     reading = Reading(
@@ -54,7 +54,7 @@ def sample(
         cells=100_000,
         coherence=strongest.coherence,
         arrivals=arrivals,
-        local_maxima=blocks(held | (loud or {})),
+        local_maxima=blocks(held | (strong or {})),
     )
     return Sample(angle_deg=angle_deg, reading=reading)
 
@@ -96,7 +96,7 @@ def test_what_noise_reaches_is_no_source() -> None:
 def test_an_arrival_is_read_at_its_source_and_weak_sound_in_the_image() -> None:
     lit = [
         sample(0.0, arrival(90, 5.0, 40.0), arrival(30, -15.0, 30.0)),
-        sample(20.0, arrival(50, -15.0, 30.0), loud={(5.0, 41.0): 4.5}),
+        sample(20.0, arrival(50, -15.0, 30.0), strong={(5.0, 41.0): 4.5}),
     ]
     first, second = sources_of(lit, level=6.0)
     assert [each.reading.intensity for each in samples_at(lit, (first, second), first)[0]] == [90.0, 4.5]

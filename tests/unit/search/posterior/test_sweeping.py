@@ -225,7 +225,7 @@ class Search:
         raise AssertionError("the search does not end")
 
 
-def test_it_sweeps_to_the_far_end_where_a_louder_source_may_be() -> None:
+def test_it_sweeps_to_the_far_end_where_a_stronger_source_may_be() -> None:
     search = Search(curve_about(-10.0))
     assert search.policy.ask() == Sweep(to_deg=35.0, speed_deg_s=SPEED)
     search.run()
