@@ -107,6 +107,7 @@ ENDS: dict[str, dict[str, tuple[float, str]]] = {
         "stage late readings": (0.25, "the probe turned by"),
         "stage stall": (0.0, "the probe stopped at"),
         "stage fast": (2.0, "the probe turned by"),
+        "stage slow": (20.0, "has not begun the sweep"),
         "laser clock step": (1.0, "its clock is wrong"),
         "laser dead lamp": (0.0, "no pulse came"),
         "laser hidden misfire": (1.0, "no angle is known"),

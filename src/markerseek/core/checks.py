@@ -77,25 +77,28 @@ class Within:
 
 
 def require_fields(settings: Any, owner: str) -> None:
-    """Refuse a field that lies outside its `Within` or is not a value of its `Literal`; None passes.
+    """Refuse a field that lies outside its `Within` or is not a value of its `Literal`.
+
+    None passes where the type of the field has it.
 
     ``owner``: name of what the settings belong to, for the message: "stage".
     """
-    for name, limits, words in _checked(settings.__class__):
+    for name, limits, words, optional in _checked(settings.__class__):
         value = getattr(settings, name)
-        if limits is not None and value is not None:
+        if limits is not None and not (optional and value is None):
             require_range(f"{owner}: {name}", value, **limits)
         if words and value not in words:
             raise ConfigError(f"{owner}: {name} is {value!r}, it must be {' or '.join(map(repr, words))}")
 
 
 @cache
-def _checked(kind: type) -> tuple[tuple[str, dict[str, Any] | None, tuple[Any, ...]], ...]:
-    """Fields of settings that have limits or words, with the limits as arguments of `require_range`, and the words."""
+def _checked(kind: type) -> tuple[tuple[str, dict[str, Any] | None, tuple[Any, ...], bool], ...]:
+    """Fields that have limits or words: limits as arguments of `require_range`, words, and whether None is a value."""
     found = []
     for name, hint in typing.get_type_hints(kind, include_extras=True).items():
         limits = next((asdict(each) for each in getattr(hint, "__metadata__", ()) if isinstance(each, Within)), None)
         words = typing.get_args(hint) if typing.get_origin(hint) is typing.Literal else ()
         if limits is not None or words:
-            found.append((name, limits, words))
+            value = typing.get_args(hint)[0] if limits is not None else hint
+            found.append((name, limits, words, type(None) in typing.get_args(value)))
     return tuple(found)

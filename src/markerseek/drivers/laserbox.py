@@ -115,6 +115,7 @@ class LaserBox:
         seen differ, or if the photodiode has seen light outside of firings. Raises `DeviceTimeoutError` if the box does
         not answer in time. An error during the firing also sends DISARM.
         """
+        self._permits.require_unused(permit)
         if not self._settled:
             self._settle()
         self._finish_sweep(within_s=_LONGEST_TRAIN_S)

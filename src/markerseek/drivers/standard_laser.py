@@ -41,13 +41,17 @@ class Permits:
         self._name, self._clock = name, clock
         self._used: set[str] = set()
 
+    def require_unused(self, permit: Permit | SweepPermit) -> None:
+        """Refuse a permit that was used; `LaserError`."""
+        if permit.token in self._used:
+            raise LaserError(f"{self._name}: the permit {permit.token!r} was used before; nothing was fired")
+
     def use(self, permit: Permit | SweepPermit, *, needed_s: float) -> float:
         """Use a permit up, and return how long it is good for, in seconds.
 
         Raises `LaserError` if it was used before, or is good for a shorter time than needed.
         """
-        if permit.token in self._used:
-            raise LaserError(f"{self._name}: the permit {permit.token!r} was used before; nothing was fired")
+        self.require_unused(permit)
         left_s = permit.expires_s - self._clock.now_s()
         if not left_s > 0:
             raise LaserError(f"{self._name}: the permit {permit.token!r} has expired; nothing was fired")

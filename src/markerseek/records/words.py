@@ -18,16 +18,17 @@ NO_CLAIM = "the paper's form of a method always answers, also where there is no 
 
 def answer_name(estimate: Estimate) -> AnswerName:
     """Name of an answer in the JSON output."""
-    return _NAMES[type(estimate)]
-
-
-_NAMES: dict[type[Estimate], AnswerName] = {
-    Found: "found",
-    NotFound: "not found",
-    Ambiguous: "ambiguous",
-    AtBound: "at bound",
-    Unsure: "unsure",
-}
+    match estimate:
+        case Found():
+            return "found"
+        case NotFound():
+            return "not found"
+        case Ambiguous():
+            return "ambiguous"
+        case AtBound():
+            return "at bound"
+        case Unsure():
+            return "unsure"
 
 
 def answer_reason(estimate: Estimate) -> str | None:

@@ -11,7 +11,7 @@ import math
 from markerseek.core import PAPER_RANGE, Found, Interval, Sample
 from markerseek.search.bracket import bracket_answer
 from markerseek.search.curve import curve_of
-from markerseek.search.policy import SearchPolicy, check_acquisitions
+from markerseek.search.policy import SearchPolicy, check_acquisitions, check_start
 from markerseek.search.sweep import equal_steps
 
 TURNS = 8
@@ -42,7 +42,7 @@ class ScriptedManual(SearchPolicy):
     Raises
     ------
     ConfigError
-        If there are fewer acquisitions.
+        If there are fewer acquisitions, or the start angle is not finite.
     """
 
     name = "manual"
@@ -50,6 +50,7 @@ class ScriptedManual(SearchPolicy):
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=TURNS + 2, method=self.name)
+        check_start(start_deg, method=self.name)
         turns = equal_steps(limits, acquisitions=TURNS)
         self._turns = turns[::-1] if start_deg is not None and start_deg > limits.centre_deg else turns
         self._limits = limits

@@ -106,3 +106,9 @@ def check_acquisitions(
     if number > most:
         raise ConfigError(f"{method}: acquisitions is {acquisitions}, at most {most} can be made")
     return number
+
+
+def check_start(start_deg: float | None, *, method: str) -> None:
+    """Refuse a start angle that is not finite; None is the low end of the range."""
+    if start_deg is not None and not math.isfinite(start_deg):
+        raise ConfigError(f"{method}: start_deg is {start_deg} deg, it must be finite")

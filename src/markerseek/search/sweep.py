@@ -15,7 +15,7 @@ import numpy as np
 
 from markerseek.core import PAPER_RANGE, Float64, Found, Interval
 from markerseek.search.curve import Curve, curve_of
-from markerseek.search.policy import SearchPolicy, check_acquisitions
+from markerseek.search.policy import SearchPolicy, check_acquisitions, check_start
 
 THRESHOLD = 0.2
 """Share of the largest sample below which a sample is left out (section 3.1 of the paper)."""
@@ -212,6 +212,7 @@ class Sweep(SearchPolicy):
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=self.least, most=MAX_STEPS, method=self.name)
+        check_start(start_deg, method=self.name)
         angles = equal_steps(limits, acquisitions=acquisitions)
         descending = start_deg is not None and start_deg > limits.centre_deg
         self._angles = angles[::-1] if descending else angles

@@ -97,6 +97,15 @@ def test_an_ended_session_is_as_good_as_its_file(tmp_path: Path) -> None:
             assert source.state.known["markers"] == 3
 
 
+def test_a_file_of_a_simulation_is_handed_on_as_simulated(tmp_path: Path) -> None:
+    path = tmp_path / "registration.json"
+    values = msgspec.to_builtins(registered(3).report)
+    for simulation in (None, {"seed": 1}):
+        path.write_bytes(msgspec.json.encode(values | {"simulation": simulation}))
+        with open_registration(path) as source:
+            assert source.state.simulated == source.state.known["simulated"] == (simulation is not None)
+
+
 def unfinished(folder: Path) -> None:
     folder.mkdir()
     (folder / "session.jsonl").write_bytes(b"0123abcd {")

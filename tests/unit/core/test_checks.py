@@ -8,10 +8,13 @@ import pickle
 import msgspec
 import pytest
 
+from markerseek.acoustics import Absorber
 from markerseek.core import (
     MAX_ACQUISITIONS,
     PAPER_RANGE,
+    ByHand,
     ConfigError,
+    MarkerCurve,
     MarkerseekError,
     MissingExtraError,
     Reading,
@@ -43,6 +46,17 @@ def test_a_number_outside_is_refused_with_value_unit_limits_and_cure(
     with pytest.raises(ConfigError) as refused:
         require_range("x", value, **options)  # type: ignore[arg-type]
     assert str(refused.value) == message
+
+
+@pytest.mark.parametrize("wrong", [None, NAN, math.inf, "3", True])
+def test_a_field_without_a_number_is_refused(wrong: object) -> None:
+    for make, name in (
+        (lambda: MarkerCurve(fwhm_deg=wrong, peak=10.0), "fwhm_deg"),
+        (lambda: ByHand(step_deg=wrong), "step_deg"),
+        (lambda: Absorber(angle_deg=0.0, radius_m=0.05, strength=wrong), "strength"),
+    ):
+        with pytest.raises((ConfigError, TypeError), match=name):
+            make()
 
 
 @pytest.mark.parametrize(

@@ -107,6 +107,21 @@ def test_a_sweep_beyond_the_search_range_is_refused_and_changes_nothing(to_deg: 
     assert made.state is State.ARMED
 
 
+def test_a_sweep_begins_where_its_permit_says() -> None:
+    made = armed()
+    permit = made.issue_sweep(WANTED, now_s=0.0)
+    with pytest.raises(MoveError, match="the permit holds at"):
+        made.redeem(permit, angle_deg=-29.8, now_s=0.0)
+    assert made.state is State.FAULT
+
+
+def test_a_readback_that_is_no_number_ends_a_sweep() -> None:
+    made, _ = sweeping()
+    with pytest.raises(LimitError, match="outside its travel range"):
+        made.read_sweep(math.nan, now_s=10.1)
+    assert made.state is State.FAULT
+
+
 def test_a_sweep_goes_through_its_states() -> None:
     made, _ = sweeping()
     assert made.state is State.SWEEPING

@@ -29,7 +29,9 @@ def scanned(path: Path, *, stop_after: int = 99) -> int:
     for event in scan:
         if isinstance(event, Measured):
             taken, lit = taken + 1, lit + (not event.sample.dark)
-            assert isinstance(read_journal(record_of(path)).entries[-1].event, Measured)
+            kept = read_journal(record_of(path)).entries[-1].event
+            assert isinstance(kept, Measured)
+            assert kept.sample.angle_deg == event.sample.angle_deg
             if taken == stop_after:
                 scan.close()
     return lit

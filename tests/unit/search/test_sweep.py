@@ -21,6 +21,8 @@ from markerseek.search import (
     weighted_average,
 )
 from markerseek.search.curve import noise_limit_deg
+from markerseek.search.manual import ScriptedManual
+from markerseek.search.posterior import Posterior
 from markerseek.search.sweep import average_sigma_deg, fit_top
 from tests.unit.core.damaged import damaged
 
@@ -134,6 +136,12 @@ def test_the_order_of_samples_does_not_matter(values, order):
     ("make", "message"),
     [
         (lambda: WeightedAverage(acquisitions=1), "acquisitions is 1, at least 2"),
+        (lambda: WeightedAverage(acquisitions=8, start_deg=math.inf), "start_deg is inf"),
+        (lambda: ScriptedManual(acquisitions=16, start_deg=math.nan), "start_deg is nan"),
+        (lambda: Posterior(start_deg=math.nan), "start_deg is nan"),
+        (lambda: Posterior(others=math.nan), "others is nan, it must be a probability"),
+        (lambda: Posterior(others=1.0), "others is 1.0, it must be a probability"),
+        (lambda: Posterior(target_sigma_deg=math.nan), "target_sigma_deg is nan"),
         (lambda: Exhaustive(acquisitions=2), "acquisitions is 2, at least 3"),
     ],
 )

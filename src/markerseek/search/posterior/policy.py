@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 from markerseek.core import (
@@ -22,7 +23,7 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
-from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample
+from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.answer import (
     Analysis,
     Progress,
@@ -141,6 +142,14 @@ class Posterior(SearchPolicy):
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
+        check_start(start_deg, method=self.name)
+        if not 0 <= target_sigma_deg < math.inf:
+            raise ConfigError(
+                f"posterior: target_sigma_deg is {target_sigma_deg} deg, it must be finite and not negative; "
+                "0 uses every acquisition"
+            )
+        if not 0 <= others < 1:
+            raise ConfigError(f"posterior: others is {others}, it must be a probability from 0 to below 1")
         chosen = frozenset(cues)
         if not chosen or not chosen <= CUES:
             raise ConfigError(f"posterior: cues are {sorted(chosen)}, choose at least one of {sorted(CUES)}")
