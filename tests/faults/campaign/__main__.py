@@ -42,7 +42,8 @@ def _page(whole: Tally, *, seed: int, commit: str) -> str:
         "# Faults: the tables",
         "",
         (
-            "What the campaign counted; how it was done and what it means is on [the page on faults](../explanation/faults.md). "
+            "What the campaign counted; how it was done and what it means is on "
+            "[the page on faults](../explanation/faults.md). "
             f"Written by `python -m tests.faults.campaign --runs {whole.runs} --seed {seed}` at "
             f"commit {commit}."
         ),
