@@ -160,7 +160,8 @@ def test_setting_that_cannot_be_used_is_said(opened):
     watched.tab.wait_for_selector("text=it is markerseek's own")
     # Said once, below the fields, and nothing can be started.
     assert watched.tab.locator(".q-notification").count() == 0
-    assert watched.tab.get_by_role("button", name="Start", exact=True).is_disabled()
+    # The buttons follow with the next update of the page.
+    sync_api.expect(watched.tab.get_by_role("button", name="Start", exact=True)).to_be_disabled()
     watched.tab.get_by_label("method").click()
     watched.tab.get_by_role("option", name="ternary").click()
     watched.tab.wait_for_url("**/search?method=ternary&as_published=1*")
