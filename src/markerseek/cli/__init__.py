@@ -37,6 +37,19 @@ STOPPED_BY_USER = 130
 _OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of standard output, which names no file: a closed pipe, a full disk, a terminal that has gone."""
 
+NO_MACHINE_CODE = (
+    "this system forbids memory that a program writes and then executes, which the compiled kernels need; allow it for "
+    "markerseek (systemd: MemoryDenyWriteExecute=no; SELinux: setsebool deny_execmem off). Simulations and recordings "
+    "also run with NUMBA_DISABLE_JIT=1 in the environment, some 80 times slower"
+)
+"""What to do where `without_machine_code`."""
+
+
+def without_machine_code(problem: OSError) -> bool:
+    """Return whether this is Numba's error for a system that grants no memory for machine code."""
+    return "executable memory" in str(problem)
+
+
 SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 """Environment variable that makes the command print the traceback of an unexpected error."""
 
@@ -60,8 +73,10 @@ def main() -> NoReturn:
             sys.stdout.write(f"{__version__}\n")
             sys.exit(0)
         # Imported here, so that Ctrl-C during the import is handled below.
+        from markerseek.cli import hung
         from markerseek.cli.app import run
 
+        hung.may_end_by(_end_now)
         run()
     except KeyboardInterrupt:
         _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
@@ -78,6 +93,8 @@ def main() -> NoReturn:
                 code=NO_OUTPUT,
             )
         if problem.filename is None:
+            if without_machine_code(problem):
+                _end(NO_MACHINE_CODE, kind="OSError", code=1)
             _end(f"reading or writing failed: {problem.strerror or problem}", kind="OSError", code=1)
         # Path.exists() itself fails for a name that is too long, or in a folder without permission.
         _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
@@ -151,6 +168,14 @@ def _end_of_defect(problem: Exception) -> NoReturn:
         kind=kind,
         code=DEFECT,
     )
+
+
+def _end_now(message: str, code: int) -> NoReturn:
+    """End the process although its main thread hangs."""
+    try:
+        _end(message, kind="Stopped", code=code)
+    finally:
+        os._exit(code)
 
 
 def _end(message: str, *, kind: str, code: int) -> NoReturn:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import platform
 import time
 import warnings
@@ -14,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs, ros, runs
+from markerseek.cli import NO_MACHINE_CODE, without_machine_code
 from markerseek.cli.open_rig import arm_rig, open_rig
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report
@@ -104,7 +106,7 @@ def _packages() -> list[CheckResult]:
     """Python, the packages that are needed, and those of the extras."""
     import importlib.metadata
 
-    found = [CheckResult(what="Python", state="ok", detail=platform.python_version())]
+    found = [CheckResult(what="Python", state="ok", detail=platform.python_version()), *_python_path()]
     # Installed in any case: without them this command would not have started.
     found += [CheckResult(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
     # A module may come from a package of another name, as cv2 does, or of a system, as rclpy.
@@ -130,6 +132,19 @@ def _packages() -> list[CheckResult]:
     return found
 
 
+def _python_path() -> list[CheckResult]:
+    """Whether PYTHONPATH has an empty element, which stands for the current folder; nothing if it has none."""
+    # If the variable is empty as a whole, Python takes it as not set.
+    named = os.environ.get("PYTHONPATH", "")
+    if not named or all(named.split(os.pathsep)):
+        return []
+    detail = (
+        f"{named!r} has an empty element, so a file of the current folder is imported in place of a library of its "
+        f"name; remove the {os.pathsep!r} too many"
+    )
+    return [CheckResult(what="PYTHONPATH", state="broken", detail=detail, needed=False)]
+
+
 def _rig(path: Path) -> list[CheckResult]:
     """Whether the devices of a rig file answer and are fit for use, and what foreign drivers were tried by."""
     try:
@@ -151,30 +166,41 @@ def _kept(checks: tuple[RuleCheck, ...]) -> str:
 
 def _search(method: str) -> CheckResult:
     """One search on the simulated rig, which leaves the compiled kernels on disk."""
-    from markerseek.scan import run
-    from markerseek.search import build
-
+    what = f"simulated search, {method}"
     began_s = time.perf_counter()
     # A warning of NumPy or Numba here hints at a broken installation: it is printed with the result.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        rig = rigs.simulated(seed=1, marker_deg=_MARKER_DEG)
-        policy = build(SearchPlan(method=method, start_deg=rig.stage.angle_deg), limits=rig.limits.search)
-        found_deg = math.nan
-        for event in run(policy, rig.scanner, rig.run_plan):
-            if isinstance(event, Measured) and event.role == "confirmation" and rig.imaging and event.sample.frame:
-                # Compiles the kernels of `markerseek frame`, too, which a search does not use.
-                rig.imaging.findings(event.sample.frame)
-            elif isinstance(event, Finished):
-                found_deg = event.estimate.mean_deg
+        try:
+            found_deg = _found_deg(method)
+        except OSError as problem:
+            if not without_machine_code(problem):
+                raise
+            return CheckResult(what=what, state="broken", detail=NO_MACHINE_CODE)
     took_s = time.perf_counter() - began_s
-    what = f"simulated search, {method}"
     if not abs(found_deg - _MARKER_DEG) < 1:
         return CheckResult(what=what, state="broken", detail=f"found {found_deg:.2f} deg for {_MARKER_DEG:g} deg")
     remarks = "".join(f"; {warning.message}" for warning in caught)
     return CheckResult(
         what=what, state="ok", detail=f"found {found_deg:.2f} deg for {_MARKER_DEG:g} deg in {took_s:.1f} s{remarks}"
     )
+
+
+def _found_deg(method: str) -> float:
+    """Search the marker of a simulated rig, and return its angle in degrees."""
+    from markerseek.scan import run
+    from markerseek.search import build
+
+    rig = rigs.simulated(seed=1, marker_deg=_MARKER_DEG)
+    policy = build(SearchPlan(method=method, start_deg=rig.stage.angle_deg), limits=rig.limits.search)
+    found_deg = math.nan
+    for event in run(policy, rig.scanner, rig.run_plan):
+        if isinstance(event, Measured) and event.role == "confirmation" and rig.imaging and event.sample.frame:
+            # Compiles the kernels of `markerseek frame`, too, which a search does not use.
+            rig.imaging.findings(event.sample.frame)
+        elif isinstance(event, Finished):
+            found_deg = event.estimate.mean_deg
+    return found_deg
 
 
 MIN_DEG = 5.0

@@ -21,6 +21,7 @@ from typing import Annotated, NoReturn, TypeAlias
 
 import typer
 
+from markerseek.cli import hung
 from markerseek.cli.terminal import print_json, print_warning
 from markerseek.core import ConfigError
 
@@ -100,7 +101,9 @@ def stopped_by_signals() -> Iterator[None]:
         signal.signal(signal.SIGALRM, lambda _alarm, frame: stop(number, frame))
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
-    hook, sys.unraisablehook = sys.unraisablehook, lost
+    hung.watch_stop()
+    hook = sys.unraisablehook
+    sys.unraisablehook = lost
     before = {each: signal.getsignal(each) for each in (*STOPPING, signal.SIGALRM)}
     for each in heeded():
         signal.signal(each, stop)
