@@ -7,6 +7,7 @@ import os
 import platform
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,8 +18,9 @@ from rich.markup import escape
 from markerseek import drivers, rigs, ros, runs
 from markerseek.cli import NO_MACHINE_CODE, without_machine_code
 from markerseek.cli.open_rig import arm_rig, open_rig
-from markerseek.cli.options import AsJson
+from markerseek.cli.options import AsJson, Trace
 from markerseek.cli.report import Output, Report
+from markerseek.cli.terminal import progress_bar
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, SearchPlan, described, is_absent
 from markerseek.testing import RuleCheck
 
@@ -58,9 +60,13 @@ def command(
         typer.Option(help="True angle of a point source, in degrees: search for it, to test the sense of rotation."),
     ] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Arm the rig for --source-deg without being asked.")] = False,
+    trace: Trace = None,
     as_json: AsJson = False,
 ) -> None:
     """Check the installation and a rig, and run two simulated searches (which compiles the kernels if necessary).
+
+    With --trace all that its devices say is written to a file, for a minute, at rest and without light; Ctrl-C ends it
+    earlier.
 
     With --source-deg the rig moves and fires, once a person has armed it: a source that is placed at a known angle must
     be found there. A probe that is mounted the other way round finds it at the mirrored angle; no other check detects
@@ -72,7 +78,10 @@ def command(
     markerseek doctor --json
     markerseek doctor --rig examples/rigs/bench.toml
     markerseek doctor --rig examples/rigs/bench.toml --source-deg 12.5 --arm
+    markerseek doctor --rig examples/rigs/bench.toml --trace devices.txt
     """
+    if trace is not None and rig is None:
+        raise ConfigError(f"--trace is {trace}, and no rig is named; name one with --rig RIG.toml")
     if rig is None and source_deg is not None:
         raise ConfigError(f"--source-deg is {source_deg:g} deg, and no rig is named; name one with --rig RIG.toml")
     if source_deg is None and arm:
@@ -83,9 +92,9 @@ def command(
         rigs.read_rig_file(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if rig is not None:
-        findings += _rig(rig)
+        findings += _rig(rig, trace=trace)
         if source_deg is not None and all(finding.state == "ok" for finding in findings if finding.needed):
-            right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json)
+            right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json, trace=trace)
             findings.append(CheckResult(what="sense of rotation", state="ok" if right else "broken", detail=detail))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
     shown = (f"{_STATES[each.state, each.needed]}  {escape(f'{each.what}: {each.detail}')}" for each in findings)
@@ -145,18 +154,33 @@ def _python_path() -> list[CheckResult]:
     return [CheckResult(what="PYTHONPATH", state="broken", detail=detail, needed=False)]
 
 
-def _rig(path: Path) -> list[CheckResult]:
+def _rig(path: Path, *, trace: Path | None) -> list[CheckResult]:
     """Whether the devices of a rig file answer and are fit for use, and what foreign drivers were tried by."""
     try:
-        with open_rig(path) as (rig, stands_deg):
+        with open_rig(path, trace=trace) as (rig, stands_deg):
             detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
             checks = rig.checks
+            if trace is not None:
+                _listen(rig)
     except DeviceError as error:
         return [CheckResult(what=str(path), state="broken", detail=str(error))]
     found = [
         CheckResult(what=f"contract of {device}", state="ok", detail=_kept(each)) for device, each in checks.items()
     ]
     return [*found, CheckResult(what=str(path), state="ok", detail=detail)]
+
+
+_LISTENED_S = 60
+"""Time for which devices at rest are traced, in seconds."""
+
+
+def _listen(rig: rigs.Rig) -> None:
+    """Read the stage once a second, so that a trace shows what the devices say at rest; Ctrl-C ends it."""
+    with suppress(KeyboardInterrupt), progress_bar(_LISTENED_S, what="listening") as progress:
+        for _ in range(_LISTENED_S):
+            rig.scanner.clock.wait(1.0)
+            _ = rig.stage.angle_deg
+            progress.advance(progress.task_ids[0])
 
 
 def _kept(checks: tuple[RuleCheck, ...]) -> str:
@@ -245,7 +269,9 @@ def require_source_deg(source_deg: float) -> None:
         )
 
 
-def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) -> tuple[bool, str]:
+def prove_direction(
+    path: Path, *, source_deg: float, arm: bool, as_json: bool, trace: Path | None = None
+) -> tuple[bool, str]:
     """Search a source at a known angle, and return whether the stage turns the right way, with what was found in words.
 
     ``source_deg``: true angle of the source on the probe's scale; see `require_source_deg`. ``arm``: whether the user
@@ -255,7 +281,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     from markerseek.cli.session import run_new_session
     from markerseek.search.posterior import energy_spread
 
-    with open_rig(path) as (rig, start_deg):
+    with open_rig(path, trace=trace) as (rig, start_deg):
         search = rig.limits.search
         if source_deg not in search or -source_deg not in search:
             raise ConfigError(

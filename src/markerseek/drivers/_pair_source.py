@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 import warnings
@@ -16,6 +17,8 @@ import numpy as np
 from markerseek._closing import Closing
 from markerseek.core import MAX_PAIRS, AcquisitionError, NotConnectedError, StereoPair, UInt8
 from markerseek.geometry import Camera
+
+_LOG = logging.getLogger(__name__)
 
 WAIT_S = 1.0
 """Time for which an image waits for that of the other camera, in seconds."""
@@ -221,6 +224,7 @@ class PairSource(Closing):
         require_size(pixels, self._cameras[side], self._sources[side])
         with self._lock:
             now_s = time.monotonic()
+            _LOG.debug("%s < %s image %s, its time %.6f s", self.name, SIDES[side], key, time_s)
             self._last_s[side], self._patience_s[side] = now_s, SILENT_S
             self._pairing.add(side, CameraImage(pixels, time_s=time_s, at_s=at_s, since_s=now_s, key=key))
             self._ready.extend(self._pairing.pairs(now_s))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
@@ -20,6 +21,8 @@ from markerseek.drivers.standard_receiver import (
     mean_counts,
 )
 from markerseek.wire import igtl
+
+_LOG = logging.getLogger(__name__)
 
 MAX_IMAGE_BYTES = 1 << 24
 """Largest message: 128 channels of 65,536 samples."""
@@ -77,6 +80,7 @@ class IgtlMessages(ConnectionMessages[igtl.Message]):
     def decoded(self, data: bytes) -> Iterator[igtl.Message | None]:
         """Messages of that kind and device."""
         for header, body in self._framer.feed(data):
+            _LOG.debug("%s < %s", self.driver, header)
             if (header.kind, header.device) == (self.content, self._device):
                 yield igtl.decode(header, body)
                 continue

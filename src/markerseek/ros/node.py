@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 import time
@@ -15,9 +16,23 @@ from markerseek.core import ConfigError, needs_package
 from markerseek.ros import messages
 from markerseek.ros.topics import in_namespace
 
+_LOG = logging.getLogger(__name__)
+
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 _MIDDLEWARE, _RANGE = "RMW_IMPLEMENTATION", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+
+
+def _shown(message: Any) -> str:
+    """Kind of a message, its time, and its numbers or text where they are short."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    at = "" if stamp is None else f" stamped {stamp.sec}.{stamp.nanosec:09}"
+    content = next((f" {getattr(message, name)}" for name in ("position", "data") if hasattr(message, name)), "")
+    return f"{type(message).__name__}{at}{content[:_SHOWN]}"
+
+
+_SHOWN = 120
+"""Most of a message's content in a trace, in characters."""
 
 
 def reach() -> str:
@@ -167,6 +182,7 @@ class RosNode(Closing):
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish a message on a topic that was advertised."""
+        _LOG.debug("%s > %s", topic, _shown(message))
         self._publishers[topic].publish(message)
 
     def subscribe(
@@ -191,6 +207,7 @@ class RosNode(Closing):
         def take(message: Any, info: Mapping[str, Any]) -> None:
             self.network.handled += 1
             if once.is_new(info):
+                _LOG.debug("%s < %s", topic, _shown(message))
                 callback(message)
 
         def add(wanted: Any) -> None:

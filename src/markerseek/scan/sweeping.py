@@ -6,6 +6,7 @@ stage, never taken from a set point.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
@@ -32,6 +33,8 @@ from markerseek.core import (
     Swept,
 )
 from markerseek.guard import Guard
+
+_LOG = logging.getLogger(__name__)
 
 SLOWEST, FASTEST = 0.08, 1.25
 """Lowest and highest speed at which the laser fires, over the speed of the sweep: it fires on the ramps, but not if the
@@ -358,6 +361,7 @@ class SweepInProgress:
                     f"those before, {1e3 * self._permit.period_s:.2f} ms between two is the least that was permitted; "
                     "check the laser's trigger"
                 )
+            _LOG.debug("pulse %s", stamped)
             self._pulses.append(pulse)
 
     def _keep(self, frames: Sequence[Frame]) -> None:
@@ -370,6 +374,7 @@ class SweepInProgress:
                         f"frame {now} came after frame {before}: a trigger was lost or doubled, and the sweep is "
                         "refused whole; check the trigger's cable"
                     )
+            _LOG.debug("frame %s", frame.header)
             self._frames.append(frame)
 
     def _keep_last(self, frames: Sequence[Frame]) -> None:
