@@ -128,7 +128,7 @@ class PlusMessages(IgtlMessages):
         self._version: int = 1
 
     @property
-    def check(self) -> str:  # type: ignore[override]  # what has come is known later
+    def check(self) -> str:
         """What to check where too few images come."""
         return f"the trigger and the name of the device, {self._device}{self.other_devices}"
 

@@ -79,14 +79,17 @@ class Messages(Protocol[MessageT]):
     """The messages of a device, one for each trigger.
 
     ``driver``, ``used``, ``called``: names of the driver, of the messages that are used, and of a message, in an error.
-    ``cure``: what must be so that no message comes without a trigger. ``check``: what to check where too few come.
+    ``cure``: what must be so that no message comes without a trigger.
     """
 
     driver: str
     used: str
     called: str
     cure: str
-    check: str
+
+    @property
+    def check(self) -> str:
+        """What to check where too few come."""
 
     def arm(self) -> None:
         """A trigger follows; what came until now is of no acquisition."""
