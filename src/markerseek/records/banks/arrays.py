@@ -38,10 +38,11 @@ from markerseek.records.banks.table import (
     amplitudes,
     decibels,
     in_degrees,
+    unit_named,
     unit_of,
     warn_skipped,
 )
-from markerseek.records.named_arrays import arrays_in, content
+from markerseek.records.named_arrays import NamedArrays, arrays_in, content
 from markerseek.records.vantage import LAST, NUMBERS
 
 LATEST_FIRST_S = 200e-6
@@ -84,6 +85,7 @@ def bank_of_arrays(
     held = content(found)
     if ordered and table.axes is not None:
         raise ConfigError(f"{path}: the axes of this format are known; leave --axes out")
+    units = found.units if isinstance(found, NamedArrays) else {}
     arrays = _named(path, dict(found))
     angle, value = _picked(path, arrays, table, held=held)
     if value is None:
@@ -103,12 +105,13 @@ def bank_of_arrays(
     if angle is None:
         degrees = _stated_degrees(path, table, count, held=held)
     elif table.first_and_step_deg is None and table.angles_deg is None:
-        degrees = _degrees(path, arrays[angle], angle, table)
+        degrees = _degrees(path, arrays[angle], _title_of_angles(path, angle, units.get(angle), table), table)
     else:
         raise RecordError(
             f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, it "
             f"holds {held}"
         )
+    _require_units(path, units, arrays, frames=value if frames else None)
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
@@ -136,7 +139,7 @@ def bank_of_arrays(
             energies=() if energies is None else tuple(energies[order].tolist()),
             started_s=started_s,
         )
-    db = decibels(table.db, value)
+    db = decibels(table.db, f"{value} [{units[value]}]" if value in units else value)
     intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
     intensity = intensity if energies is None else intensity / np.where(np.isnan(energies), 1.0, energies)
     return IntensityBank(
@@ -207,6 +210,43 @@ def _degrees(path: Path, angles: np.ndarray, name: str, table: TableFormat) -> F
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
     values = angles.ravel().astype(np.float64)
     return in_degrees(values, unit_of(path, table.unit, name, values[np.isfinite(values)]))
+
+
+def _title_of_angles(path: Path, name: str, unit: str | None, table: TableFormat) -> str:
+    """Name of the angles as a column of a table has it, with the unit that the file states."""
+    if unit is None or table.unit is not None:
+        return name
+    if unit_named(unit) is None or unit_named(name) not in (None, unit_named(unit)):
+        raise RecordError(
+            f"{path}: {name} has the unit {unit!r}, deg, mrad or rad are understood, the same as in its name; correct "
+            "the attribute, or convert the angles"
+        )
+    return f"angle [{unit}]"
+
+
+_UNITS_OF_FACTS = {
+    "sampling_hz": ("hz", "hertz", "1/s", "s-1"),
+    "sound_speed_m_s": ("m/s", "m s-1", "m.s-1", "meters/second", "metres/second"),
+    "reference_angle_deg": ("deg", "degree", "degrees", "°"),
+    "pulse_energy_j": ("j", "joule", "joules"),
+    **dict.fromkeys(("pitch_m", "wavelength_m", "face_radius_m"), ("m", "metre", "metres", "meter", "meters")),
+    **dict.fromkeys(("clock_zero_unix_s", "first_sample_s", "started_s"), ("s", "sec", "second", "seconds")),
+}
+"""Units, in lower case, that a file may state for what has its unit in its name."""
+
+
+def _require_units(
+    path: Path, units: Mapping[str, str], arrays: Mapping[str, np.ndarray], *, frames: str | None
+) -> None:
+    """Refuse facts whose stated unit is not that of their name, and frames in decibels (``frames``: their name)."""
+    for name, understood in _UNITS_OF_FACTS.items():
+        if name in arrays and units.get(name, understood[0]).lower() not in understood:
+            raise RecordError(
+                f"{path}: {name} has the unit {units[name]!r}, {understood[0]} is expected; convert it, and correct "
+                "the attribute"
+            )
+    if frames is not None and frames in units and decibels(False, f"[{units[frames]}]"):
+        raise RecordError(f"{path}: {frames} has the unit {units[frames]!r}; save the frames as they were sampled")
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:

@@ -237,7 +237,7 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
             )
         array = element_row(path, file, elements=shape[0])
         pitch_m, count = array.pitch_m, shape[3]
-        frames = np.asarray(data[()]).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
+        frames = file.values(data, name=FRAMES).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
         arrays["frames"] = frames[:, ::-1] if array.falling else frames
     else:
         arrays["intensity"] = intensities = file.numbers(INTENSITIES)
