@@ -93,8 +93,9 @@ def bank_of_arrays(
             f"{path}: intensity or frames expected, it holds {held}; name its variables, --columns ANGLE,INTENSITY or "
             "ANGLE,FRAMES"
         )
-    counted = arrays[angle].size if angle is not None else len(table.angles_deg or ()) or None
-    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=table.first_frame)
+    listed = arrays[angle].ravel() if angle is not None else np.array(table.angles_deg or ())
+    counted = listed.size or None
+    arrays = in_scan_order(path, arrays, value, angles=listed if counted else None, first_frame=table.first_frame)
     values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
     if frames:
         values = turned(path, values, AXES if ordered else table.axes, angles=counted)
@@ -339,13 +340,13 @@ def _scalar(path: Path, arrays: Mapping[str, np.ndarray], name: str) -> float | 
 
 
 def in_scan_order(
-    path: Path, arrays: Mapping[str, np.ndarray], value: str, *, angles: int | None, first_frame: int | None
+    path: Path, arrays: Mapping[str, np.ndarray], value: str, *, angles: np.ndarray | None, first_frame: int | None
 ) -> dict[str, np.ndarray]:
-    """The arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of the scan.
+    """The arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of their angles.
 
-    ``value``: name of the array that is read; `NUMBERS` are left out where it is not that of the ring. ``angles``: how
-    many numbers the variable of the angles holds; None: each frame has its angle by its place, so that the first frame
-    must be known. ``first_frame``: number of the frame with the first angle, where a person states it.
+    ``value``: name of the array that is read; `NUMBERS` are left out where it is not that of the ring. ``angles``: as
+    they are stated, in the order of the scan or of the buffer; None: each frame has its angle by its place in the scan.
+    ``first_frame``: number of the frame with the first angle, where a person states it.
     """
     if NUMBERS not in arrays or value != "frames":
         if first_frame is not None:
@@ -355,29 +356,56 @@ def in_scan_order(
         return {name: each for name, each in arrays.items() if name != NUMBERS}
     numbers = arrays[NUMBERS]
     empty = ~_held(arrays["frames"])
+    if first_frame is not None and first_frame not in numbers:
+        raise ConfigError(f"{path}: --first-frame is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
     if first_frame is not None:
-        if first_frame not in numbers:
-            raise ConfigError(f"{path}: --first-frame is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
         start: int | None = int(np.flatnonzero(numbers == first_frame)[0])
     else:
-        start = _start(empty, _last_index(arrays))
-    if start is None and angles is None:
+        start = _start_by_angles(path, arrays, angles, _start(empty, _last_index(arrays)))
+    if start is None:
         raise RecordError(
             f"{path}: {_unknown(arrays)}, and the angle of a frame follows from its place in the scan; save Resource "
             f"(its RcvBuffer.lastFrame) too, or name the frame with the first angle: --first-frame {numbers[0]} if the "
-            "ring has not gone round"
+            "ring has not gone round, or the angles are in the order of the buffer"
         )
-    if start is None:
-        warn(
-            path,
-            f"{_unknown(arrays)}; the angles are taken in the order of the buffer, frame {numbers[0]} first "
-            "(--first-frame)",
-        )
-    order = np.roll(np.arange(len(numbers)), -(start or 0))
-    if angles is not None and angles != len(order):
+    order = np.roll(np.arange(len(numbers)), -start)
+    if angles is not None and len(angles) != len(order):
         # Frames behind the end of the scan have no angle.
         order = order[: np.flatnonzero(~empty[order])[-1] + 1]
     return {**arrays, **{name: arrays[name][order] for name in ("frames", "pulses", NUMBERS)}}
+
+
+def _start_by_angles(
+    path: Path, arrays: Mapping[str, np.ndarray], angles: np.ndarray | None, start: int | None
+) -> int | None:
+    """Index of the frame with the first of the angles; None if nothing proves which one it is.
+
+    Angles that rise or fall all around but for one jump are in the order of a ring that has gone round: the first of
+    them belongs to the first frame of the buffer. ``start``: index of the oldest frame, None if it is not known.
+    """
+    jump = None if angles is None or len(angles) != len(arrays[NUMBERS]) else _jump_of(angles)
+    if jump is None:
+        return start
+    if start not in (None, jump):
+        numbers = arrays[NUMBERS]
+        raise RecordError(
+            f"{path}: the angles begin anew at frame {numbers[jump]}, and the oldest frame is {numbers[start]}; name "
+            "the frame with the first of the angles: --first-frame"
+        )
+    return 0
+
+
+def _jump_of(angles: np.ndarray) -> int | None:
+    """Place at which a list that otherwise rises, or falls, all around begins anew; None if it has no such place.
+
+    A list that rises or falls from its beginning to its end has none.
+    """
+    steps = np.sign(np.diff(angles, append=angles[:1]))
+    for direction in (1, -1):
+        back = np.flatnonzero(steps != direction)
+        if back.size == 1 and back[0] < len(angles) - 1 and steps[back[0]] == -direction:
+            return int(back[0]) + 1
+    return None
 
 
 def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarray, " frames"]:
