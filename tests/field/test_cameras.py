@@ -265,7 +265,7 @@ def test_what_is_no_calibration_of_opencv_says_why(tmp_path: Path, changes: dict
 
 def test_text_that_opencv_cannot_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.yml").write_text("%YAML:1.0\n---\nM1: [1, 2")
-    with pytest.raises(ConfigError, match="a.yml: OpenCV cannot read it"):
+    with pytest.raises(ConfigError, match=r"a\.yml: OpenCV cannot read it"):
         read_stereo([tmp_path / "a.yml"], calibration_sigma_px=0.2)
 
 

@@ -32,6 +32,7 @@ from markerseek.records.banks.bank import (
     warn,
 )
 from markerseek.records.banks.foreign_frames import as_counts, scaling_of, turned, without_channels_of
+from markerseek.records.banks.iq import CARRIERS, carrier_of, envelope_peaks, paired, radio_frequency
 from markerseek.records.banks.table import (
     DEFAULT_FORMAT,
     TableFormat,
@@ -96,7 +97,8 @@ def bank_of_arrays(
     listed = arrays[angle].ravel() if angle is not None else np.array(table.angles_deg or ())
     counted = listed.size or None
     arrays = in_scan_order(path, arrays, value, angles=listed if counted else None, first_frame=table.first_frame)
-    values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
+    values = paired(arrays[value])
+    frames = value == "frames" or values.ndim == len(AXES)
     if frames:
         values = turned(path, values, AXES if ordered else table.axes, angles=counted)
     elif table.axes is not None or table.without_channels:
@@ -113,18 +115,18 @@ def bank_of_arrays(
             f"holds {held}"
         )
     _require_units(path, units, arrays, frames=value if frames else None)
+    facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
         values = without_channels_of(path, values, table.without_channels)
-        # Without the carrier of IQ data there is no image.
-        frames = values.dtype.kind != "c"
-        values = values if frames else _of_iq(path, values)
+        values, sampling_hz = _of_iq(path, arrays, values, facts.sampling_hz, ordered=ordered)
+        facts = replace(facts, sampling_hz=sampling_hz)
+        frames = values.ndim == len(AXES)
     values = values if frames else _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table) & held_by
     degrees, values = degrees[kept], values[kept]
     angles_deg, order = rising(path, degrees)
-    facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     energies = _energies(path, arrays, kept)
     started_s = tuple(arrays["started_s"][kept][order].tolist()) if "started_s" in arrays else ()
     if frames:
@@ -164,14 +166,17 @@ def _stated_degrees(path: Path, table: TableFormat, count: int, *, held: str) ->
     return np.array(table.angles_deg, dtype=np.float64)
 
 
-def _of_iq(path: Path, frames: np.ndarray) -> np.ndarray:
-    """Intensities of IQ data, whose carrier is not known: the mean over the channels of their largest magnitudes."""
-    warn(
-        path,
-        "its frames are IQ data, without the carrier that imaging would need; the intensity at an angle is "
-        "the mean over the channels of the envelope's peak, and there is no image",
-    )
-    return np.asarray(np.abs(frames).max(axis=2).mean(axis=1), dtype=np.float64)
+def _of_iq(
+    path: Path, arrays: Mapping[str, np.ndarray], frames: np.ndarray, sampling_hz: float | None, *, ordered: bool
+) -> tuple[np.ndarray, float | None]:
+    """IQ data as frames of radio frequency with their sampling frequency, or intensities; other frames as they are."""
+    carrier_hz = carrier_of(path, arrays, frames, ordered=ordered)
+    if frames.dtype.kind != "c":
+        return frames, sampling_hz
+    if carrier_hz is None:
+        # The sampling frequency of no image.
+        return envelope_peaks(path, frames), None
+    return radio_frequency(path, frames, carrier_hz=carrier_hz, sampling_hz=sampling_hz)
 
 
 def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -230,6 +235,7 @@ _UNITS_OF_FACTS = {
     "sound_speed_m_s": ("m/s", "m s-1", "m.s-1", "meters/second", "metres/second"),
     "reference_angle_deg": ("deg", "degree", "degrees", "°"),
     "pulse_energy_j": ("j", "joule", "joules"),
+    **dict.fromkeys(CARRIERS, ("hz", "hertz", "1/s", "s-1")),
     **dict.fromkeys(("pitch_m", "wavelength_m", "face_radius_m"), ("m", "metre", "metres", "meter", "meters")),
     **dict.fromkeys(("clock_zero_unix_s", "first_sample_s", "started_s"), ("s", "sec", "second", "seconds")),
 }

@@ -61,6 +61,7 @@ def zea_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     known = {
         "sampling_hz": file.number(f"{track}scan/sampling_frequency"),
         "sound_speed_m_s": file.number(f"{track}scan/sound_speed"),
+        "demodulation_frequency": file.number(f"{track}scan/demodulation_frequency"),
     }
     times = f"{track}scan/initial_times"
     if file.has(times) and file.numbers(times).size:
