@@ -38,6 +38,9 @@ _NEUTRAL = {
 """Attributes, other than those of the CF conventions, by which a program may want numbers changed, and the value that
 changes nothing."""
 
+DEGREES = frozenset({"", "deg", "degree", "degrees", "°"})
+"""Units, in lower case, of an angle whose name says degrees."""
+
 _UNITS = ("units", "unit")
 _SI = frozenset(
     {
@@ -185,8 +188,9 @@ class CheckedHdf5(Closing):
         unit = unit_of_dataset(item)
         if unit.lower() not in units:
             raise RecordError(
-                f"{self._path}: {name} has the unit {unit!r}, numbers in units without a prefix (Hz, s, m) are "
-                "expected; convert them, and correct the attribute"
+                f"{self._path}: {name} has the unit {unit!r}, "
+                f"{'degrees' if units is DEGREES else 'a unit without a prefix (Hz, s, m)'} is expected; convert the "
+                "numbers, and correct the attribute"
             )
         return np.atleast_1d(np.asarray(self.values(item, name=name), dtype=np.float64)).ravel()
 

@@ -107,7 +107,13 @@ def test_attributes_that_change_nothing_are_no_matter(tmp_path):
 
 def test_an_ipasc_field_with_another_unit_is_refused(tmp_path):
     held = {"meta_data/trus_angle_deg": ANGLES_DEG, "meta_data/intensity": PEAK, "meta_data/speed_of_sound": 1.54}
-    with pytest.raises(RecordError, match=r"meta_data/speed_of_sound has the unit 'mm/us', .* are expected; convert"):
+    attribute = ("meta_data/trus_angle_deg", "units", "rad")
+    with pytest.raises(RecordError, match=r"trus_angle_deg has the unit 'rad', degrees is expected; convert"):
+        read_bank(written(tmp_path / "scan.hdf5", held, [attribute]))
+    with pytest.raises(
+        RecordError,
+        match=r"meta_data/speed_of_sound has the unit 'mm/us', a unit without a prefix .* is expected; conv",
+    ):
         read_bank(written(tmp_path / "scan.hdf5", held, [("meta_data/speed_of_sound", "units", "mm/us")]))
 
 
