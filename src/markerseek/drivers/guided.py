@@ -73,8 +73,9 @@ class GuidedStageSettings(StageSettings, frozen=True, kw_only=True, tag="guided"
     port: Annotated[int, Within(1, 65535)] = 18944
     """``device``, ``host`` and ``port``: name of the TRANSFORM, and where its server is."""
     require_status: bool = True
-    """Whether a TRANSFORM must state by ``TransformStatus`` in its metadata that it is valid, as those of PLUS do;
-    False for a server that never does, where a tracker that sees nothing looks like a probe at rest."""
+    """Whether a TRANSFORM must state by ``TransformStatus`` in its metadata, or by ``TransformValid`` of older servers,
+    that it is valid, as those of PLUS do; False for a server that never does, where a tracker that sees nothing looks
+    like a probe at rest. What a transform does state counts always."""
     topic: str = topics.MEASURED_JS
     joint: str = messages.JOINT
     """Name of the joint in a ``joint_state``; other joints of the same message are not read."""
@@ -256,14 +257,16 @@ class IgtlEncoder(IgtlMessages):
 
     def _objection(self, transform: igtl.Message) -> str:
         """Why a transform is rejected; empty if it is not. A server may repeat its last matrix as INVALID."""
-        status = transform.metadata.get("TransformStatus")
-        if status is None and self._states:
+        status, valid = (transform.metadata.get(f"Transform{name}") for name in ("Status", "Valid"))
+        if status is None and valid is None and self._states:
             said = "its transform does not state by TransformStatus in its metadata that it is valid"
             if transform.version == 1:
-                return f"{said}: it came in header version 1; {VERSION_CURE}, or set stage.require_status = false"
-            return f"{said}; let the server send it, or set stage.require_status = false if it never can"
+                return f"{said}: it came in header version 1; {VERSION_CURE}"
+            return f"{said}; let the server send it, as PLUS does"
         if status not in (None, "OK"):
             return f"it says that its transform is {status[:20]!r}"
+        if valid is not None and valid.strip().lower() not in ("1", "true"):
+            return f"it says that its transform is not valid: TransformValid is {valid[:20]!r}"
         known = isinstance(transform.content, igtl.Transform) and transform.content.matrix is not None
         return "" if known else "its transform is NaN"
 

@@ -180,14 +180,14 @@ class Server:
         )
         self.line, _ = self.listening.accept()
 
-    def send(self, matrix: object, *, stamp_s: float | None = None, status: str = "OK") -> float | None:
-        """Send a transform, and read the encoder."""
+    def send(self, matrix: object, *, stamp_s: float | None = None, **metadata: str) -> float | None:
+        """Send a transform, and read the encoder; without ``metadata`` its ``TransformStatus`` is OK."""
         stamp_s = self.now_s if stamp_s is None else stamp_s
         message = igtl.Message(
             device="ProbeToProbeHome",
             content=igtl.Transform(matrix=None if matrix is None else np.asarray(matrix, np.float64)),
             time_s=stamp_s,
-            metadata={"TransformStatus": status},
+            metadata=metadata or {"TransformStatus": "OK"},
         )
         return self.send_bytes(igtl.encode(message))
 
@@ -227,8 +227,9 @@ def test_messages_that_are_not_of_now_tell_no_angle(server: Server) -> None:
     assert "ahead of this computer's clock" in server.encoder.unused
     assert server.send(home, stamp_s=0.0) is None
     assert "carry no time" in server.encoder.unused
-    assert server.send(home, status="INVALID") is None
+    assert server.send(home, TransformStatus="INVALID") is None
     assert "INVALID" in server.encoder.unused
+
     assert server.send(None) is None
     assert server.encoder.unused == "its transform is NaN"
     assert server.send(home) == pytest.approx(1.0, abs=1e-4)
@@ -242,6 +243,26 @@ def test_transforms_of_other_devices_are_named(server: Server) -> None:
     assert server.encoder.unused == (
         "TRANSFORM came of 'ProbeToReference', 'StylusToReference', none of 'ProbeToProbeHome'"
     )
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({"TransformValid": "1"}, ""),
+        ({"TransformValid": "true", "TransformStatus": "OK"}, ""),
+        ({"TransformValid": "0"}, "not valid: TransformValid is '0'"),
+        ({"TransformValid": "False", "TransformStatus": "OK"}, "not valid: TransformValid is 'False'"),
+        ({"TransformValid": "1", "TransformStatus": "MISSING"}, "it says that its transform is 'MISSING'"),
+        ({"Other": "1"}, "does not state by TransformStatus in its metadata that it is valid"),
+    ],
+)
+def test_older_servers_state_by_another_name_whether_a_transform_is_valid(
+    server: Server, metadata: dict[str, str], said: str
+) -> None:
+    angle_deg = server.send(probe_to_probe_home(-7.0), **metadata)
+    assert said in server.encoder.unused
+    assert (angle_deg is None) == bool(said)
+    assert "require_status" not in server.encoder.unused
 
 
 @pytest.mark.parametrize(

@@ -32,16 +32,18 @@ from markerseek.records.banks.bank import (
     warn,
 )
 from markerseek.records.banks.foreign_frames import as_counts, scaling_of, turned, without_channels_of
+from markerseek.records.banks.iq import CARRIERS, carrier_of, envelope_peaks, paired, radio_frequency
 from markerseek.records.banks.table import (
     DEFAULT_FORMAT,
     TableFormat,
     amplitudes,
     decibels,
     in_degrees,
+    unit_named,
     unit_of,
     warn_skipped,
 )
-from markerseek.records.named_arrays import arrays_in, content
+from markerseek.records.named_arrays import NamedArrays, arrays_in, content
 from markerseek.records.vantage import LAST, NUMBERS
 
 LATEST_FIRST_S = 200e-6
@@ -84,6 +86,7 @@ def bank_of_arrays(
     held = content(found)
     if ordered and table.axes is not None:
         raise ConfigError(f"{path}: the axes of this format are known; leave --axes out")
+    units = found.units if isinstance(found, NamedArrays) else {}
     arrays = _named(path, dict(found))
     angle, value = _picked(path, arrays, table, held=held)
     if value is None:
@@ -91,9 +94,11 @@ def bank_of_arrays(
             f"{path}: intensity or frames expected, it holds {held}; name its variables, --columns ANGLE,INTENSITY or "
             "ANGLE,FRAMES"
         )
-    counted = arrays[angle].size if angle is not None else len(table.angles_deg or ()) or None
-    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=table.first_frame)
-    values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
+    listed = arrays[angle].ravel() if angle is not None else np.array(table.angles_deg or ())
+    counted = listed.size or None
+    arrays = in_scan_order(path, arrays, value, angles=listed if counted else None, first_frame=table.first_frame)
+    values = paired(arrays[value])
+    frames = value == "frames" or values.ndim == len(AXES)
     if frames:
         values = turned(path, values, AXES if ordered else table.axes, angles=counted)
     elif table.axes is not None or table.without_channels:
@@ -103,24 +108,25 @@ def bank_of_arrays(
     if angle is None:
         degrees = _stated_degrees(path, table, count, held=held)
     elif table.first_and_step_deg is None and table.angles_deg is None:
-        degrees = _degrees(path, arrays[angle], angle, table)
+        degrees = _degrees(path, arrays[angle], _title_of_angles(path, angle, units.get(angle), table), table)
     else:
         raise RecordError(
             f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, it "
             f"holds {held}"
         )
+    _require_units(path, units, arrays, frames=value if frames else None)
+    facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
         values = without_channels_of(path, values, table.without_channels)
-        # Without the carrier of IQ data there is no image.
-        frames = values.dtype.kind != "c"
-        values = values if frames else _of_iq(path, values)
+        values, sampling_hz = _of_iq(path, arrays, values, facts.sampling_hz, ordered=ordered)
+        facts = replace(facts, sampling_hz=sampling_hz)
+        frames = values.ndim == len(AXES)
     values = values if frames else _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table) & held_by
     degrees, values = degrees[kept], values[kept]
     angles_deg, order = rising(path, degrees)
-    facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     energies = _energies(path, arrays, kept)
     started_s = tuple(arrays["started_s"][kept][order].tolist()) if "started_s" in arrays else ()
     if frames:
@@ -136,7 +142,7 @@ def bank_of_arrays(
             energies=() if energies is None else tuple(energies[order].tolist()),
             started_s=started_s,
         )
-    db = decibels(table.db, value)
+    db = decibels(table.db, f"{value} [{units[value]}]" if value in units else value)
     intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
     intensity = intensity if energies is None else intensity / np.where(np.isnan(energies), 1.0, energies)
     return IntensityBank(
@@ -160,14 +166,17 @@ def _stated_degrees(path: Path, table: TableFormat, count: int, *, held: str) ->
     return np.array(table.angles_deg, dtype=np.float64)
 
 
-def _of_iq(path: Path, frames: np.ndarray) -> np.ndarray:
-    """Intensities of IQ data, whose carrier is not known: the mean over the channels of their largest magnitudes."""
-    warn(
-        path,
-        "its frames are IQ data, without the carrier that imaging would need; the intensity at an angle is "
-        "the mean over the channels of the envelope's peak, and there is no image",
-    )
-    return np.asarray(np.abs(frames).max(axis=2).mean(axis=1), dtype=np.float64)
+def _of_iq(
+    path: Path, arrays: Mapping[str, np.ndarray], frames: np.ndarray, sampling_hz: float | None, *, ordered: bool
+) -> tuple[np.ndarray, float | None]:
+    """IQ data as frames of radio frequency with their sampling frequency, or intensities; other frames as they are."""
+    carrier_hz = carrier_of(path, arrays, frames, ordered=ordered)
+    if frames.dtype.kind != "c":
+        return frames, sampling_hz
+    if carrier_hz is None:
+        # The sampling frequency of no image.
+        return envelope_peaks(path, frames), None
+    return radio_frequency(path, frames, carrier_hz=carrier_hz, sampling_hz=sampling_hz)
 
 
 def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -207,6 +216,44 @@ def _degrees(path: Path, angles: np.ndarray, name: str, table: TableFormat) -> F
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
     values = angles.ravel().astype(np.float64)
     return in_degrees(values, unit_of(path, table.unit, name, values[np.isfinite(values)]))
+
+
+def _title_of_angles(path: Path, name: str, unit: str | None, table: TableFormat) -> str:
+    """Name of the angles as a column of a table has it, with the unit that the file states."""
+    if unit is None or table.unit is not None:
+        return name
+    if unit_named(unit) is None or unit_named(name) not in (None, unit_named(unit)):
+        raise RecordError(
+            f"{path}: {name} has the unit {unit!r}, deg, mrad or rad are understood, the same as in its name; correct "
+            "the attribute, or convert the angles"
+        )
+    return f"angle [{unit}]"
+
+
+_UNITS_OF_FACTS = {
+    "sampling_hz": ("hz", "hertz", "1/s", "s-1"),
+    "sound_speed_m_s": ("m/s", "m s-1", "m.s-1", "meters/second", "metres/second"),
+    "reference_angle_deg": ("deg", "degree", "degrees", "°"),
+    "pulse_energy_j": ("j", "joule", "joules"),
+    **dict.fromkeys(CARRIERS, ("hz", "hertz", "1/s", "s-1")),
+    **dict.fromkeys(("pitch_m", "wavelength_m", "face_radius_m"), ("m", "metre", "metres", "meter", "meters")),
+    **dict.fromkeys(("clock_zero_unix_s", "first_sample_s", "started_s"), ("s", "sec", "second", "seconds")),
+}
+"""Units, in lower case, that a file may state for what has its unit in its name."""
+
+
+def _require_units(
+    path: Path, units: Mapping[str, str], arrays: Mapping[str, np.ndarray], *, frames: str | None
+) -> None:
+    """Refuse facts whose stated unit is not that of their name, and frames in decibels (``frames``: their name)."""
+    for name, understood in _UNITS_OF_FACTS.items():
+        if name in arrays and units.get(name, understood[0]).lower() not in understood:
+            raise RecordError(
+                f"{path}: {name} has the unit {units[name]!r}, {understood[0]} is expected; convert it, and correct "
+                "the attribute"
+            )
+    if frames is not None and frames in units and decibels(False, f"[{units[frames]}]"):
+        raise RecordError(f"{path}: {frames} has the unit {units[frames]!r}; save the frames as they were sampled")
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:
@@ -299,13 +346,13 @@ def _scalar(path: Path, arrays: Mapping[str, np.ndarray], name: str) -> float | 
 
 
 def in_scan_order(
-    path: Path, arrays: Mapping[str, np.ndarray], value: str, *, angles: int | None, first_frame: int | None
+    path: Path, arrays: Mapping[str, np.ndarray], value: str, *, angles: np.ndarray | None, first_frame: int | None
 ) -> dict[str, np.ndarray]:
-    """The arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of the scan.
+    """The arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of their angles.
 
-    ``value``: name of the array that is read; `NUMBERS` are left out where it is not that of the ring. ``angles``: how
-    many numbers the variable of the angles holds; None: each frame has its angle by its place, so that the first frame
-    must be known. ``first_frame``: number of the frame with the first angle, where a person states it.
+    ``value``: name of the array that is read; `NUMBERS` are left out where it is not that of the ring. ``angles``: as
+    they are stated, in the order of the scan or of the buffer; None: each frame has its angle by its place in the scan.
+    ``first_frame``: number of the frame with the first angle, where a person states it.
     """
     if NUMBERS not in arrays or value != "frames":
         if first_frame is not None:
@@ -315,29 +362,56 @@ def in_scan_order(
         return {name: each for name, each in arrays.items() if name != NUMBERS}
     numbers = arrays[NUMBERS]
     empty = ~_held(arrays["frames"])
+    if first_frame is not None and first_frame not in numbers:
+        raise ConfigError(f"{path}: --first-frame is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
     if first_frame is not None:
-        if first_frame not in numbers:
-            raise ConfigError(f"{path}: --first-frame is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
         start: int | None = int(np.flatnonzero(numbers == first_frame)[0])
     else:
-        start = _start(empty, _last_index(arrays))
-    if start is None and angles is None:
+        start = _start_by_angles(path, arrays, angles, _start(empty, _last_index(arrays)))
+    if start is None:
         raise RecordError(
             f"{path}: {_unknown(arrays)}, and the angle of a frame follows from its place in the scan; save Resource "
             f"(its RcvBuffer.lastFrame) too, or name the frame with the first angle: --first-frame {numbers[0]} if the "
-            "ring has not gone round"
+            "ring has not gone round, or the angles are in the order of the buffer"
         )
-    if start is None:
-        warn(
-            path,
-            f"{_unknown(arrays)}; the angles are taken in the order of the buffer, frame {numbers[0]} first "
-            "(--first-frame)",
-        )
-    order = np.roll(np.arange(len(numbers)), -(start or 0))
-    if angles is not None and angles != len(order):
+    order = np.roll(np.arange(len(numbers)), -start)
+    if angles is not None and len(angles) != len(order):
         # Frames behind the end of the scan have no angle.
         order = order[: np.flatnonzero(~empty[order])[-1] + 1]
     return {**arrays, **{name: arrays[name][order] for name in ("frames", "pulses", NUMBERS)}}
+
+
+def _start_by_angles(
+    path: Path, arrays: Mapping[str, np.ndarray], angles: np.ndarray | None, start: int | None
+) -> int | None:
+    """Index of the frame with the first of the angles; None if nothing proves which one it is.
+
+    Angles that rise or fall all around but for one jump are in the order of a ring that has gone round: the first of
+    them belongs to the first frame of the buffer. ``start``: index of the oldest frame, None if it is not known.
+    """
+    jump = None if angles is None or len(angles) != len(arrays[NUMBERS]) else _jump_of(angles)
+    if jump is None:
+        return start
+    if start not in (None, jump):
+        numbers = arrays[NUMBERS]
+        raise RecordError(
+            f"{path}: the angles begin anew at frame {numbers[jump]}, and the oldest frame is {numbers[start]}; name "
+            "the frame with the first of the angles: --first-frame"
+        )
+    return 0
+
+
+def _jump_of(angles: np.ndarray) -> int | None:
+    """Place at which a list that otherwise rises, or falls, all around begins anew; None if it has no such place.
+
+    A list that rises or falls from its beginning to its end has none.
+    """
+    steps = np.sign(np.diff(angles, append=angles[:1]))
+    for direction in (1, -1):
+        back = np.flatnonzero(steps != direction)
+        if back.size == 1 and back[0] < len(angles) - 1 and steps[back[0]] == -direction:
+            return int(back[0]) + 1
+    return None
 
 
 def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarray, " frames"]:

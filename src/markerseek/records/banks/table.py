@@ -156,7 +156,7 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
     energies = [rows.names.index(name) for plain, name in _plain(rows.names).items() if _ENERGY.fullmatch(plain)]
     columns += tuple(each for each in energies[:1] if each not in columns)
     db = decibels(table.db, intensity_name)
-    largest = MAX_DEG / _DEG_OF[table.unit or _unit_named(angle_name) or "deg"]
+    largest = MAX_DEG / _DEG_OF[table.unit or unit_named(angle_name) or "deg"]
     # A factor of 1000 is harmless in amplitudes, but not in decibels, which are below 1000.
     texts = rows.numbers(path, columns, most=(largest, 999.0 if db else None, None)[: len(columns)])
     cells = {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
@@ -317,7 +317,7 @@ def decibels(db: bool, column: str) -> bool:
     return db
 
 
-def _unit_named(column: str) -> AngleUnit | None:
+def unit_named(column: str) -> AngleUnit | None:
     """Unit in the name of a column, such as ``angle_mrad`` or ``Winkel [mrad]``; None if it names none, or two."""
     units = {_UNIT_OF_WORD[word] for word in re.findall(r"[^\W\d_]+|°", column.lower()) if word in _UNIT_OF_WORD}
     return units.pop() if len(units) == 1 else None
@@ -327,7 +327,7 @@ def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray)
     """Unit of the angles; if only their range can tell, a small range is not taken for degrees."""
     if unit is not None:
         return unit
-    named = _unit_named(column)
+    named = unit_named(column)
     small = angles.size > 2 and float(np.ptp(angles)) < _FEW
     question = f"the angles run from {angles.min():g} to {angles.max():g}: are these radians?" if small else ""
     if small and named is None:
