@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.bridges.page import Address
-from markerseek.bridges.page.application import UNWATCHED_S
+from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.core import ConfigError
 from markerseek.records.journal import Interrupted, read_journal
 from tests.emulated import ran
@@ -119,11 +119,13 @@ def test_search_that_nobody_watches_is_stopped(opened, page):
     other = opened("/search")
     watched.tab.goto("about:blank")
     # The other tab still watches.
-    other.tab.wait_for_timeout(1000 * (UNWATCHED_S + 2))
+    other.tab.wait_for_timeout(1000 * (ChildSearch.unwatched_s + 2))
     assert len(page.children()) == 1
     other.tab.goto("about:blank")
     until(lambda: not page.children(), page, other.tab)
-    assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
+    assert read_journal(page.journals()[-1]).entries[-1].event == Interrupted(reason="another program (SIGTERM)")
+    again = opened("/search")
+    again.wait_for(".ms-answer", "^nobody had the page open for 5 s; the laser is disarmed")
 
 
 @pytest.mark.long

@@ -24,9 +24,6 @@ from markerseek.bridges.page.search_page import build_search_page
 WATCH_S = 0.5
 """Time between two looks whether anybody watches, in seconds."""
 
-UNWATCHED_S = 5.0
-"""Time without any viewer after which a search is stopped, in seconds: nobody would see it, or press STOP."""
-
 MAX_VIEWERS = 16
 """Most tabs that may show the page at one time."""
 
@@ -155,5 +152,5 @@ async def _stop_unwatched(searches: PageSearches) -> None:
         await asyncio.sleep(WATCH_S)
         if _viewers() or not searches.busy:
             watched_s = time.monotonic()
-        elif time.monotonic() - watched_s > UNWATCHED_S:
-            searches.stop()
+        else:
+            searches.stop_unwatched(time.monotonic() - watched_s)

@@ -144,7 +144,7 @@ class RunControls:
             other = "registration" if isinstance(usual, AskedSearch) else "search"
             self._elsewhere = ui.label(f"a {other} runs on the other page").classes("ms-note")
         shell.on_click(self._start, lambda: self._searches.start(self._settings.asked, asked_by=shell.viewer))
-        shell.on_click(self._go_on, lambda: self._searches.go_on(self._shown))
+        shell.on_click(self._go_on, lambda: self._searches.go_on(self._shown, asked_by=shell.viewer))
 
     def update(self, live: ChildSearch | None) -> None:
         """Show what can be pressed now, and the settings of the run that is shown."""

@@ -150,6 +150,7 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, 
 
     # While kernels are loaded the event loop takes no STOP: before the port is open.
     warm_up()
+    searches.offer_interrupted()
     with address.listening() as listener:
         port = listener.getsockname()[1]
         # Browsers send names in small letters.
