@@ -66,10 +66,11 @@ def test_no_browser():
     ("host", "said"),
     [
         *((host, "name the one address") for host in ("0", "0x0", "00.0", "")),
-        *((host, "name an IPv4 address") for host in ("::", "::1", "a" * 64)),
+        *((host, "name the one address") for host in ("::", "[::]", "0::0", "::ffff:0.0.0.0", "::ffff:0:0")),
+        *((host, "name an address") for host in ("a" * 64, "::g", "[::1", "1::2::3")),
     ],
 )
-def test_26_10_all_addresses_and_unknown_ones_are_refused_however_they_are_spelt(tmp_path, host, said):
+def test_all_addresses_and_unknown_ones_are_refused_however_they_are_spelt(tmp_path, host, said):
     _, certificate, _, key = certified(tmp_path)
     with pytest.raises(ConfigError, match=said):
         Address(host=host, certificate=Path(certificate), key=Path(key))

@@ -28,7 +28,9 @@ def command(
     public_url: Annotated[
         str | None,
         typer.Option(
-            metavar="URL", help="Address in the browser behind a tunnel (ssh -L, VS Code): http://localhost:9000."
+            metavar="URL",
+            help="Address in the browser behind a tunnel (ssh -L, VS Code) or a proxy: http://localhost:9000, "
+            "http://localhost:8888/proxy/8765/.",
         ),
     ] = None,
     cameras: Annotated[

@@ -48,12 +48,15 @@ class Settings:
     """Fields for the settings of a run, folded but for the seed; what is wrong with one of them stands below.
 
     ``usual``: settings that are not named beside the fold. ``query``: of the link, which holds the settings.
+    ``prefix``: path in front of all paths of the page.
     """
 
-    def __init__(self, usual: AnyAsked, query: Mapping[str, str], *, simulated: bool) -> None:
+    def __init__(self, usual: AnyAsked, query: Mapping[str, str], *, simulated: bool, prefix: str) -> None:
         linked, problems = usual.with_query(query)
-        self._usual, self._options, self._values = usual, usual.options(), linked.values
-        self._path = "/search" if isinstance(usual, AskedSearch) else "/"
+        self._usual = usual
+        self._options = usual.options()
+        self._values = linked.values
+        self._path = prefix + ("/search" if isinstance(usual, AskedSearch) else "/")
         self._fields: dict[str, Any] = {}
         self.linked = bool(query)
         """Whether the link had settings of its own."""
@@ -140,7 +143,8 @@ class RunControls:
             self._go_on = ui.button("Go on", icon="play_arrow").props("outline")
             for each in (self._start, self._go_on):
                 each.props("dense padding='6px 10px'")
-            self._settings = Settings(usual, query, simulated=self._searches.rig.simulated)
+            simulated = self._searches.rig.simulated
+            self._settings = Settings(usual, query, simulated=simulated, prefix=shell.prefix)
             other = "registration" if isinstance(usual, AskedSearch) else "search"
             self._elsewhere = ui.label(f"a {other} runs on the other page").classes("ms-note")
         shell.on_click(self._start, lambda: self._searches.start(self._settings.asked, asked_by=shell.viewer))
