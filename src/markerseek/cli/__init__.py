@@ -68,6 +68,11 @@ def main() -> NoReturn:
     try:
         # What blocked them is inherited; a bridge blocks SIGINT until here, so that a stop finds its handler.
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
+        if any(word.startswith("--heartbeat") for word in sys.argv):
+            # Not above: it is for the commands that a bridge runs.
+            from markerseek.cli.heartbeat import watch_heartbeat
+
+            watch_heartbeat(sys.argv[1:])
         if sys.argv[1:] == ["--version"]:
             # For scripts that ask often: typer alone takes longer to import than this takes.
             sys.stdout.write(f"{__version__}\n")
