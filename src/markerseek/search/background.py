@@ -24,6 +24,15 @@ from markerseek.search.curve import Curve, lower_quartile
 LEVEL_OVER_SCATTER = 12.0
 """Lower quartile over the scatter from which noise does not explain it: that of the largest of 2,000 Rayleigh cells."""
 
+MAX_COMPARED, CENTRES = 150, 25
+"""Samples, and angles of a marker, at which curves are compared with the samples at most."""
+
+MOST = 0.67
+"""Share."""
+
+TOP_ERROR, TAIL_ERROR = 0.1, 0.2
+"""Relative differences from a curve of the family that are its own: root mean square at the top, median elsewhere."""
+
 FEWEST_LOW = 6
 """Samples that a sloping background needs."""
 
@@ -67,10 +76,13 @@ class Background:
 
 
 def background_of(curve: Curve, *, scatter: float) -> Background | None:
-    """Return the background of a curve; None if noise of that scatter explains the lowest samples."""
+    """Return the background of a curve.
+
+    None if noise of that scatter explains the lowest samples, or the tails of a marker's own curve.
+    """
     middle_deg = float(curve.angle_deg[0] + curve.angle_deg[-1]) / 2
     even = Background(middle_deg=middle_deg, level=lower_quartile(curve))
-    if even.level <= LEVEL_OVER_SCATTER * scatter:
+    if even.level <= LEVEL_OVER_SCATTER * scatter or _is_explained(curve, lowest=even.level, scatter=scatter):
         return None
     sloping = _sloping(curve, middle_deg=middle_deg, scatter=scatter)
     if sloping is None:
@@ -86,6 +98,33 @@ def background_sigma(curve: Curve, background: Background, *, scatter: float) ->
     # Of normal noise alone the lowest twentieth lies one standard deviation below the lower quartile.
     depth = _depth(curve, background)
     return math.hypot(scatter, UNEVEN * math.sqrt(max(0.0, depth**2 - 1.5 * scatter**2)))
+
+
+def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
+    """Whether a curve of the family that goes through the highest samples goes through most others as well.
+
+    ``lowest``: intensity of the lowest ones.
+    """
+    # Imported here: it needs SciPy, and a search with dark frames needs no background.
+    from markerseek.search.posterior.shapes import STEP_DEG, family
+
+    some = np.unique(np.linspace(0, len(curve) - 1, MAX_COMPARED).astype(np.int64))
+    angle_deg, intensity = curve.angle_deg[some], curve.intensity[some]
+    top = intensity > (intensity.max() + lowest) / 2
+    if top.all():
+        return True
+    beside_deg = float(np.diff(angle_deg).max())
+    centres_deg = np.linspace(angle_deg[top].min() - beside_deg, angle_deg[top].max() + beside_deg, CENTRES)
+    log_curves = family().log_curve
+    away = np.rint(np.abs(angle_deg - centres_deg[:, None]) / STEP_DEG).astype(np.int64)
+    shapes = np.exp(log_curves[::3, np.minimum([away, away // 2], log_curves.shape[1] - 1)])
+    # Least squares of the relative differences at the top.
+    ratio = shapes[..., top] / intensity[top]
+    height = shapes * (ratio.sum(axis=-1) / (ratio**2).sum(axis=-1))[..., None]
+    off = np.abs(intensity - height)
+    fits_top = np.sqrt(((off[..., top] / intensity[top]) ** 2).mean(axis=-1)) <= TOP_ERROR
+    fits_rest = np.quantile(off[..., ~top] - TAIL_ERROR * height[..., ~top], MOST, axis=-1) <= scatter
+    return bool((fits_top & fits_rest).any())
 
 
 def _depth(curve: Curve, background: Background) -> float:

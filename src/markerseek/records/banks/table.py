@@ -270,6 +270,8 @@ OVERLOADS = (9.9e37, 9.91e37, float(np.finfo(np.float32).max))
 """Numbers by which an instrument says that its range was exceeded: SCPI-99's infinity and no number, and the largest of
 single precision."""
 
+_INFINITE = re.compile(r"\+?(?:inf|infinity)", re.IGNORECASE)
+
 _OVERLOADED = (
     "by which an instrument says that its range was exceeded, most probably on the marker; reduce gain or light and "
     "scan again, or take these rows out of the file: an answer is then that of the flanks"
@@ -299,6 +301,9 @@ def _row(
         raise RecordError(
             f"{path}, line {line}: it has {len(rows.cells[line])} columns, {rows.width} are expected; {DECIMAL_COMMA}"
         )
+    if _INFINITE.fullmatch(texts[1].strip()):
+        # Not left out with rows that have no number: those of an overload are the strongest.
+        raise RecordError(f"{path}, line {line}: intensity is {texts[1].strip()}, {_OVERLOADED}")
     return [_value(path, rows, line, column, text, table) for column, text in zip(columns, texts, strict=True)]
 
 
@@ -322,9 +327,6 @@ def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: 
         raise RecordError(f"{path}, line {line}: {name} is {cell!r}, it must be a number{cure}") from None
     if math.isfinite(value):
         return value
-    if math.isinf(value):
-        # Not left out with rows that have no number: those of an overload are the strongest.
-        raise RecordError(f"{path}, line {line}: {name} is {value}, {_OVERLOADED}")
     if table.skip_invalid:
         return None
     raise RecordError(f"{path}, line {line}: {name} is {value}, it must be finite{cure}")
