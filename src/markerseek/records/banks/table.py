@@ -249,6 +249,7 @@ def amplitudes(
 
     ``db``: whether they are in dB. ``where``: file and line of each, for the messages.
     """
+    _refuse_overloads(values, where)
     if db:
         with np.errstate(over="ignore"):
             values = 10 ** (values / 20)
@@ -263,6 +264,26 @@ def amplitudes(
             f"{where(index)}: intensity is {values[index]}, it must be at most {MAX_INTENSITY:g}; scale the intensities"
         )
     return values
+
+
+OVERLOADS = (9.9e37, 9.91e37, float(np.finfo(np.float32).max))
+"""Numbers by which an instrument says that its range was exceeded: SCPI-99's infinity and no number, and the largest of
+single precision."""
+
+_INFINITE = re.compile(r"\+?(?:inf|infinity)", re.IGNORECASE)
+
+_OVERLOADED = (
+    "by which an instrument says that its range was exceeded, most probably on the marker; reduce gain or light and "
+    "scan again, or take these rows out of the file: an answer is then that of the flanks"
+)
+
+
+def _refuse_overloads(values: Float64[np.ndarray, " n"], where: Callable[[int], str]) -> None:
+    """Refuse intensities that are no measurement but the sign of an overload, single precision or not."""
+    marked = np.isclose(values[:, None], OVERLOADS, rtol=1e-6, atol=0.0).any(axis=1)
+    for index in np.flatnonzero(marked)[:1]:
+        rows = counted(int(marked.sum()), "row has", "rows have")
+        raise RecordError(f"{where(index)}: intensity is {values[index]:g} ({rows} such a number), {_OVERLOADED}")
 
 
 def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
@@ -280,6 +301,9 @@ def _row(
         raise RecordError(
             f"{path}, line {line}: it has {len(rows.cells[line])} columns, {rows.width} are expected; {DECIMAL_COMMA}"
         )
+    if _INFINITE.fullmatch(texts[1].strip()):
+        # Not left out with rows that have no number: those of an overload are the strongest.
+        raise RecordError(f"{path}, line {line}: intensity is {texts[1].strip()}, {_OVERLOADED}")
     return [_value(path, rows, line, column, text, table) for column, text in zip(columns, texts, strict=True)]
 
 

@@ -23,6 +23,7 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
+from markerseek.search.floor import above_background
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.answer import (
     Analysis,
@@ -293,7 +294,9 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._analysis.first
-        self._confirmation_taken, self._confirmation_failure = True, weaker_than_predicted(first, sample)
+        (above,) = above_background([sample], self._analysis.noise.background)
+        self._confirmation_taken = True
+        self._confirmation_failure = weaker_than_predicted(first, above)
         self._lit.append(sample)
         self._next = self._cached = None
 
