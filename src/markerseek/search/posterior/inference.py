@@ -34,7 +34,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -206,6 +206,8 @@ class Inference:
         self._observations: list[Observation] = []
         self._added: list[tuple[float, float, int | None]] = []
         self._swept = False
+        self.order_sigma_deg = 0.0
+        """Standard deviation of the angle by what the order of the frames of sweeps leaves open, in degrees."""
 
     def anew(self) -> Inference:
         """An inference as this one was before its first sample."""
@@ -236,6 +238,9 @@ class Inference:
         known = coarse.marginals(log_prior(self._coarse_deg), particles=particles)
         observations = self._observations if "intensity" in self.cues else []
         centre = refine(self._shapes, coarse, known, observations, log_prior, particles=particles)
+        if self.order_sigma_deg > 0:
+            wider = blurred(centre.angles_deg, centre.probability, sigma_deg=self.order_sigma_deg)
+            centre = replace(centre, angles_deg=wider[0], probability=wider[1])
         angle_deg, probability = self._with_asymmetry(lit, centre, log_arrival)
         scale = self._scale
         log_unit = math.log(scale.unit) - math.log(scale.sigma)

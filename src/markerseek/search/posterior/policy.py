@@ -224,9 +224,13 @@ class Posterior(SearchPolicy):
         """Samples with the laser on, in the order of `tell`, without pulses that gave no light."""
         return with_light(self._lit)
 
-    def take_out_delay(self, delay_s: float) -> None:
-        """Take for granted that the light of sweeps comes later than their angles say, by this in seconds."""
+    def take_out_delay(self, delay_s: float, *, order_sigma_deg: float = 0.0) -> None:
+        """Take for granted that the light of sweeps comes later than their angles say, by this in seconds.
+
+        ``order_sigma_deg``: standard deviation of the angle by what the order of their frames leaves open.
+        """
         self._delay_s = delay_s
+        self._inference.order_sigma_deg = order_sigma_deg
         self._next = self._cached = None
 
     def state_swept(self) -> None:
