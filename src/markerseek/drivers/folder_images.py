@@ -27,6 +27,8 @@ _EVERY_S, _SHARE = 0.04, 0.2
 """Time between two looks into the folders, and the largest share of a processor that looking may take: 1,000 files take
 5 ms."""
 
+_INCOMPLETE = "is not complete, or no image,"
+
 _MOST_BYTES = 64 * MIB
 """Largest image file: 16 megapixels of 4 bytes."""
 
@@ -91,7 +93,11 @@ class FolderImages(PairSource):
             pause_s = max(_EVERY_S, spent_s / _SHARE)
 
     def _read(self, side: int, folder: _Folder, file: _File) -> None:
-        pixels = folder.read(file)
+        data = folder.read(file)
+        if data is None:
+            return
+        with self._in_library(0):
+            pixels = folder.decode(file, data)
         if pixels is not None:
             self._take(side, pixels, time_s=file.time_s, at_s=folder.monotonic_s(file), key=folder.key(file))
 
@@ -144,24 +150,33 @@ class _Folder:
                         files.append(_File(id=_id(entry.stat()), name=name, since_s=self._looked_s))
         return files
 
-    def read(self, file: _File) -> UInt8[np.ndarray, "rows columns"] | None:
-        """Pixels of a file; None if it is not complete or cannot be opened yet, or has been deleted."""
+    def read(self, file: _File) -> bytes | None:
+        """Bytes of a file; None if it is being written or cannot be opened yet, or has been deleted."""
         path = self._path / file.name
         try:
             data = read_input(path, most_bytes=_MOST_BYTES)
             unchanged = file.id == _id(path.stat())
-            # A file whose format has no end mark must not have changed since the last look.
-            settled = says_its_end(data) or file.id in self._waiting
-            pixels = decoded_image(data) if unchanged and settled else None
         except FileNotFoundError:
             return None
         except OSError as problem:
             self._wait(file, f"cannot be opened ({os_reason(problem)})")
             return None
-        except (ConfigError, RecordError) as problem:
+        except RecordError as problem:
             raise AcquisitionError(f"{path}: {problem}") from problem
+        # A file whose format has no end mark must not have changed since the last look.
+        if unchanged and (says_its_end(data) or file.id in self._waiting):
+            return data
+        self._wait(file, _INCOMPLETE)
+        return None
+
+    def decode(self, file: _File, data: bytes) -> UInt8[np.ndarray, "rows columns"] | None:
+        """Pixels of a file; None if it is not complete."""
+        try:
+            pixels = decoded_image(data)
+        except ConfigError as problem:
+            raise AcquisitionError(f"{self._path / file.name}: {problem}") from problem
         if pixels is None:
-            self._wait(file, "is not complete, or no image,")
+            self._wait(file, _INCOMPLETE)
             return None
         self._waiting.pop(file.id, None)
         self._done.add(file.id)

@@ -87,8 +87,9 @@ class RosImages(PairSource):
                 raise ConfigError(f"{topic}: it carries {found}, and {kind} is expected; name the topic of the images")
 
     def _spin(self) -> None:
-        while not self._over.is_set():
-            self._node.spin(_SPIN_S)
+        while True:
+            with self._in_library(0):
+                self._node.spin(_SPIN_S)
 
     def close(self) -> None:
         """End the thread, and leave the network; allowed twice."""
