@@ -228,7 +228,7 @@ class PairSource(Closing):
 
     @contextmanager
     def _in_library(self, side: int) -> Iterator[None]:
-        """Work in a library, in the thread of one camera, or of both: then 0; `ClosedError` once the source is closed."""
+        """Work in a library, for one camera or, as 0, for both; `ClosedError` once the source is closed."""
         with self._libraries[side]:
             if self._over.is_set():
                 raise ClosedError

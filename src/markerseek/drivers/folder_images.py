@@ -66,7 +66,7 @@ class FolderImages(PairSource):
         if folders[0].samefile(folders[1]):
             raise ConfigError(f"{folders[0]}: it is given for both cameras; give each camera a folder of its own")
         super().__init__(
-            f"folders {folders[0]} and {folders[1]}",
+            f"folders {folders[0]} (left) and {folders[1]} (right)",
             (str(folders[0]), str(folders[1])),
             cameras,
             pairing=Pairing(near_s=NEAR_S, named_s=NAMED_S),

@@ -50,7 +50,7 @@ class RosImages(PairSource):
         if topics[0] == topics[1]:
             raise ConfigError(f"{topics[0]}: it is given for both cameras; give each camera its own topic")
         super().__init__(
-            f"topics {topics[0]} and {topics[1]}",
+            f"topics {topics[0]} (left) and {topics[1]} (right)",
             topics,
             cameras,
             pairing=Pairing(near_s=NEAR_S),

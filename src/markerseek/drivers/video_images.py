@@ -50,7 +50,7 @@ class VideoImages(PairSource):
             raise ConfigError(f"{words[0]}: it is given for both cameras; give each camera its own")
         sources = (words[0], words[-1])
         super().__init__(
-            f"video {' and '.join(words)}",
+            f"video {words[0]}" if len(words) == 1 else f"video {words[0]} (left) and {words[1]} (right)",
             sources,
             cameras,
             pairing=Pairing(near_s=NEAR_S),

@@ -112,7 +112,9 @@ class SpotFinder:
                 calibration_px=stereo.calibration_sigma_px,
             )
         except ConfigError as problem:
-            raise SpotError(str(problem).removeprefix("point 1: ")) from problem
+            raise SpotError(
+                f"{str(problem).removeprefix('point 1: ')}; the images come from {self._room.images.name}"
+            ) from problem
         return SeenMarker(
             name=name,
             candidates=(),

@@ -1,4 +1,4 @@
-"""A program that ends while images are read: with its own exit code, however its source is closed, or if it never is."""
+"""A program that ends while images are read: with its own exit code, also if its source is never closed."""
 
 from __future__ import annotations
 
