@@ -121,7 +121,7 @@ SILENT_S = 2.0
 _FIRST_S = 10.0
 """Longest time until its first image, in seconds."""
 
-_ALONE_S, _ALONE_IMAGES = 5.0, 10
+ALONE_S, ALONE_IMAGES = 5.0, 10
 """Images without a partner, and seconds without a pair, from which it is said that nothing pairs."""
 
 _JOIN_S = 1.0
@@ -202,7 +202,7 @@ class PairSource(Closing):
         for source, last_s, patience_s in zip(self._sources, self._last_s, self._patience_s, strict=True):
             if self._silent_cure and now_s - last_s > patience_s:
                 raise NotConnectedError(f"{source}: no image for {now_s - last_s:.0f} s; {self._silent_cure}")
-        if now_s - self._unpaired_from_s > _ALONE_S and max(dropped) >= _ALONE_IMAGES:
+        if now_s - self._unpaired_from_s > ALONE_S and max(dropped) >= ALONE_IMAGES:
             left, right = dropped
             self._unpaired_from_s = now_s
             raise AcquisitionError(

@@ -179,7 +179,7 @@ class _NoPointError(ConfigError):
 def _nearest_points(
     left_px: Float64[np.ndarray, "points 2"], right_px: Float64[np.ndarray, "points 2"], cameras: StereoCameras
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 4 3"]]:
-    """Points with projections nearest to the pixels, and the derivatives of these; `_NoPointError` if there are none."""
+    """Points with projections nearest to the pixels, and the derivatives of these; `_NoPointError` without any."""
     points_m = _midpoints(cameras.left.undistort(left_px), cameras.right.undistort(right_px), cameras)
     wanted = np.concatenate([left_px, right_px], axis=1)
     for _ in range(_TRIANGULATION_STEPS):
