@@ -202,7 +202,7 @@ def _nearest_points(
 
 def _turned(pixels: Float64[np.ndarray, "points 2"], camera: Camera) -> Float64[np.ndarray, "points 2"]:
     """Pixels in the image turned by 180 deg."""
-    return np.asarray(camera.size_px) - 1.0 - pixels
+    return np.asarray(np.subtract(camera.size_px, 1.0) - pixels)
 
 
 def _other_arrangements(
