@@ -14,7 +14,7 @@ import numpy as np
 
 from markerseek.core import MAX_PAIRS, AcquisitionError, ConfigError, NotConnectedError, RecordError, UInt8
 from markerseek.drivers._pair_source import ALONE_IMAGES, ALONE_S, Key, Pairing, PairSource
-from markerseek.files import MIB, os_reason, read_input
+from markerseek.files import MIB, endings, os_reason, read_input
 from markerseek.geometry import Camera
 from markerseek.vision import SUFFIXES, decoded_image, says_its_end
 
@@ -221,12 +221,12 @@ class _Folder:
     def _note_others(self, now_s: float, *, images: bool) -> None:
         """Note whether files with other endings come, and no images."""
         self._has_images |= images
-        endings = sorted({Path(name).suffix or "no ending" for name in self._others - self._others_before})
-        if self._has_images or not endings:
+        others = self._others - self._others_before
+        if self._has_images or not others:
             self._no_images = None
         else:
             since_s = now_s if self._no_images is None else self._no_images[0]
-            self._no_images = since_s, ", ".join(endings)
+            self._no_images = since_s, endings(map(Path, others))
 
     def require_images(self, now_s: float) -> None:
         """Raise `AcquisitionError` if files come, for longer than `INCOMPLETE_S`, and none of them is an image."""

@@ -29,7 +29,7 @@ from markerseek.files.inputs import (
     read_text,
     require_input,
 )
-from markerseek.files.names import angle_in, data_folder, in_natural_order, natural
+from markerseek.files.names import angle_in, data_folder, endings, in_natural_order, natural
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 
@@ -45,6 +45,7 @@ __all__ = [
     "create_atomically",
     "csv_rows",
     "data_folder",
+    "endings",
     "in_natural_order",
     "is_number",
     "may_be_number",

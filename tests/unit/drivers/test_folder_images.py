@@ -174,7 +174,8 @@ def test_files_of_another_kind_are_named_if_no_images_come(
     for folder in folders:
         (folder / f"1{suffix}").write_bytes(b"of another kind")
     with pytest.raises(
-        AcquisitionError, match=rf"no images come, but files that end with {suffix}; \.png, \.jpg, .*: have the program"
+        AcquisitionError,
+        match=rf"no images come, but files that end with {suffix.lower()}; \.png, \.jpg, .*: have the program",
     ):
         pairs_of(source, until=lambda _: False, limit_s=6)
 
