@@ -278,7 +278,8 @@ def _line(step: registration.Step) -> str:
                 prior = step.prediction.prior
                 guess = f"; expected at {prior.mean_deg:.1f} ± {prior.sigma_deg:.1f} deg"
             at = f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the left camera, ± {step.spot.sigma_px:.2f} px"
-            return f"  [dim]spot at {at}{guess}[/]"
+            late = "" if step.spot.late_s is None else f"; light appears {step.spot.late_s:.1f} s after firing began"
+            return f"  [dim]spot at {at}{late}{guess}[/]"
         case registration.TakenMarker():
             where = f" at {step.candidates[0].angle_deg:.2f} deg" if step.candidates else ""
             why = f": {step.reason}" if step.reason is not None else ""

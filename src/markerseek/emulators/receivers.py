@@ -26,6 +26,7 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, ConfigError, DeviceError, FrameHeader, Int16
 from markerseek.emulators.faults import Faults
+from markerseek.files import overwrite
 from markerseek.sim import Flash, SimulatedWorld
 from markerseek.wire import igtl, sonixdaq, vantage
 
@@ -226,7 +227,7 @@ class EmulatedSonixDaq(EmulatedReceiver):
         """Replace a file atomically; the driver recognises the new inode."""
         place = self._folder / sonixdaq.file_name(number)
         draft = place.with_suffix(".part")
-        draft.write_bytes(data)
+        overwrite(draft, data)
         draft.replace(place)
 
 

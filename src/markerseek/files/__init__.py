@@ -4,10 +4,19 @@
 and `csv_rows` read what is in it; `as_read_error` turns errors of reading into a sentence. `natural`
 sorts names by their numbers, and `angle_in` reads an angle from a name. `new_file` and
 `replace_file` write a file under a temporary name and rename it when it is complete; `create_atomically` is the step
-that `new_file` adds checks to.
+that `new_file` adds checks to. `open_for_writing` and `overwrite` write a file in place. None of them writes through a
+link.
 """
 
-from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
+from markerseek.files.atomic import (
+    create_atomically,
+    new_file,
+    open_for_writing,
+    overwrite,
+    replace_file,
+    require_new,
+    sync_folder,
+)
 from markerseek.files.csv_rows import DECIMAL_COMMA, CsvRows, csv_rows, is_number, may_be_number
 from markerseek.files.inputs import (
     MIB,
@@ -20,7 +29,7 @@ from markerseek.files.inputs import (
     read_text,
     require_input,
 )
-from markerseek.files.names import angle_in, data_folder, in_natural_order, natural
+from markerseek.files.names import angle_in, data_folder, endings, in_natural_order, natural
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 
@@ -36,15 +45,18 @@ __all__ = [
     "create_atomically",
     "csv_rows",
     "data_folder",
+    "endings",
     "in_natural_order",
     "is_number",
     "may_be_number",
     "natural",
     "nearest_key",
     "new_file",
+    "open_for_writing",
     "open_input",
     "open_serial",
     "os_reason",
+    "overwrite",
     "pyserial",
     "quoted",
     "read_input",

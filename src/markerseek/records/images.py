@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import MissingExtraError, RecordError, UInt8
-from markerseek.files import MIB, angle_in, as_read_error, in_natural_order, require_input
+from markerseek.files import MIB, angle_in, as_read_error, endings, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
 from markerseek.records.banks.bank import first_of, warn
 from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
@@ -149,9 +149,14 @@ def read_image_sequence(
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
-    files = [each for each in in_natural_order(path.iterdir()) if each.suffix.lower() in IMAGE_SUFFIXES]
+    # macOS puts a file ._NAME beside each that it copies to a disk of another system.
+    held = [each for each in in_natural_order(path.iterdir()) if not each.name.startswith(".")]
+    files = [each for each in held if each.suffix.lower() in IMAGE_SUFFIXES]
     if not files:
-        raise RecordError(f"{path}: there is no image in this folder; {', '.join(IMAGE_SUFFIXES)} are read")
+        raise RecordError(
+            f"{path}: there is no image in this folder; {', '.join(IMAGE_SUFFIXES)} are read, and it holds "
+            f"{endings(held)}; export the images as one of these"
+        )
     return files
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError, UInt8
-from markerseek.files import DECIMAL_COMMA, MIB, as_read_error, csv_rows, in_natural_order, natural, read_input
+from markerseek.files import DECIMAL_COMMA, MIB, as_read_error, csv_rows, endings, in_natural_order, natural, read_input
 from markerseek.geometry import Camera
 from markerseek.registration.report import PointPair, register_pairs
 from markerseek.registration.shared_errors import seen_point
@@ -137,9 +137,12 @@ MAX_IMAGES = 2000
 def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
     """Images of a camera from the PNG files of a folder, in natural order: the brightest of the colours."""
     held = in_natural_order(folder.iterdir()) if folder.is_dir() else []
-    files = [each for each in held if each.suffix.lower() == ".png"]
+    files = [each for each in held if each.suffix.lower() == ".png" and not each.name.startswith(".")]
     if not 0 < len(files) <= MAX_IMAGES:
-        raise RecordError(f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read; save the camera's frames so")
+        raise RecordError(
+            f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read, and it holds {endings(held)}; save the "
+            "camera's frames as PNG"
+        )
     found = []
     for file in files:
         with as_read_error(file):

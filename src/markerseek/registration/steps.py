@@ -24,12 +24,14 @@ from markerseek.runs import RunView
 Numbers: TypeAlias = list[list[float]]
 
 
-class Spot(msgspec.Struct, frozen=True, kw_only=True):
+class Spot(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A laser spot in both images: its pixels and their standard deviation."""
 
     left_px: tuple[float, float]
     right_px: tuple[float, float]
     sigma_px: float
+    late_s: float | None = None
+    """Time from the first pulse to the first image that shows light, in seconds; None: too short to matter."""
 
 
 class Begun(msgspec.Struct, frozen=True, kw_only=True, tag="begun"):
