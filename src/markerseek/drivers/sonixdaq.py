@@ -44,10 +44,7 @@ from markerseek.wire import sonixdaq as wire
 
 _POLL_S, _EXIT_POLL_S = 0.05, 0.02
 
-_HELD_S = 2.0
-"""Longest time for which another program may hold the folder while no files are awaited, in seconds."""
-
-ReadT = TypeVar("ReadT")
+ReadT = TypeVar("ReadT", bound=np.ndarray)
 
 
 class SonixDaqSettings(ReceiverSettings, frozen=True, kw_only=True, tag="sonixdaq"):
@@ -122,18 +119,23 @@ class DaqFolder:
         return state
 
     def incomplete(self, name: str) -> str:
-        """Why a file does not have the size given by its header, or cannot be opened yet; empty if it is complete."""
+        """Why a file is not complete, or cannot be opened yet; empty if it has the size and contents of its header."""
         try:
             # Of any size: a file that is too large is complete, and reading the file says what is wrong.
             with open_input(self._path / name, most_bytes=sys.maxsize) as file:
                 size = os.fstat(file.fileno()).st_size
                 wire.decode_header(file.read(wire.HEADER_BYTES), size=size, name=name)
+                file.seek(max(0, size - wire.TAIL_BYTES))
+                # Nearly always there is something: the rest is read only where there is nothing.
+                if any(file.read(wire.TAIL_BYTES)):
+                    return ""
+                file.seek(0)
+                return wire.unwritten(file.read(_MAX_BYTES), name=name)
         except RecordError as error:
             return str(error)
         except OSError as error:
             # On a share with Windows, a file that its writer has open cannot be opened by others.
             return f"{name} cannot be read ({os_reason(error)})"
-        return ""
 
     def read(self, names: Collection[str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
         """Samples of all channels by element, averaged over the pulses.
@@ -323,8 +325,8 @@ class SonixDaqReceiver:
         return permit.pulses or self._dark_triggers
 
     def _state(self) -> FolderState:
-        """State of the folder, once no other program holds it."""
-        ends_s = self._clock.now_s() + _HELD_S
+        """State of the folder, once no other program holds it, and its share is there."""
+        ends_s = self._clock.now_s() + self._settings.timeout_s
         while True:
             try:
                 return self._folder.state()
@@ -348,9 +350,11 @@ class SonixDaqReceiver:
                 missing = next(filter(None, map(self._folder.incomplete, names)), "")
                 if len(names) == wire.CHANNELS and not missing and now_s - since_s >= self._settings.stable_s:
                     samples = read(names)
-                    if self._folder.state() == state:
+                    if self._folder.state() != state:
+                        raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
+                    if np.any(samples):
                         return samples
-                    raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
+                    missing = "all samples of all files are 0; their contents have not come"
             except NotConnectedError as problem:
                 missing = str(problem)
         raise DeviceTimeoutError(
