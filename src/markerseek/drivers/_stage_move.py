@@ -24,6 +24,7 @@ from markerseek.core import (
     Within,
     require_fields,
 )
+from markerseek.drivers._even import Even
 
 _RENEW_S = 0.1
 """How often a target is renewed, in seconds."""
@@ -92,6 +93,8 @@ class StageRules:
     """Largest distance from where it should be on its way, and at rest."""
     unsteady_deg: float = 0.0105
     """How far a servo may be ahead of its set point, at any speed."""
+    settle_deg: float = 0.0
+    """How far a servo may be off the angle at which it comes to rest, until it has settled."""
     begin_s: Annotated[float, Within(0, 60, "s", open_low=True)] = 0.5
     """Time without motion after which it counts as stuck, in seconds."""
     brake_s: float = 0.0
@@ -135,15 +138,31 @@ class Course:
 
     ``start_deg``: where it stands. ``heading``: 1 for upwards, -1 for downwards. ``acceleration_deg_s2``: largest
     acceleration, with what a motor may exceed its setting by. ``unsteady_deg``: how far a servo may be off the way that
-    it was set: noise of the encoder, and settling at the end.
+    it was set: noise of the encoder. ``settle_deg``: the same where it comes to rest: it swings there until it settles.
+
+    ``speed_deg_s``: speed at which it turns evenly between its ramps; None: it is given one target after the other.
+    ``brakes``: whether it comes to rest anywhere from now on.
     """
 
     def __init__(
-        self, *, start_deg: float, heading: int, now_s: float, acceleration_deg_s2: float, unsteady_deg: float
+        self,
+        *,
+        start_deg: float,
+        target_deg: float,
+        now_s: float,
+        acceleration_deg_s2: float,
+        unsteady_deg: float,
+        settle_deg: float,
+        speed_deg_s: float | None = None,
     ) -> None:
-        self._heading = heading
+        self._heading = 1 if target_deg > start_deg else -1
+        self._ends_deg = (start_deg, target_deg)
         self._acceleration = acceleration_deg_s2
-        self._unsteady_deg = unsteady_deg
+        self._least_unsteady_deg = unsteady_deg
+        self._settle_deg = settle_deg
+        self.brakes = False
+        self._speed_deg_s = speed_deg_s
+        self._even = Even() if speed_deg_s is None else Even(slowest=1 / (_TOO_FAST * speed_deg_s))
         self._farthest_deg = start_deg
         first = StageReading(angle_deg=start_deg, asked_s=now_s, answered_s=now_s)
         self._last: deque[StageReading] = deque([first], maxlen=_KEPT)
@@ -151,8 +170,9 @@ class Course:
     def objection(self, reading: StageReading) -> str:
         """Why a stage on this course cannot be there; empty if it can."""
         back_deg = self._heading * (self._farthest_deg - reading.angle_deg)
+        unsteady_deg = self._unsteady_deg(reading.angle_deg)
         cure = "switch it off and on, home it with the probe outside the patient"
-        if back_deg > self._unsteady_deg:
+        if back_deg > unsteady_deg:
             return (
                 f"the stage fell back by {back_deg:.3f} deg on its way, to {reading.angle_deg:.3f} deg; its encoder or "
                 f"its coupling slips: {cure}"
@@ -160,19 +180,51 @@ class Course:
         if len(self._last) < 2:
             return ""
         *earlier, last = self._last
-        bounds = [self._advances(first, last, reading) for first in earlier]
+        bounds = [self._advances(first, last, reading, unsteady_deg=unsteady_deg) for first in earlier]
         low_deg, high_deg = max(low for low, _ in bounds), min(high for _, high in bounds)
         advance_deg = self._heading * (reading.angle_deg - last.angle_deg)
         if low_deg <= advance_deg <= high_deg:
-            return ""
+            return self._uneven(reading, cure)
         return (
             f"the stage advanced by {advance_deg:.3f} deg where its acceleration allows {low_deg:.3f} to "
             f"{high_deg:.3f} deg; its encoder jumped, or its motor slips: {cure}"
         )
 
-    def _advances(self, first: StageReading, second: StageReading, third: StageReading) -> tuple[float, float]:
+    def _uneven(self, reading: StageReading, cure: str) -> str:
+        """Why a stage that turned evenly so far cannot be there; empty if it can."""
+        moments_s = self._even_moments_s(reading)
+        if moments_s is None or self._speed_deg_s is None:
+            return ""
+        earliest_s, latest_s = moments_s
+        jump_s = self._even.jump_s(self._heading * reading.angle_deg, earliest_s=earliest_s, latest_s=latest_s)
+        if not jump_s > 0:
+            return ""
+        return (
+            f"the stage turned evenly, and is {jump_s * self._speed_deg_s:.3f} deg or more off its way at "
+            f"{reading.angle_deg:.3f} deg; its encoder jumped, or its coupling slips: {cure}"
+        )
+
+    def _even_moments_s(self, reading: StageReading) -> tuple[float, float] | None:
+        """Earliest and latest moment of a reading between the ramps; None of another one."""
+        if self._speed_deg_s is None or self.brakes:
+            return None
+        ramp_deg = _TOO_FAST**2 * self._speed_deg_s**2 / (2 * self._acceleration) + self._settle_deg
+        if min(abs(reading.angle_deg - end_deg) for end_deg in self._ends_deg) < ramp_deg:
+            return None
+        spare_s = self._least_unsteady_deg / self._speed_deg_s
+        return reading.asked_s - spare_s, reading.answered_s + spare_s
+
+    def _unsteady_deg(self, angle_deg: float) -> float:
+        """How far a servo may be off its way at an angle."""
+        # It swings to both sides of the end, and a reading beyond it may be the farthest.
+        rests = self.brakes or min(abs(angle_deg - end_deg) for end_deg in self._ends_deg) <= self._settle_deg
+        return max(self._least_unsteady_deg, 2 * self._settle_deg if rests else 0.0)
+
+    def _advances(
+        self, first: StageReading, second: StageReading, third: StageReading, *, unsteady_deg: float
+    ) -> tuple[float, float]:
         """Least and largest advance from the second reading to the third, by the speed between the first two."""
-        advance_deg, unsteady_deg = self._heading * (second.angle_deg - first.angle_deg), self._unsteady_deg
+        advance_deg = self._heading * (second.angle_deg - first.angle_deg)
         change = self._acceleration * (third.answered_s - first.asked_s)
         slowest = (advance_deg - unsteady_deg) / (second.answered_s - first.asked_s) - change
         fastest = (advance_deg + unsteady_deg) / max(second.asked_s - first.answered_s, 1e-3) + change
@@ -183,6 +235,9 @@ class Course:
         """Add a reading that has passed all checks."""
         if self._heading * (reading.angle_deg - self._farthest_deg) > 0:
             self._farthest_deg = reading.angle_deg
+        if (moments_s := self._even_moments_s(reading)) is not None:
+            earliest_s, latest_s = moments_s
+            self._even.add(self._heading * reading.angle_deg, earliest_s=earliest_s, latest_s=latest_s)
         if reading.asked_s - self._last[-1].answered_s >= _APART_S:
             self._last.append(reading)
 
@@ -277,19 +332,29 @@ class Move:
             pause_s = self._pause_s(abs(target_deg - status.angle_deg))
             self._clock.wait(pause_s)
 
-    def begin(self, target_deg: float, start_deg: float) -> None:
-        """Take every reading from now on as one on the way from one angle to another; nothing moves yet."""
+    def begin(self, target_deg: float, start_deg: float, *, evenly: bool = False) -> None:
+        """Take every reading from now on as one on the way from one angle to another; nothing moves yet.
+
+        ``evenly``: whether it will get this one target only, and so turns evenly between its ramps.
+        """
         self._corridor = (min(start_deg, target_deg), max(start_deg, target_deg))
         self._asked_s, self.seen_deg = self._clock.now_s(), start_deg
         self._from_deg, self._begun_s = start_deg, None
         if self._rules.acceleration_deg_s2 is not None:
             self._course = Course(
                 start_deg=start_deg,
-                heading=1 if target_deg > start_deg else -1,
+                target_deg=target_deg,
                 now_s=self._clock.now_s(),
                 acceleration_deg_s2=_TOO_FAST * self._rules.acceleration_deg_s2,
                 unsteady_deg=self._rules.unsteady_deg,
+                settle_deg=self._rules.settle_deg,
+                speed_deg_s=self._rules.speed_deg_s if evenly else None,
             )
+
+    def brake(self) -> None:
+        """Take every reading from now on as one of a stage that may come to rest."""
+        if self._course is not None:
+            self._course.brakes = True
 
     def ahead_deg(self, target_deg: float, here_deg: float, heading: int) -> float:
         """The target, or the angle as far ahead as allowed."""
