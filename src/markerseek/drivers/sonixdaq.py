@@ -38,7 +38,7 @@ from markerseek.core import (
 )
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
-from markerseek.drivers.standard_receiver import Frames, armed_for
+from markerseek.drivers.standard_receiver import Frames, armed_for, in_the_dark
 from markerseek.files import MIB, open_input, os_reason, read_input
 from markerseek.wire import sonixdaq as wire
 
@@ -264,7 +264,8 @@ class SonixDaqReceiver:
         _, before, started_s = armed_for(permit, self._armed, driver="sonixdaq")
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
-        samples = self._await_files(before, lambda names: self._folder.read(names, pulses=self._triggers(permit)))
+        triggers = self._triggers(permit)
+        samples = self._await_files(before, lambda names: self._folder.read(names, pulses=triggers), permit=permit)
         return self._frames.made_of(samples, permit, pulses=permit.pulses, started_s=started_s)
 
     @property
@@ -310,7 +311,9 @@ class SonixDaqReceiver:
             raise AcquisitionError("sonixdaq: it was not armed for a sweep; arm it before firing")
         permit, before, started_s = self._armed
         self._armed = None
-        samples = self._await_files(before, lambda names: self._folder.read_singles(names, pulses=permit.pulses))
+        samples = self._await_files(
+            before, lambda names: self._folder.read_singles(names, pulses=permit.pulses), permit=permit
+        )
         lit, dark = samples[:pulses], samples[-self._dark_triggers :]
         if len(lit) + len(dark) > len(samples):
             raise AcquisitionError(
@@ -335,7 +338,7 @@ class SonixDaqReceiver:
                     raise
             self._clock.wait(_POLL_S)
 
-    def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT]) -> ReadT:
+    def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT], *, permit: Permit) -> ReadT:
         """What is read of the new files, by their names, once they are complete and unchanged."""
         seen, since_s = before, self._clock.now_s()
         for _ in polls(self._clock, within_s=self._settings.timeout_s, every_s=_POLL_S):
@@ -359,7 +362,8 @@ class SonixDaqReceiver:
                 missing = str(problem)
         raise DeviceTimeoutError(
             f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
-            f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}; check "
+            f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}"
+            f"{'' if names else in_the_dark(permit, self._triggers(permit))}; check "
             "trigger, folder and free space, or raise timeout_s"
         )
 
