@@ -26,6 +26,25 @@ from markerseek.core import (
 )
 from markerseek.drivers._even import Even
 
+_SCALES = (
+    (1.0, ""),
+    (math.pi / 180, "one of read() and go() is in radians"),
+    (180 / math.pi, "go() is in radians"),
+    (1000 * math.pi / 180, "read() is in mrad"),
+    (1000.0, "one of read() and go() is in thousandths of a degree"),
+    (1e-3, "one of read() and go() is in thousands of degrees"),
+    (60.0, "read() is in arcminutes"),
+    (3600.0, "read() is in arcseconds"),
+    (1 / 360, "read() is in turns"),
+)
+"""Ratios of a reading to what was asked, and the unit that explains each."""
+
+_SAME_SCALE = 0.02
+"""Share by which a ratio may differ from that of a unit."""
+
+_OFF_SCALE = 5.0
+"""Ratio of a way to the longest possible one from which on its unit is doubted."""
+
 _RENEW_S = 0.1
 """How often a target is renewed, in seconds."""
 _POLL_S, _NEAR_POLL_S = 0.05, 0.02
@@ -127,6 +146,18 @@ class StageRules:
         ramp_s = min(duration_s, self.ramp_s)
         ramp_deg = 0.0 if self.acceleration_deg_s2 is None else self.acceleration_deg_s2 * ramp_s**2 / 2
         return _TOO_FAST * (ramp_deg + self.speed_deg_s * (duration_s - ramp_s))
+
+
+def unit_doubt(asked_deg: float, reading_deg: float) -> str:
+    """End of an error of a stage that reads this where it was asked to be there: the unit or sign that explains it."""
+    ratio = reading_deg / asked_deg if asked_deg else 0.0
+    for scale, unit in _SCALES:
+        if ratio and abs(abs(ratio) / scale - 1) <= _SAME_SCALE and not (ratio > 0 and scale == 1):
+            times = f"{scale:.4g}" if scale >= 1 else f"1/{1 / scale:.4g}"
+            whys = [unit, "the signs of read() and go() differ" if ratio < 0 else ""]
+            why = " and ".join(filter(None, whys))
+            return f"; the reading is {'-' if ratio < 0 else ''}{times} x what was asked: {why}"
+    return ""
 
 
 class Course:
@@ -259,6 +290,7 @@ class Move:
         self._course: Course | None = None
         self._from_deg: float | None = None
         self._begun_s: float | None = None
+        self._aim_deg: float | None = None
 
     def look(self) -> StageStatus:
         """Status that is what it can be; a suspicious one is asked for again, since a garbled one does not come twice.
@@ -316,7 +348,7 @@ class Move:
                 # Only now has it surely received its target: both may have waited in one place on their way.
                 sent_s, advanced_s = None, reading.answered_s
             if sent_s is None and not settled and not reading.asked_s - advanced_s < rules.begin_s:
-                raise self._stuck(status, target_deg, began=farthest_deg != start_deg)
+                raise self._stuck(status, target_deg, began=farthest_deg != start_deg, aim_deg=aim_deg)
             if not now_s < ends_s:
                 raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
             if now_s - aimed_s >= _RENEW_S - _TICK_S or aim_deg is None:
@@ -365,6 +397,7 @@ class Move:
     def aim(self, angle_deg: float) -> None:
         """Give a target."""
         asked_s = self._clock.now_s()
+        self._aim_deg = angle_deg
         sent_at_s = self._logic.go(angle_deg)
         if self._begun_s is None:
             self._begun_s = asked_s if sent_at_s is None else sent_at_s
@@ -388,12 +421,13 @@ class Move:
         if not self._travel.low_deg - spare_deg <= angle_deg <= self._travel.high_deg + spare_deg:
             return LimitError(
                 f"the stage has left its travel range {self._travel}, by its reading of {angle_deg:.3f} deg"
+                f"{self._doubt(angle_deg)}"
             )
         low_deg, high_deg = self._corridor
         if not low_deg - spare_deg <= angle_deg <= high_deg + spare_deg:
             return MoveError(
                 f"the stage is at {angle_deg:.3f} deg, which is not on its way from {low_deg:.3f} to {high_deg:.3f} "
-                "deg; did somebody turn its wheel, or does another program use it?"
+                f"deg; did somebody turn its wheel, or does another program use it?{self._doubt(angle_deg)}"
             )
         said = self._too_fast(angle_deg) or ("" if self._course is None else self._course.objection(reading))
         return MoveError(said) if said else None
@@ -417,13 +451,34 @@ class Move:
                 return (
                     f"the stage went from {start_deg:.3f} to {angle_deg:.3f} deg in {turned_s:.3f} s, faster than it "
                     "was set to; switch it off and on, home it with the probe outside the patient"
+                    f"{self._doubt(angle_deg)}"
                 )
         return ""
 
+    def _doubt(self, angle_deg: float) -> str:
+        """End of an error of a stage that is where it cannot be: its unit or sign, where one explains that."""
+        if self._from_deg is None or self._aim_deg is None:
+            return ""
+        doubt = unit_doubt(self._aim_deg, angle_deg)
+        if doubt:
+            return doubt
+        turned_deg = angle_deg - self._from_deg
+        asked_deg = self._aim_deg - self._from_deg
+        if turned_deg * asked_deg < 0:
+            return "; it turned the other way: if it does so again, the signs of read() and go() differ (-1 x)"
+        turned_s = self._clock.now_s() - (self._clock.now_s() if self._begun_s is None else self._begun_s)
+        times = abs(turned_deg) / max(min(abs(asked_deg), self._rules.reach_deg(turned_s)), self._rules.same_deg)
+        if times < _OFF_SCALE:
+            return ""
+        return f"; the reading grows {times:.0f} x or more as fast as was asked: are read() and go() in degrees?"
+
     @staticmethod
-    def _stuck(status: StageStatus, target_deg: float, *, began: bool) -> MoveError:
+    def _stuck(status: StageStatus, target_deg: float, *, began: bool, aim_deg: float | None) -> MoveError:
         what = "came to rest" if began else "did not begin to move"
+        doubt = unit_doubt(aim_deg or 0.0, status.angle_deg)
+        if began and aim_deg and not doubt:
+            doubt = f", or for another unit: the reading is {status.angle_deg / aim_deg:.3g} x what was asked"
         return MoveError(
             f"the stage {what} at {status.angle_deg:.3f} deg, {abs(target_deg - status.angle_deg):.3f} deg from its "
-            f"target; {status.cure}"
+            f"target; {status.cure}{doubt}"
         )
