@@ -7,7 +7,7 @@ import platform
 import time
 import warnings
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
@@ -19,6 +19,9 @@ from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, SearchPlan, described, is_absent
 from markerseek.testing import RuleCheck
+
+if TYPE_CHECKING:
+    from markerseek.records import SearchResult
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {
@@ -219,6 +222,18 @@ def require_source_deg(source_deg: float) -> None:
         )
 
 
+def _not_found(result: SearchResult, source_deg: float) -> str:
+    """Why a search that has not found the source proves nothing, and that it is mirrored where it looks so."""
+    why = f"no source was found ({result.answer}: {result.reason})"
+    mirrored = result.answer != "not found" and verdict_of(result.angle_deg, source_deg) == "mirrored"
+    if not mirrored:
+        return f"{why}; place one point source, and no other"
+    return (
+        f"{why}, but there is something at {result.angle_deg:.2f} deg, the mirrored angle of {source_deg:g} deg: the "
+        "stage seems to turn the other way round; change stage.direction, and search again"
+    )
+
+
 def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) -> tuple[bool, str]:
     """Search a source at a known angle, and return whether the stage turns the right way, with what was found in words.
 
@@ -241,7 +256,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
         session = run_new_session(session, as_json=as_json, rig_file=path)
     result = session.result()
     if not result.found:
-        return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
+        return False, _not_found(result, source_deg)
     spread = energy_spread(session.view.samples, limits=search)
     usual = _usual_energy(rig)
     found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}{usual}"

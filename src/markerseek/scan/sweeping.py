@@ -176,6 +176,9 @@ BACKLASH_ERROR = 0.5
 AT_REST_DEG = 0.005
 """Most by which two readings of a stage at rest differ: ten counts of a PRM1Z8's encoder."""
 
+OFF_WAY_DEG = 0.02
+"""Most by which the servo of a PRM1Z8 is off its way while it turns, and where it begins: it settles there."""
+
 SHORT_DEG = 1.0
 """Most by which a sweep that nobody ended may end before its end: it brakes earlier, and at least as hard."""
 
@@ -208,14 +211,16 @@ class Way:
 
     def moment_s(self, reading: StageReading) -> float:
         """Earliest moment of a reading, never before its question or after its answer."""
-        needed_s = self._needed_s(reading.angle_deg)
-        self._began_s = max(self._began_s, reading.asked_s - needed_s)
-        return min(self._began_s + needed_s, reading.answered_s)
+        done_deg = abs(reading.angle_deg - self._start_deg)
+        # By what a servo may be off its way, it needed a little less or a little more.
+        self._began_s = max(self._began_s, reading.asked_s - self._needed_s(done_deg + OFF_WAY_DEG))
+        moment_s = self._began_s + self._needed_s(done_deg - OFF_WAY_DEG)
+        return min(max(moment_s, reading.asked_s), reading.answered_s)
 
-    def _needed_s(self, angle_deg: float) -> float:
-        """Time that it takes from the start to an angle on the way."""
+    def _needed_s(self, done_deg: float) -> float:
+        """Time that a part of the way takes from its start."""
         way_deg = abs(self._target_deg - self._start_deg)
-        done_deg = min(abs(angle_deg - self._start_deg), way_deg)
+        done_deg = min(max(done_deg, 0.0), way_deg)
         if done_deg > way_deg / 2:
             return 2 * self._run_up_s(way_deg / 2) - self._run_up_s(way_deg - done_deg)
         return self._run_up_s(done_deg)
