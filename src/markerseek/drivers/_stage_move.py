@@ -49,6 +49,8 @@ _RENEW_S = 0.1
 """How often a target is renewed, in seconds."""
 _POLL_S, _NEAR_POLL_S = 0.05, 0.02
 _STABLE_READS = 3
+_SETTLES_S = 0.5
+"""Time in which a servo settles at the end of a move, in seconds."""
 _TICK_S = 1e-6
 _MAX_TIMES = 5
 """Multiple of its usual longest time that a move may take on a computer that is held up."""
@@ -187,7 +189,9 @@ class Course:
         speed_deg_s: float | None = None,
     ) -> None:
         self._heading = 1 if target_deg > start_deg else -1
+        # Ends of the way, and targets at which it may stand in between, if the next one is late.
         self._ends_deg = (start_deg, target_deg)
+        self._aims_deg: deque[float] = deque(maxlen=_KEPT)
         self._acceleration = acceleration_deg_s2
         self._least_unsteady_deg = unsteady_deg
         self._settle_deg = settle_deg
@@ -245,11 +249,18 @@ class Course:
         spare_s = self._least_unsteady_deg / self._speed_deg_s
         return reading.asked_s - spare_s, reading.answered_s + spare_s
 
+    def swing_deg(self, *angles_deg: float) -> float:
+        """How far apart two readings of a servo that settles may be, if it settles at these angles; 0 if not."""
+        # It swings to both sides of its rest.
+        rests_deg = (*self._ends_deg, *self._aims_deg)
+        rests = self.brakes or any(
+            max(abs(angle_deg - rest_deg) for angle_deg in angles_deg) <= self._settle_deg for rest_deg in rests_deg
+        )
+        return 2 * self._settle_deg if rests else 0.0
+
     def _unsteady_deg(self, angle_deg: float) -> float:
         """How far a servo may be off its way at an angle."""
-        # It swings to both sides of the end, and a reading beyond it may be the farthest.
-        rests = self.brakes or min(abs(angle_deg - end_deg) for end_deg in self._ends_deg) <= self._settle_deg
-        return max(self._least_unsteady_deg, 2 * self._settle_deg if rests else 0.0)
+        return max(self._least_unsteady_deg, self.swing_deg(angle_deg))
 
     def _advances(
         self, first: StageReading, second: StageReading, third: StageReading, *, unsteady_deg: float
@@ -261,6 +272,10 @@ class Course:
         fastest = (advance_deg + unsteady_deg) / max(second.asked_s - first.answered_s, 1e-3) + change
         low_deg = max(slowest, 0.0) * max(third.asked_s - second.answered_s, 0.0) - unsteady_deg
         return low_deg, max(fastest, 0.0) * (third.answered_s - second.asked_s) + unsteady_deg
+
+    def aim(self, angle_deg: float) -> None:
+        """Note a target at which it may come to rest."""
+        self._aims_deg.append(angle_deg)
 
     def add(self, reading: StageReading) -> None:
         """Add a reading that has passed all checks."""
@@ -347,7 +362,9 @@ class Move:
             if sent_s is not None and reading.asked_s >= sent_s:
                 # Only now has it surely received its target: both may have waited in one place on their way.
                 sent_s, advanced_s = None, reading.answered_s
-            if sent_s is None and not settled and not reading.asked_s - advanced_s < rules.begin_s:
+            near = abs(target_deg - status.angle_deg) <= rules.settle_deg
+            patience_s = rules.begin_s + (_SETTLES_S if near else 0.0)
+            if sent_s is None and not settled and not reading.asked_s - advanced_s < patience_s:
                 raise self._stuck(status, target_deg, began=farthest_deg != start_deg, aim_deg=aim_deg)
             if not now_s < ends_s:
                 raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
@@ -398,6 +415,8 @@ class Move:
         """Give a target."""
         asked_s = self._clock.now_s()
         self._aim_deg = angle_deg
+        if self._course is not None:
+            self._course.aim(angle_deg)
         sent_at_s = self._logic.go(angle_deg)
         if self._begun_s is None:
             self._begun_s = asked_s if sent_at_s is None else sent_at_s
@@ -442,7 +461,8 @@ class Move:
         ways: list[tuple[float, float, float]] = []
         if self.seen_deg is not None:
             turned_s = now_s - self._asked_s
-            ways.append((self.seen_deg, turned_s, _TOO_FAST * rules.speed_deg_s * turned_s))
+            swing_deg = 0.0 if self._course is None else self._course.swing_deg(self.seen_deg, angle_deg)
+            ways.append((self.seen_deg, turned_s, max(_TOO_FAST * rules.speed_deg_s * turned_s, swing_deg)))
         if self._from_deg is not None:
             turned_s = 0.0 if self._begun_s is None else now_s - self._begun_s
             ways.append((self._from_deg, turned_s, rules.reach_deg(turned_s)))
@@ -476,7 +496,7 @@ class Move:
     def _stuck(status: StageStatus, target_deg: float, *, began: bool, aim_deg: float | None) -> MoveError:
         what = "came to rest" if began else "did not begin to move"
         doubt = unit_doubt(aim_deg or 0.0, status.angle_deg)
-        if began and aim_deg and not doubt:
+        if began and aim_deg and not doubt and not 0.9 < status.angle_deg / aim_deg < 1.1:
             doubt = f", or for another unit: the reading is {status.angle_deg / aim_deg:.3g} x what was asked"
         return MoveError(
             f"the stage {what} at {status.angle_deg:.3f} deg, {abs(target_deg - status.angle_deg):.3f} deg from its "
