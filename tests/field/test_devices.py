@@ -288,6 +288,8 @@ HOLDS = [
     (errno.ESTALE, ".", 0.15),
     (errno.ENOENT, ".", 0.5),
     (errno.EIO, ".", 0.3),
+    (errno.ENOTCONN, ".", 3.5),
+    (errno.EIO, "CH0", 3.5),
 ]
 
 

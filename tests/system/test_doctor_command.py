@@ -110,6 +110,19 @@ def test_a_source_at_the_mirrored_angle_is_named_by_the_command(
 
 
 @pytest.mark.parametrize(
+    ("answer", "angle_deg", "said"),
+    [
+        ("ambiguous", 13.1, "13.10 deg, the mirrored angle of -14 deg: the stage seems to turn the other way round"),
+        ("unsure", -13.1, "place one point source, and no other"),
+        ("not found", 14.0, "place one point source, and no other"),
+    ],
+)
+def test_a_mirror_is_named_where_the_source_is_not_found_for_certain(answer: str, angle_deg: float, said: str) -> None:
+    result = SimpleNamespace(answer=answer, angle_deg=angle_deg, reason="a test")
+    assert said in doctor._not_found(result, -14.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
     ("found_deg", "source_deg", "verdict"),
     [(-12.4, -12, "right"), (-11.0, 12, "mirrored"), (3.0, 12, "neither"), (0.0, 5, "neither")],
 )

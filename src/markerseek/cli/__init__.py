@@ -86,23 +86,7 @@ def main() -> NoReturn:
     except KeyboardInterrupt:
         _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
     except OSError as problem:
-        if problem.filename is None and problem.errno in _OUTPUT:
-            # What Python still holds for it would fail again at the end.
-            sys.stdout = io.StringIO()
-            if problem.errno == errno.EPIPE:
-                # Its reader has read enough: markerseek --help | head.
-                sys.exit(NO_OUTPUT)
-            _end(
-                f"the output cannot be written: {problem.strerror}; a journal, if one is kept, holds the answer",
-                kind="OSError",
-                code=NO_OUTPUT,
-            )
-        if problem.filename is None:
-            if without_machine_code(problem):
-                _end(NO_MACHINE_CODE, kind="OSError", code=1)
-            _end(f"reading or writing failed: {problem.strerror or problem}", kind="OSError", code=1)
-        # Path.exists() itself fails for a name that is too long, or in a folder without permission.
-        _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
+        _end_of_os_error(problem)
     except MemoryError as problem:
         message = str(problem) or "the system grants no more"
         _end(f"not enough memory: {message}; close other programs, or ask for less", kind="MemoryError", code=1)
@@ -157,6 +141,27 @@ class _Progress(io.FileIO):
             if written is not None:
                 return written
         return memoryview(data).nbytes
+
+
+def _end_of_os_error(problem: OSError) -> NoReturn:
+    """Report what the operating system refused: output, machine code, a file by its name, or something without one."""
+    if problem.filename is None and problem.errno in _OUTPUT:
+        # What Python still holds for it would fail again at the end.
+        sys.stdout = io.StringIO()
+        if problem.errno == errno.EPIPE:
+            # Its reader has read enough: markerseek --help | head.
+            sys.exit(NO_OUTPUT)
+        _end(
+            f"the output cannot be written: {problem.strerror}; a journal, if one is kept, holds the answer",
+            kind="OSError",
+            code=NO_OUTPUT,
+        )
+    if problem.filename is None:
+        if without_machine_code(problem):
+            _end(NO_MACHINE_CODE, kind="OSError", code=1)
+        _end(f"reading or writing failed: {problem.strerror or problem}", kind="OSError", code=1)
+    # Path.exists() itself fails for a name that is too long, or in a folder without permission.
+    _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
 
 
 def _end_of_defect(problem: Exception) -> NoReturn:

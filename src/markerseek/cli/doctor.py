@@ -9,7 +9,7 @@ import time
 import warnings
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
@@ -23,6 +23,9 @@ from markerseek.cli.report import Output, Report
 from markerseek.cli.terminal import progress_bar
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, SearchPlan, described, is_absent
 from markerseek.testing import RuleCheck
+
+if TYPE_CHECKING:
+    from markerseek.records import SearchResult
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {
@@ -269,6 +272,18 @@ def require_source_deg(source_deg: float) -> None:
         )
 
 
+def _not_found(result: SearchResult, source_deg: float) -> str:
+    """Why a search that has not found the source proves nothing, and that it is mirrored where it looks so."""
+    why = f"no source was found ({result.answer}: {result.reason})"
+    mirrored = result.answer != "not found" and verdict_of(result.angle_deg, source_deg) == "mirrored"
+    if not mirrored:
+        return f"{why}; place one point source, and no other"
+    return (
+        f"{why}, but there is something at {result.angle_deg:.2f} deg, the mirrored angle of {source_deg:g} deg: the "
+        "stage seems to turn the other way round; change stage.direction, and search again"
+    )
+
+
 def prove_direction(
     path: Path, *, source_deg: float, arm: bool, as_json: bool, trace: Path | None = None
 ) -> tuple[bool, str]:
@@ -293,7 +308,7 @@ def prove_direction(
         session = run_new_session(session, as_json=as_json, rig_file=path)
     result = session.result()
     if not result.found:
-        return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
+        return False, _not_found(result, source_deg)
     spread = energy_spread(session.view.samples, limits=search)
     usual = _usual_energy(rig)
     found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}{usual}"

@@ -46,9 +46,6 @@ _LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 _TIME_S = 0.03
 """Longest wait for the time of the box's clock in a sweep, in seconds."""
 
-_ROUND_TRIPS = 6
-"""Number of times that the driver asks for the box's clock before a sweep."""
-
 
 class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox"):
     """Keys of the laser box in a rig file."""
@@ -162,8 +159,8 @@ class LaserBox:
                 stepped_s=now_s,
                 usual_light=self._usual_light if self.metered else None,
             )
-            for _ in range(_ROUND_TRIPS):
-                self._ask_time(sweep)
+            # Once: the probe turns meanwhile, and must be read in time. `pulses` asks again and again.
+            self._ask_time(sweep)
             self._use_permit(
                 wire.PermitSweep(
                     token=self._token,
@@ -192,7 +189,12 @@ class LaserBox:
                 if not self._clock.now_s() - sweep.heard_s <= SWEEP_READING_S:
                     raise DeviceTimeoutError("laser box: no answer during the sweep; check its cable and its power")
             sweep.require_light()
-            return sweep.new_pulses()
+            new = sweep.new_pulses(now_s=self._clock.now_s())
+            while sweep.ending and sweep.returned < len(sweep.stamped):
+                # The light has ended, and nothing turns: the last pulses are known by more questions.
+                self._ask_time(sweep)
+                new += sweep.new_pulses(now_s=self._clock.now_s())
+            return new
 
     def end_sweep(self) -> int:
         """End the light, and return how many pulses were fired; each has a stamp.
@@ -277,7 +279,7 @@ class LaserBox:
             try:
                 greeting = self._line.greet(within_s=boot_s)
             except DeviceTimeoutError as error:
-                raise NotConnectedError(str(error)) from error
+                raise NotConnectedError(f"{error}{self._line.stage_at()}") from error
             if isinstance(greeting, wire.Greeting):
                 break
         else:

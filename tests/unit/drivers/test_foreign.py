@@ -250,7 +250,8 @@ def test_a_driver_of_another_unit_is_refused_at_its_first_move(rig: Callable[...
     with bench(read(rig("lab_stage:Radians"))) as opened:
         opened.arm(by="a test")
         with pytest.raises(
-            DeviceError, match=r"the stage did not begin to move at .* deg from its target; look for an obstacle"
+            DeviceError,
+            match=r"the stage did not begin to move at .* obstacle; the reading is 1/57.3 x what was",
         ):
             opened.scanner.measure(20.0)
         assert opened.facts.emulated == ("laser", "receiver")
