@@ -147,6 +147,8 @@ def run_session(
     ):
         if not as_json:
             stderr.print(file_line("session", record.folder))
+            if isinstance(room, registration.DeviceRoom):
+                stderr.print(f"images: {escape(room.images.name)}")
         if isinstance(room, registration.SimulatedRoom):
             room.skip(record.taken)
         session = registration.RegistrationSession(room, plan=plan, record=record)

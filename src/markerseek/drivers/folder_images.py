@@ -28,9 +28,12 @@ _EVERY_S, _SHARE = 0.04, 0.2
 """Time between two looks into the folders, and the largest share of a processor that looking may take: 1,000 files take
 5 ms."""
 
-_TURN_S, BEHIND_S = 0.25, 1.0
-"""Time after which the folders are looked into again though not all new images are read, and after which an image that
-could not be read yet is left out, in seconds: so that the newest pairs are read, and whole pairs are left out."""
+_TURN_S = 0.25
+"""Time after which the folders are looked into again though not all new images are read, in seconds."""
+
+BEHIND_S = 1.0
+"""Time after which an image that could not be read yet is left out, in seconds: so that the newest pairs are read, and
+whole pairs are left out."""
 
 _RATE_S = 5.0
 """Time over which images that are read, and that are left out, are counted, in seconds."""

@@ -23,9 +23,12 @@ NEAR_S = 0.05
 _RETRY_S = 0.05
 """Time until a camera that gave no image is asked again, in seconds."""
 
-_OPEN_MS, _READ_MS = 10_000, 5_000
-"""Longest time for opening a stream, and for its next image, in milliseconds: OpenCV takes 30 s for each, in which its
-thread cannot end. Of a camera it waits for an image at most 10 s."""
+_OPEN_MS = 10_000
+"""Longest time for opening a stream, in milliseconds; OpenCV would take 30 s."""
+
+_READ_MS = 5_000
+"""Longest time for the next image of a stream, in milliseconds; OpenCV would take 30 s, in which its thread cannot end.
+Of a camera it waits for an image at most 10 s."""
 
 _SILENT_CURE = "check that the camera runs, its cable, and that no other program has it"
 _LIVE = re.compile(r"[0-9]+|/dev/.*|[a-z]+://.*")

@@ -24,8 +24,11 @@ DARK_PAIRS = 3
 LOOK_S = 3.0
 """Longest time in which pairs with the laser off must come, and longest time for which it fires, in seconds."""
 
-LATE_S, MOST_LATE_S = 0.5, 3.0
-"""Delay of the light in the images from which they are late, and longest delay that is awaited, in seconds."""
+LATE_S = 0.5
+"""Delay of the light in the images from which they are late, in seconds."""
+
+MOST_LATE_S = 3.0
+"""Longest delay that is awaited, in seconds."""
 
 MOVED_SIGMAS, MOVED_PX = 4.0, 0.2
 """Standard deviations, and pixels more, by which a spot may seem to move during its search."""
