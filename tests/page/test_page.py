@@ -180,6 +180,7 @@ def test_setting_that_cannot_be_used_is_said(opened):
         ("/search", "seed", "2.5", "seed is '2.5', it must be a whole number"),
         ("/search", "acquisitions", "7.5", "acquisitions is '7.5', it must be a whole number"),
         ("/search", "± [mm]", "0", "± [mm] is 0"),
+        ("/search", "SNR [dB]", "400", "SNR [dB]: noise: peak_snr_db is 400.0 dB, it must lie in"),
     ],
 )
 def test_a_field_refuses_what_it_cannot_mean_and_names_itself_by_its_label(opened, path, label, typed, said):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from nicegui import ui
@@ -116,10 +117,18 @@ class Settings:
         try:
             query = self.asked.query(usual=self._usual)
         except ConfigError as problem:
-            self._say(str(problem), wrong=name)
+            self._say(str(problem), wrong=self._wrong(name))
             return
         self._say("")
         ui.navigate.history.replace(f"{self._path}?{query}".rstrip("?"))
+
+    def _wrong(self, changed: str) -> str:
+        """The field without which the others can be used; the one that was changed last if several are such."""
+        for name in (changed, *self._fields):
+            with suppress(ConfigError):
+                self._usual.changed(**self._values | {name: self._usual.values[name]})
+                return name
+        return changed
 
     def _read(self, name: str) -> Any:
         """The value of a setting from what its field shows; `ConfigError` if that is none."""
@@ -136,7 +145,10 @@ class Settings:
         self.usable = not wrong
         for name, field in self._fields.items():
             field.props(add="error") if name == wrong else field.props(remove="error")
-        self._problem.set_text(with_minus(_with_labels(problem, self._options)))
+        said = _with_labels(problem, self._options)
+        # What a rig calls a setting may be another name.
+        said = said if _label(wrong) in said else f"{_label(wrong)}: {said}"
+        self._problem.set_text(with_minus(said))
         self._problem.set_visibility(bool(problem))
         changed = [
             f"{_label(name)} {_CHOICES.get(name, {}).get(value, '' if value is True else value)}".strip()
