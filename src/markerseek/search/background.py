@@ -27,11 +27,15 @@ LEVEL_OVER_SCATTER = 12.0
 MAX_COMPARED, CENTRES = 150, 25
 """Samples, and angles of a marker, at which curves are compared with the samples at most."""
 
-MOST = 0.67
-"""Share."""
+TOP_ERROR, TAIL_ERROR = 0.07, 0.2
+"""Relative differences from a curve of the family up to which it explains samples: root mean square at the top, and
+elsewhere."""
 
-TOP_ERROR, TAIL_ERROR = 0.1, 0.2
-"""Relative differences from a curve of the family that are its own: root mean square at the top, median elsewhere."""
+DEEP_ERROR = 0.01
+"""Difference over the highest sample that counts nowhere (`likelihood.DEEP_ERROR`)."""
+
+MOST = 0.85
+"""Share of the samples beside the top that it has to explain: others are of another source."""
 
 FEWEST_LOW = 6
 """Samples that a sloping background needs."""
@@ -123,7 +127,8 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
     height = shapes * (ratio.sum(axis=-1) / (ratio**2).sum(axis=-1))[..., None]
     off = np.abs(intensity - height)
     fits_top = np.sqrt(((off[..., top] / intensity[top]) ** 2).mean(axis=-1)) <= TOP_ERROR
-    fits_rest = np.quantile(off[..., ~top] - TAIL_ERROR * height[..., ~top], MOST, axis=-1) <= scatter
+    beyond = off[..., ~top] - TAIL_ERROR * height[..., ~top]
+    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, DEEP_ERROR * intensity.max())
     return bool((fits_top & fits_rest).any())
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from markerseek.core import Estimate, Found, Policy, PriorEvidence, Sample, Searched
+from markerseek.core import Estimate, Found, Policy, PriorEvidence, Sample, Searched, estimate_of
 
 if TYPE_CHECKING:
     from markerseek.search.posterior import Posterior
@@ -32,7 +32,7 @@ class WholeRecording:
     def searched(self) -> Searched | None:
         """What the search took and said; None before its end."""
         if self._searched is None and self._search.ask() is None:
-            self._searched = Searched(estimate=self._search.estimate(), acquisitions=self._told)
+            self._searched = Searched(estimate=estimate_of(self._search), acquisitions=self._told)
         return self._searched
 
     @property

@@ -403,9 +403,30 @@ SHOULDER_SHARE = 0.5
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
-    """Return the sources, the strongest first; those whose angle or existence is not known come last."""
+    """Return the sources, the strongest first.
+
+    Those whose angle or existence is not known come last, but for one that was measured and is far stronger than any
+    whose angle is known.
+    """
     # While a source is only seen from far away, its strength may come out as anything.
-    return sorted(sources, key=lambda each: (each.missing is not None, not each.known, -each.log_snr))
+    first, *others = sorted(sources, key=lambda each: (each.missing is not None, not each.known, -each.log_snr))
+    stronger = [
+        each
+        for each in others
+        if each.missing is None and each.strength_known and not each.beyond and _is_far_stronger(each, first)
+    ]
+    strongest = max(stronger, key=lambda each: each.log_snr, default=first)
+    return [strongest, *(each for each in (first, *others) if each is not strongest)]
+
+
+def _is_far_stronger(source: Candidate, other: Candidate) -> bool:
+    """Whether a source is so much stronger that the other cannot be the marker."""
+    return source.relative_db(other) - RIVAL_SIGMAS * _spread_db(source, other) > RIVAL_DB
+
+
+def _spread_db(source: Candidate, other: Candidate) -> float:
+    """Standard deviation of the ratio of two strengths, in dB."""
+    return math.hypot(source.log_snr_sigma, other.log_snr_sigma) * 20 / math.log(10)
 
 
 def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
@@ -426,8 +447,7 @@ def _may_be_as_strong(source: Candidate, first: Candidate, *, by_db: float, sigm
     if source.beyond:
         seen = max(sample.reading.intensity for sample in source.samples) / source.posterior.sigma
         return seen > math.exp(first.log_snr) * 10 ** (by_db / 20)
-    spread_db = math.hypot(source.log_snr_sigma, first.log_snr_sigma) * 20 / math.log(10)
-    return source.relative_db(first) + sigmas * spread_db > by_db
+    return source.relative_db(first) + sigmas * _spread_db(source, first) > by_db
 
 
 def unresolved_rival(
