@@ -293,14 +293,15 @@ def test_the_checker_sees_light_after_the_end_after_a_fault_and_on_a_probe_that_
         assert seen(trace) == {"P3"}, turn
 
 
-def test_a_search_by_sweeps_answers_in_the_campaign_and_is_judged_by_the_marker(tmp_path: Path) -> None:
+def test_a_search_by_sweeps_answers_in_the_campaign_and_is_judged_by_the_marker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plan = next(plan for plan in sound_sweeps() if plan.readout_s < 0.1)
     plan = replace(plan, answers=True, marker_deg=4.0, curve=GaussianCurve(fwhm_deg=6.0), peak_snr_db=45.0)
     with HeldLines() as lines:
+        # A busy computer is held up for a second: the lease is tested elsewhere.
+        monkeypatch.setattr(lines, "hold", lambda: None)
         trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
-    # On a computer that is held up for a second the supervisor rightly ends a run.
-    if isinstance(trace.raised, NotConnectedError):
-        pytest.skip("this computer was held up for a second")
     verdict = check(trace)
     assert (verdict.found, verdict.off, verdict.broken) == (True, False, [])
     assert check(replace(trace, plan=replace(plan, marker_deg=1.5))).off
