@@ -17,6 +17,7 @@ from pathlib import Path
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
+from markerseek.files import open_for_writing
 from markerseek.wire import Port
 
 _LOG = logging.getLogger(__name__)
@@ -78,11 +79,10 @@ class _Lines(logging.Formatter):
 def trace_to(path: Path) -> Iterator[None]:
     """Append what the packages log to a file, until the end of the block.
 
-    Raises `ConfigError` if the file cannot be written.
+    Raises `ConfigError` if the file cannot be written, `RecordError` if it is a link.
     """
     try:
-        # A link may name a file of someone else.
-        number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW, 0o600)
+        number = open_for_writing(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, mode=0o600)
     except OSError as problem:
         raise ConfigError(f"{path}: the trace cannot be written: {problem.strerror}; name another file") from problem
     with os.fdopen(number, "a", encoding="utf-8", errors="backslashreplace") as file:

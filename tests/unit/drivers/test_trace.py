@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, RecordError
 from markerseek.drivers import bench_settings_from, trace_to, traced
 from markerseek.drivers.trace import shown
 
@@ -77,9 +77,13 @@ def test_a_link_is_not_followed_and_a_missing_folder_is_named(tmp_path: Path) ->
     theirs.write_text("of someone else")
     link = tmp_path / "link.txt"
     link.symlink_to(theirs)
-    for path in (link, tmp_path / "missing" / "devices.txt"):
-        with pytest.raises(ConfigError, match=r"the trace cannot be written.*name another file"), trace_to(path):
-            pass
+    with pytest.raises(RecordError, match="link"), trace_to(link):
+        pass
+    with (
+        pytest.raises(ConfigError, match=r"the trace cannot be written.*name another file"),
+        trace_to(tmp_path / "missing" / "devices.txt"),
+    ):
+        pass
     assert theirs.read_text() == "of someone else"
 
 
