@@ -15,8 +15,8 @@ from markerseek.core.interval import Interval
 from markerseek.core.options import arguments_of, option
 from markerseek.core.reading import MAX_ACQUISITIONS
 
-_FARTHEST_DEG = 1e4
-"""Largest angle of a range that is searched: some turns; in what lies beyond, no grid of angles has an end."""
+_FARTHEST_DEG = 360.0
+"""Largest angle of a range that is searched, as of a bank: in a far larger one, no grid of angles has an end."""
 
 MAX_DARK_FRAMES = 100
 """Most dark frames before a search."""
@@ -250,7 +250,7 @@ class RigFacts:
     Raises
     ------
     ConfigError
-        If an angle is not finite, or an end of the range is turns away.
+        If an angle is not finite, or an end of the range is more than a turn away.
     """
 
     kind: RigKind
