@@ -188,6 +188,9 @@ class SweepingLaser(Laser, Protocol):
     def stamp_delay_s(self) -> float:
         """Time from the stamp of a pulse to its light as far as it is known, the same for all, in seconds."""
 
+    def prepare_sweep(self) -> None:
+        """Get ready, as far as that takes time: the probe does not turn yet."""
+
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire the permitted pulses, one every ``permit.period_s``, and return at once."""
 

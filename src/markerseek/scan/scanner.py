@@ -213,6 +213,7 @@ class Scanner:
         wait_deg = devices.wait_deg(sweep)
         with self._faulting:
             devices.stage.prepare_sweep(speed_deg_s=sweep.speed_deg_s)
+            devices.laser.prepare_sweep()
         with self._refusable:
             devices.receiver.begin_sweep(permit)
         from_deg, now_s = self.angle_deg, self.clock.now_s()
