@@ -24,6 +24,9 @@ from markerseek.search.curve import Curve, lower_quartile
 LEVEL_OVER_SCATTER = 12.0
 """Lower quartile over the scatter from which noise does not explain it: that of the largest of 2,000 Rayleigh cells."""
 
+FLAT_SHARE = 0.1
+"""A curve that falls by no more than this share of its largest sample is flat: background, no marker."""
+
 MAX_COMPARED, CENTRES = 150, 25
 """Samples, and angles of a marker, at which curves are compared with the samples at most."""
 
@@ -115,6 +118,8 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
     some = np.unique(np.linspace(0, len(curve) - 1, MAX_COMPARED).astype(np.int64))
     angle_deg, intensity = curve.angle_deg[some], curve.intensity[some]
     top = intensity > (intensity.max() + lowest) / 2
+    if intensity.max() - lowest <= FLAT_SHARE * intensity.max():
+        return False
     if top.all():
         return True
     beside_deg = float(np.diff(angle_deg).max())

@@ -29,7 +29,7 @@ from markerseek.search.evidence import (
     why_not_detected,
     with_half_width,
 )
-from markerseek.search.floor import above_background, noise_of
+from markerseek.search.floor import above_background, noise_above_background
 from markerseek.search.policy import PaperPolicy, SearchPolicy
 from markerseek.search.sweep import peak_passed
 
@@ -72,7 +72,7 @@ class CheckedPolicy(SearchPolicy):
         """Next angle of the method in degrees; None at its end."""
         intensity = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
         if self._early_end and peak_passed(intensity):
-            noise = noise_of(self._lit, dark=self._dark)
+            noise = noise_above_background(self._lit, dark=self._dark)
             lit = above_background(self._lit, noise.background)
             if why_not_detected(lit, dark=self._dark, noise=noise) is None:
                 return None
@@ -83,7 +83,7 @@ class CheckedPolicy(SearchPolicy):
 
     def estimate(self) -> Estimate:
         """Answer as far as the samples prove it; `NotFound` before the first."""
-        noise = noise_of(self._lit, dark=self._dark)
+        noise = noise_above_background(self._lit, dark=self._dark)
         floor = noise.measured_floor
         lit = above_background(self._lit, noise.background)
         answer = self.inner.answer(noise_sigma=noise.sigma)

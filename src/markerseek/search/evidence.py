@@ -13,17 +13,15 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import Found, Interval, Sample, Tolerance
+from markerseek.search.background import FLAT_SHARE
 from markerseek.search.curve import curve_of
 from markerseek.search.floor import SearchNoise
 
 UNKNOWN_RATIO = 10.0
 """Where the floor is unknown, the largest sample must be this many times the smallest."""
 
-FLAT_SHARE = 0.1
-"""A curve that falls by no more than this share of its largest sample is flat: background, no marker."""
-
 FLAT_SIGMAS = 4.5
-"""And so is one that falls by no more than this many σ, which is about the spread of tens of equal samples."""
+"""A curve that falls by no more than this many σ is flat: that is about the spread of tens of equal samples."""
 
 LATERAL_M = 3e-3
 """Largest lateral distance between strong samples of one marker; elements are 0.43 mm apart."""

@@ -87,6 +87,12 @@ def noise_factor(*, cells: int, frames: int, false_found: float = FALSE_FOUND) -
 
 def noise_of(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> SearchNoise:
     """Return the noise of a search from its samples, by the best source that they allow."""
+    noise = noise_above_background(lit, dark=dark)
+    return replace(noise, floor=noise.measured_floor, background=None)
+
+
+def noise_above_background(lit: Sequence[Sample], *, dark: Sequence[Sample] = ()) -> SearchNoise:
+    """Return the same noise with its background, from which the floor is then counted: see `above_background`."""
     if dark:
         return _from_dark(dark, frames=len(lit))
     if lit and all(sample.reading.noise_sigma is not None for sample in lit):

@@ -92,7 +92,7 @@ def test_noise_on_a_level_seldom_exceeds_the_threshold(samples_):
     rng = np.random.default_rng(7)
     tables = 100 + rng.gumbel(size=(1000, samples_))
     noises = [noise_of(samples(np.arange(samples_) / 2, each)) for each in tables]
-    above = sum(each.max() > noise.measured_floor.level for each, noise in zip(tables, noises, strict=True))
+    above = sum(each.max() > noise.floor.level for each, noise in zip(tables, noises, strict=True))
     assert above <= 3
 
 
@@ -100,7 +100,7 @@ def test_a_level_that_noise_explains_is_no_background():
     rng = np.random.default_rng(3)
     angles_deg = np.arange(-35.0, 35.1, 0.5)
     for intensities in (np.abs(rng.normal(size=141)), rng.rayleigh(size=(300, 141)).max(axis=0)):
-        assert noise_of(samples(angles_deg, intensities)).background is None
+        assert noise_of(samples(angles_deg, intensities)).floor.background is None
 
 
 @pytest.mark.parametrize("marker_deg", [-20.0, 3.0, 27.0])
@@ -109,7 +109,7 @@ def test_the_tails_of_a_wide_curve_are_no_background(marker_deg, fwhm_deg, tail)
     """Without them the ends of the range would cut the curve, and move it."""
     angles_deg = np.arange(-35.0, 35.1, 1.0)
     lit = samples(angles_deg, 60 * (1 + (2 * (angles_deg - marker_deg) / fwhm_deg) ** 2) ** (-tail / 2))
-    assert noise_of(lit).background is None
+    assert noise_of(lit).floor.background is None
     _, answer = answers(angles_deg, [each.reading.intensity for each in lit])
     assert isinstance(answer, Found)
     assert answer.mean_deg == pytest.approx(marker_deg, abs=0.3)

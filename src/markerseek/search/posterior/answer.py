@@ -43,7 +43,7 @@ from markerseek.search.evidence import (
     why_not_detected,
     with_half_width,
 )
-from markerseek.search.floor import MAX_CELLS, SearchNoise, above_background, noise_of
+from markerseek.search.floor import MAX_CELLS, SearchNoise, above_background, noise_above_background
 from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
 from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
 from markerseek.search.posterior.shapes import log_curve
@@ -143,7 +143,7 @@ class Analysis:
     @cached_property
     def noise(self) -> SearchNoise:
         """Noise, its floor, and the background."""
-        return noise_of(self._measured, dark=self._dark)
+        return noise_above_background(self._measured, dark=self._dark)
 
     @cached_property
     def _above(self) -> Sequence[Sample]:

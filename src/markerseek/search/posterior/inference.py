@@ -41,7 +41,7 @@ import numpy as np
 
 from markerseek.core import Float64, Int64, Interval, MarkerCurve, Sample
 from markerseek.search.evidence import FACE_RADIUS_M
-from markerseek.search.floor import SearchNoise, above_background, noise_of
+from markerseek.search.floor import SearchNoise, above_background, noise_above_background
 from markerseek.search.posterior.arrival import arrival_likelihood
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer, mean_and_sigma
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
@@ -648,7 +648,7 @@ def energy_spread(lit: Sequence[Sample], dark: Sequence[Sample] = (), *, limits:
     measured = [math.log(energy) for energy in energies if energy is not None]
     if len(measured) >= MIN_ENERGIES:
         return statistics.stdev(measured)
-    noise = noise_of(lit, dark=dark)
+    noise = noise_above_background(lit, dark=dark)
     lit = above_background(lit, noise.background)
     level = math.inf if noise.floor.level is None else noise.floor.level
     if sum(sample.reading.intensity > level for sample in lit) < MIN_ENERGIES:

@@ -16,7 +16,8 @@ from typing import TypeAlias
 import numpy as np
 
 from markerseek.core import Arrival, Float64, Interval, OtherSource, Reading, Sample
-from markerseek.search.evidence import FLAT_SHARE, KNOWN_SIGMA_DEG
+from markerseek.search.background import FLAT_SHARE
+from markerseek.search.evidence import KNOWN_SIGMA_DEG
 from markerseek.search.floor import FEWEST_CELLS, SearchNoise, noise_factor
 from markerseek.search.posterior.inference import AnglePosterior
 
