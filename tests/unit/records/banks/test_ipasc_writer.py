@@ -297,11 +297,8 @@ def test_a_writer_refuses_what_it_cannot_keep(tmp_path):
 
 
 def invalid(**changes):
-    """A sample with these values, set past its own check."""
     taken = sample(1.0, seed=1)
-    for name, value in changes.items():
-        object.__setattr__(taken, name, value)
-    return taken
+    return replace(taken, **changes)
 
 
 @pytest.mark.parametrize(
