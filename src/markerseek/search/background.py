@@ -14,15 +14,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import overload
 
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.search.curve import Curve, lower_quartile
+from markerseek.search.curve import KNEES, Curve, log_curve, lower_quartile
 
 LEVEL_OVER_SCATTER = 12.0
 """Lower quartile over the scatter from which noise does not explain it: that of the largest of 2,000 Rayleigh cells."""
+
+WIDTHS_DEG = tuple(np.geomspace(2.0, 70.0, 25).tolist())
+"""Full widths at half maximum of the curves that are compared, in degrees: also wider than those of the posterior."""
+
+LEAST_LOG = -12.0
+"""ln of the lowest height of a curve that is compared: far below, a Gaussian is zero."""
 
 FLAT_SHARE = 0.1
 """A curve that falls by no more than this share of its largest sample is flat: background, no marker."""
@@ -112,9 +119,6 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
 
     ``lowest``: intensity of the lowest ones.
     """
-    # Imported here: it needs SciPy, and a search with dark frames needs no background.
-    from markerseek.search.posterior.shapes import STEP_DEG, family
-
     some = np.unique(np.linspace(0, len(curve) - 1, MAX_COMPARED).astype(np.int64))
     angle_deg, intensity = curve.angle_deg[some], curve.intensity[some]
     top = intensity > (intensity.max() + lowest) / 2
@@ -124,9 +128,13 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
         return True
     beside_deg = float(np.diff(angle_deg).max())
     centres_deg = np.linspace(angle_deg[top].min() - beside_deg, angle_deg[top].max() + beside_deg, CENTRES)
-    log_curves = family().log_curve
-    away = np.rint(np.abs(angle_deg - centres_deg[:, None]) / STEP_DEG).astype(np.int64)
-    shapes = np.exp(log_curves[::3, np.minimum([away, away // 2], log_curves.shape[1] - 1)])
+    away_deg = angle_deg - centres_deg[:, None]
+    shapes = np.array(
+        [
+            np.exp(np.maximum(log_curve(away_deg, fwhm_deg=fwhm_deg, tail=tail, knee=knee), LEAST_LOG))
+            for (tail, knee, _), fwhm_deg in product(KNEES, WIDTHS_DEG)
+        ]
+    )
     # Least squares of the relative differences at the top.
     ratio = shapes[..., top] / intensity[top]
     height = shapes * (ratio.sum(axis=-1) / (ratio**2).sum(axis=-1))[..., None]

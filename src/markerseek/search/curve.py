@@ -10,6 +10,30 @@ import numpy as np
 
 from markerseek.core import Float64, Sample
 
+KNEES: tuple[tuple[float, float, float], ...] = (
+    (1.0, 2.0, 0.10),
+    (1.2, 2.4, 0.26),
+    (1.2, 5.0, 0.31),
+    (1.6, 2.0, 0.15),
+    (2.5, 2.0, 0.05),
+    (math.inf, 2.0, 0.05),
+)
+"""Tail p, knee q, and prior share of each kind of smooth curve; p infinite is the Gaussian."""
+
+
+def log_curve(
+    distance_deg: Float64[np.ndarray, " distances"], *, fwhm_deg: float, tail: float, knee: float
+) -> Float64[np.ndarray, " distances"]:
+    """Return ln S of (1) of the posterior at distances from the marker.
+
+    ``distance_deg``: distances t, of either sign. ``fwhm_deg``: full width at half maximum F. ``tail``, ``knee``:
+    exponents p and q; p infinite is the Gaussian.
+    """
+    scaled = 2 * np.abs(distance_deg) / fwhm_deg
+    if math.isinf(tail):
+        return np.asarray(-math.log(2) * scaled**2)
+    return np.asarray(-tail / knee * np.log1p((2 ** (knee / tail) - 1) * scaled**knee))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:

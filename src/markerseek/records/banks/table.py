@@ -301,8 +301,7 @@ def _row(
         raise RecordError(
             f"{path}, line {line}: it has {len(rows.cells[line])} columns, {rows.width} are expected; {DECIMAL_COMMA}"
         )
-    if _INFINITE.fullmatch(texts[1].strip()):
-        # Not left out with rows that have no number: those of an overload are the strongest.
+    if not table.skip_invalid and _INFINITE.fullmatch(texts[1].strip()):
         raise RecordError(f"{path}, line {line}: intensity is {texts[1].strip()}, {_OVERLOADED}")
     return [_value(path, rows, line, column, text, table) for column, text in zip(columns, texts, strict=True)]
 

@@ -160,3 +160,11 @@ def test_a_column_of_energies_takes_the_laser_out_of_the_intensities(tmp_path, n
     path.write_text(f"angle_deg,intensity,{name}\n-5,10,1\n0,60,0\n5,20,2\n", encoding="utf-8")
     with pytest.raises(RecordError, match=re.escape(f"line 3: {name} is 0, it must be positive")):
         read_bank(path)
+
+
+@pytest.mark.parametrize("overload", ["9.9E+37", "9.9100000e37", "3.4028235e+38", "9.8999997e37", "inf", "Infinity"])
+def test_the_sign_of_an_overload_is_refused_by_that_name(tmp_path: Path, overload: str) -> None:
+    rows = [f"{angle_deg},{overload if 3 < angle_deg < 7 else 80 - angle_deg}" for angle_deg in range(-10, 11)]
+    path = written(tmp_path, "\n".join(["angle_deg,intensity", *rows, ""]))
+    with pytest.raises(RecordError, match=r"line 16: intensity is .*its range was exceeded, most probably on the mark"):
+        read_bank(path)
