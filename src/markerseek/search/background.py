@@ -65,6 +65,9 @@ LOW_SHARE = 0.05
 LOW_SIGMAS = 3.0
 """Most standard deviations of noise by which this share lies below a line that fits."""
 
+NOISE_DEPTH = 1.5
+"""Square of that distance over the variance of noise, with some room: of normal noise it is 0.94."""
+
 UNEVEN = 3.0
 """Unevenness over that distance: of what is spread evenly, the distance below the quartile is a third of the rest."""
 
@@ -109,9 +112,8 @@ def background_of(curve: Curve, *, scatter: float) -> Background | None:
 
 def background_sigma(curve: Curve, background: Background, *, scatter: float) -> float:
     """Return the standard deviation of a sample of the background: its scatter, and what the line does not follow."""
-    # Of normal noise alone the lowest twentieth lies one standard deviation below the lower quartile.
-    depth = _depth(curve, background)
-    return math.hypot(scatter, UNEVEN * math.sqrt(max(0.0, depth**2 - 1.5 * scatter**2)))
+    beyond = max(0.0, _depth(curve, background) ** 2 - NOISE_DEPTH * scatter**2)
+    return math.hypot(scatter, UNEVEN * math.sqrt(beyond))
 
 
 def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
@@ -119,11 +121,13 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
 
     ``lowest``: intensity of the lowest ones.
     """
-    some = np.unique(np.linspace(0, len(curve) - 1, MAX_COMPARED).astype(np.int64))
-    angle_deg, intensity = curve.angle_deg[some], curve.intensity[some]
-    top = intensity > (intensity.max() + lowest) / 2
-    if intensity.max() - lowest <= FLAT_SHARE * intensity.max():
+    largest = float(curve.intensity.max())
+    if largest - lowest <= FLAT_SHARE * largest:
         return False
+    some = np.union1d(np.linspace(0, len(curve) - 1, MAX_COMPARED).astype(np.int64), curve.strongest)
+    angle_deg = curve.angle_deg[some]
+    intensity = curve.intensity[some]
+    top = intensity > (largest + lowest) / 2
     if top.all():
         return True
     beside_deg = float(np.diff(angle_deg).max())
@@ -141,7 +145,7 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
     off = np.abs(intensity - height)
     fits_top = np.sqrt(((off[..., top] / intensity[top]) ** 2).mean(axis=-1)) <= TOP_ERROR
     beyond = off[..., ~top] - TAIL_ERROR * height[..., ~top]
-    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, DEEP_ERROR * intensity.max())
+    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, DEEP_ERROR * largest)
     return bool((fits_top & fits_rest).any())
 
 
