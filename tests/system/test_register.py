@@ -15,6 +15,7 @@ from markerseek.registration import read_registration
 from markerseek.registration.points import read_camera_images
 from markerseek.sim import EndoscopeSettings, endoscope
 from markerseek.vision import find_spot
+from tests import registration_sessions as sessions
 from tests.spot_images import spot_images
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -338,6 +339,28 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     assert read_registration(Path("first") / "registration.json").simulated
     assert not Path("registration.json").exists()
     assert simulation["by_hand_s"] == [120, 420]
+
+
+def test_a_session_whose_marker_has_moved_is_not_registered_however_often_it_is_continued(shell: Shell) -> None:
+    record = sessions.begin(Path("s"), markers=4)
+    # As a session of 0.4 that was continued: it said "registered" again.
+    for step in (sessions.MOVED, sessions.ENDED, sessions.registered(4), sessions.ENDED):
+        record.add(step)
+    record.close()
+    Path("s", "registration.json").write_text("{}", encoding="utf-8")
+    for _ in range(2):
+        code, out, _ = shell("register", "--simulate", "--continue", "s", "--json")
+        report = json.loads(out)
+        assert code == 3
+        assert (report["registered"], report["decided"], report["davinci_to_trus"]) == (False, False, None)
+        assert report["reason"] == "marker 1 has moved"
+        assert not Path("s", "registration.json").exists()
+    code, out, _ = shell("register", "--simulate", "--continue", "s")
+    assert (code, "not registered" in out, "marker 1 has moved" in out) == (3, True, True)
+    for path in ("s", "s/session.jsonl", "s/registration.json"):
+        code, _, err = shell("igtl", "--port", 0, "--registration", path)
+        assert code == 2
+        assert "without a registration that holds (marker 1 has moved); register again" in " ".join(err.split())
 
 
 @pytest.mark.parametrize(

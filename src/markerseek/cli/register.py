@@ -142,19 +142,21 @@ def command(
 
 def _of_session(over: SessionOver) -> Report:
     """Report of a session, whose registration is in the folder of the session."""
-    report, session, registered = over.report, over.session, over.session.registered
-    heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(session.taken)} markers"
+    report = over.report
+    view = over.view
+    registered = view.registration is not None
+    heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(view.markers)} markers"
     values = msgspec.to_builtins(report) | {
         "decided": registered,
-        "left_out": list(session.left_out),
-        "rig_s": session.rig_s,
+        "left_out": list(view.left_out),
+        "rig_s": view.rig_s,
         "session": str(over.folder),
     }
     if over.truth is not None:
         values |= {"simulation": msgspec.to_builtins(over.truth)}
     return Report(
         values=values,
-        shown=_shown(report, over.title, _session_rows(over), decided=registered),
+        shown=_shown(report, over.title, _session_rows(over)),
         pictures={"register.png": drawn(_figure, report, heading)},
         notes=(file_line("registration", over.folder / registration.REGISTRATION),) if registered else (),
         exit_code=0 if registered else 3,
@@ -163,14 +165,14 @@ def _of_session(over: SessionOver) -> Report:
 
 def _session_rows(over: SessionOver) -> list[tuple[str, str]]:
     """Rows of the report that only a session has."""
-    session = over.session
-    counts = ", ".join(str(marker.acquisitions) for marker in session.taken)
+    view = over.view
+    counts = ", ".join(str(marker.acquisitions) for marker in view.markers)
     rows = [
-        ("markers", f"{len(session.taken)}, with {counts} frames"),
-        ("time of the rig", f"{session.rig_s:.0f} s, without waiting for spots"),
+        ("markers", f"{len(view.markers)}, with {counts} frames"),
+        ("time of the rig", f"{view.rig_s:.0f} s, without waiting for spots"),
     ]
-    if session.left_out:
-        rows.insert(1, ("left out", f"marker {', '.join(session.left_out)}: it does not fit the others"))
+    if view.left_out:
+        rows.insert(1, ("left out", f"marker {', '.join(view.left_out)}: it does not fit the others"))
     if over.truth is None:
         return rows
     low_min, high_min = (seconds / 60 for seconds in over.truth.by_hand_s)
@@ -207,11 +209,8 @@ def _pairs(
     return f"{left} and {right}", registration.spot_pairs(left, right, searches=searches, stereo=stereo)
 
 
-def _shown(
-    report: registration.RegistrationReport, title: str, more: list[tuple[str, str]], *, decided: bool = True
-) -> Iterator[str | Table]:
-    registered = report.registered and decided
-    answer = "[bold green]registered[/]" if registered else "[bold yellow]not registered[/]"
+def _shown(report: registration.RegistrationReport, title: str, more: list[tuple[str, str]]) -> Iterator[str | Table]:
+    answer = "[bold green]registered[/]" if report.registered else "[bold yellow]not registered[/]"
     yield f"{answer}: {escape(title)}, {len(report.points)} points"
     if report.reason is not None:
         yield escape(report.reason)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from itertools import groupby
@@ -110,20 +110,20 @@ class SessionOptions:
 class SessionOver:
     """A session that is over."""
 
-    session: registration.RegistrationSession
-    truth: registration.SimulatedTruth | None
-    """What only a simulation knows; None for a rig of devices."""
-    title: str
+    view: registration.SessionView
     folder: Path
+    title: str
+    truth: registration.SimulatedTruth | None = None
+    """What only a simulation knows; None for a rig of devices."""
 
     @property
     def report(self) -> registration.RegistrationReport:
         """Its registration; `SearchError` with the reason where there is none."""
-        last = self.session.last
-        if last is None or last.report is None:
-            why = "no marker was taken" if last is None else last.said
-            raise SearchError(f"{why}; {self.folder} holds what was measured, and --continue goes on with it")
-        return last.report
+        if self.view.report is None:
+            raise SearchError(
+                f"{self.view.reason}; {self.folder} holds what was measured, and --continue goes on with it"
+            )
+        return self.view.report
 
 
 def run_session(
@@ -139,21 +139,39 @@ def run_session(
     ``cameras``, ``calibration_sigma_px``: calibration of the endoscope, for a rig of devices.
     """
     plan = options.plan(target_trus_m)
-    with (
-        _room(options, cameras, calibration_sigma_px, as_json=as_json) as room,
-        closing(_record(options, _begun(room, plan, options))) as record,
-    ):
-        if not as_json:
-            stderr.print(file_line("session", record.folder))
+    with ExitStack() as opened:
+        record = None
+        if options.continue_ is not None:
+            record = opened.enter_context(closing(_reopened(options, options.continue_)))
+            if record.view.moved:
+                # Nothing that is measured now makes a registration of it hold: no device is opened, and none armed.
+                _announce(record, as_json=as_json)
+                return SessionOver(view=record.view, folder=record.folder, title=record.begun.description)
+        room = opened.enter_context(_room(options, cameras, calibration_sigma_px, as_json=as_json))
+        begun = _begun(room, plan, options)
+        if record is None:
+            folder = registration.default_folder() if options.record is None else options.record
+            record = opened.enter_context(closing(registration.SessionRecord.create(folder, begun)))
+        else:
+            _require_same(record, begun)
+        _announce(record, as_json=as_json)
         if isinstance(room, registration.SimulatedRoom):
-            room.skip(record.taken)
+            room.skip(record.view.markers)
         session = registration.RegistrationSession(room, plan=plan, record=record)
         _watch(session, options.heartbeat, record.folder, as_json=as_json)
-        truth = None
-        if isinstance(room, registration.SimulatedRoom):
-            truth = room.truth(session.last, session.taken, rig_s=session.rig_s)
-        title = "simulated rig and endoscope" if truth is not None else room.rig.facts.description
-        return SessionOver(session=session, truth=truth, title=title, folder=record.folder)
+        simulated = isinstance(room, registration.SimulatedRoom)
+        return SessionOver(
+            view=session.view,
+            folder=record.folder,
+            title="simulated rig and endoscope" if simulated else room.rig.facts.description,
+            truth=room.truth(session.view) if isinstance(room, registration.SimulatedRoom) else None,
+        )
+
+
+def _announce(record: registration.SessionRecord, *, as_json: bool) -> None:
+    """Print where the session is recorded."""
+    if not as_json:
+        stderr.print(file_line("session", record.folder))
 
 
 @contextmanager
@@ -212,14 +230,15 @@ def _begun(room: registration.Room, plan: registration.SessionPlan, options: Ses
     )
 
 
-def _record(options: SessionOptions, begun: registration.Begun) -> registration.SessionRecord:
-    """The record of a new session, or of the one that is continued."""
-    if options.continue_ is None:
-        folder = registration.default_folder() if options.record is None else options.record
-        return registration.SessionRecord.create(folder, begun)
+def _reopened(options: SessionOptions, path: Path) -> registration.SessionRecord:
+    """Open the record of the session that is continued."""
     if options.record is not None:
-        raise ConfigError(f"--continue {options.continue_} has its record; leave --record out")
-    record = registration.SessionRecord.reopen(options.continue_)
+        raise ConfigError(f"--continue {path} has its record; leave --record out")
+    return registration.SessionRecord.reopen(path)
+
+
+def _require_same(record: registration.SessionRecord, begun: registration.Begun) -> None:
+    """Refuse to continue a session with another rig, calibration or seed."""
     was = record.begun
     other = f"not on {begun.description}" if begun.description != was.description else "with other settings of it"
     for same, how in (
@@ -228,11 +247,7 @@ def _record(options: SessionOptions, begun: registration.Begun) -> registration.
         (begun.cameras == was.cameras, "with another calibration (--cameras)"),
     ):
         if not same:
-            record.close()
-            raise ConfigError(
-                f"{options.continue_}: the session was begun {how}; name the same, or begin a new session"
-            )
-    return record
+            raise ConfigError(f"{record.folder}: the session was begun {how}; name the same, or begin a new session")
 
 
 def _watch(session: registration.RegistrationSession, heartbeat: Path | None, folder: Path, *, as_json: bool) -> None:

@@ -7,8 +7,10 @@ from .record import (
     default_folder,
     follow_session,
     is_running,
+    next_view,
     read_session,
     session_folder,
+    view_of,
 )
 from .report import (
     KnownRegistration,
@@ -26,7 +28,6 @@ from .steps import (
     MovedMarker,
     RecordedStep,
     Registered,
-    RegistrationState,
     Searching,
     Spot,
     SpotRefused,
@@ -36,6 +37,7 @@ from .steps import (
     Waiting,
 )
 from .stereo_files import StereoSettings, read_stereo
+from .view import ExpectedError, Phase, SessionView
 
 __all__ = [
     "CAMERA_IMAGES",
@@ -44,18 +46,20 @@ __all__ = [
     "Begun",
     "DeviceRoom",
     "Ended",
+    "ExpectedError",
     "KnownRegistration",
     "MovedMarker",
+    "Phase",
     "PointPair",
     "RecordedStep",
     "Registered",
     "RegistrationReport",
     "RegistrationSession",
-    "RegistrationState",
     "Room",
     "Searching",
     "SessionPlan",
     "SessionRecord",
+    "SessionView",
     "SimulatedRoom",
     "SimulatedRoomSettings",
     "SimulatedTruth",
@@ -70,6 +74,7 @@ __all__ = [
     "default_folder",
     "follow_session",
     "is_running",
+    "next_view",
     "point_pairs",
     "read_registration",
     "read_session",
@@ -78,4 +83,5 @@ __all__ = [
     "session_folder",
     "spot_pairs",
     "target_pixels",
+    "view_of",
 ]

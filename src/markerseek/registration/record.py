@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,9 +21,9 @@ import msgspec
 from markerseek.core import RecordError, StereoPair
 from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input, replace_file, sync_folder
 from markerseek.records.journal import is_written, lock, make_folder
-from markerseek.registration.report import RegistrationReport
-from markerseek.registration.steps import Begun, MovedMarker, RecordedStep, Registered, TakenMarker
+from markerseek.registration.steps import Begun, RecordedStep
 from markerseek.registration.stereo_files import StereoSettings
+from markerseek.registration.view import SessionView
 from markerseek.vision import opencv
 
 NAME, CAMERA_IMAGES = "session.jsonl", ("left.jpg", "right.jpg")
@@ -40,10 +40,10 @@ class SessionRecord:
 
     def __init__(self, folder: Path, descriptor: int) -> None:
         """Take a record that is open; `RecordError` if another program writes it."""
-        self.folder, self._descriptor = folder, descriptor
-        self.begun: Begun
-        self.taken: list[TakenMarker] = []
-        """Markers that were taken; not those that are one of them, measured again."""
+        self.folder = folder
+        self._descriptor = descriptor
+        self.view = SessionView(source=folder)
+        """The session after all steps that are on the disk."""
         try:
             lock(descriptor)
         except BlockingIOError as problem:
@@ -73,43 +73,55 @@ class SessionRecord:
             record = cls(folder, os.open(folder / NAME, os.O_RDWR | os.O_APPEND))
         try:
             # Read again, now that nobody else writes.
-            (begun, *steps), end = read_session(folder)
-            assert isinstance(begun, Begun)  # noqa: S101  as it was read
+            steps, end = read_session(folder)
+            record.view = view_of(steps, folder)
             with _as_write_error(folder):
                 os.ftruncate(record._descriptor, end)
+            # The program may have been killed between a step and its file.
+            record._hand_on()
         except BaseException:
             record.close()
             raise
-        record.begun = begun
-        record.taken += [step for step in steps if isinstance(step, TakenMarker) and step.again is None]
         return record
 
     def add(self, step: RecordedStep) -> None:
-        """Record a step; it is on the disk when this returns, and nothing of it is read if this fails for want of room.
+        """Record a step, which is on the disk when this returns, and then the file of the registration.
 
-        Raises `RecordError` if it cannot be written.
+        Raises `RecordError` if it cannot be written; if the disk is full, the partial line is removed.
         """
+        view = self.view.after(step)
         self._write(step)
-        match step:
-            case TakenMarker(again=None):
-                self.taken.append(step)
-            case Registered():
-                self._keep(step.report if step.decided else None)
-            case MovedMarker(moved=True):
-                self._keep(None)
-            case _:
-                pass
+        before, self.view = self.view.registration, view
+        if view.registration is not before:
+            self._hand_on()
 
-    def _keep(self, report: RegistrationReport | None) -> None:
-        """Write the registration for other programs; None takes it away."""
+    def _hand_on(self) -> None:
+        """Write the registration that holds for other programs; remove the file if none does."""
         path = self.folder / REGISTRATION
+        known = self.view.registration
         with _as_write_error(self.folder):
-            if report is None:
+            try:
+                if known is not None:
+                    values = msgspec.to_builtins(known.report) | self._simulation
+                    with replace_file(path) as part:
+                        part.write_bytes(msgspec.json.format(msgspec.json.encode(values)))
+            except OSError:
+                # The former registration does not hold any more, whether or not there is room for the new one.
                 path.unlink(missing_ok=True)
-                return
-            simulation = {"simulation": {"simulated": True, "seed": self.begun.seed}} if self.begun.simulated else {}
-            with replace_file(path) as part:
-                part.write_bytes(msgspec.json.format(msgspec.json.encode(msgspec.to_builtins(report) | simulation)))
+                raise
+            if known is None:
+                path.unlink(missing_ok=True)
+
+    @property
+    def begun(self) -> Begun:
+        """What the session registers."""
+        assert self.view.begun is not None  # noqa: S101  the first step, as it was written or read
+        return self.view.begun
+
+    @property
+    def _simulation(self) -> dict[str, object]:
+        """What the file of a simulated registration has more."""
+        return {"simulation": {"simulated": True, "seed": self.begun.seed}} if self.begun.simulated else {}
 
     def show(self, pair: StereoPair) -> None:
         """Put the newest images into the folder, as `CAMERA_IMAGES`, for those who look on."""
@@ -142,8 +154,7 @@ class SessionRecord:
         with _as_write_error(self.folder):
             os.ftruncate(self._descriptor, 0)
             sync_folder(self.folder)
-        self.begun = begun
-        self._write(begun)
+        self.add(begun)
 
     def _write(self, value: RecordedStep) -> None:
         text = msgspec.json.encode(value) + b"\n"
@@ -174,8 +185,11 @@ def _as_write_error(folder: Path) -> Iterator[None]:
 
 
 def session_folder(path: Path) -> Path | None:
-    """Folder of a session that is named by its folder, or by the record in it; None for another file."""
-    if path.name == NAME:
+    """Return the folder of a session that is named by its folder, or by its record or registration; else None.
+
+    The registration in the folder of a session holds no longer than the session says.
+    """
+    if path.name == NAME or (path.name == REGISTRATION and (path.parent / NAME).exists()):
         return path.parent
     return path if path.is_dir() else None
 
@@ -207,6 +221,22 @@ def read_session(folder: Path) -> tuple[list[RecordedStep], int]:
             f"{path}: its first line is not finished, so that no session has begun; try again, or begin a new one"
         )
     return steps, end
+
+
+def view_of(steps: Iterable[RecordedStep], folder: Path) -> SessionView:
+    """Return the view of a session after its steps; `RecordError` if they cannot follow one another."""
+    view = SessionView(source=folder)
+    for step in steps:
+        view = next_view(view, step)
+    return view
+
+
+def next_view(view: SessionView, step: RecordedStep) -> SessionView:
+    """Return the view after a step that was read; `RecordError` with the file if it cannot follow."""
+    try:
+        return view.after(step)
+    except RecordError as problem:
+        raise RecordError(f"{(view.source or Path()) / NAME}: {problem}") from problem
 
 
 def follow_session(

@@ -334,18 +334,19 @@ class KnownRegistration:
     report: RegistrationReport
 
     @classmethod
-    def of(cls, report: RegistrationReport, *, source: Path, simulated: bool) -> Self:
-        """The registration of a report that was accepted; `RecordError` if its transform is not rigid.
+    def of(cls, report: RegistrationReport, *, source: Path | None, simulated: bool) -> Self:
+        """Return the registration of a report that was accepted; `RecordError` if its transform is not rigid.
 
-        ``source``: where the report was read.
+        ``source``: where the report was read; None: it was made here.
         """
+        read = "the registration" if source is None else source
         rows = report.davinci_to_trus
         if rows is None or [len(row) for row in rows] != [4] * 4 or rows[3] != [0, 0, 0, 1]:
-            raise RecordError(f"{source}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
+            raise RecordError(f"{read}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
         try:
             return cls(davinci_to_trus=davinci_to_probe_home(rows), simulated=simulated, report=report)
         except ConfigError as problem:
-            raise RecordError(f"{source}: {problem}") from problem
+            raise RecordError(f"{read}: {problem}") from problem
 
     @property
     def errors(self) -> dict[str, float | int]:

@@ -16,10 +16,11 @@ import numpy as np
 from markerseek.core import Float64, StereoImages
 from markerseek.geometry import RigidTransform
 from markerseek.registration.poses import reach_of
-from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
+from markerseek.registration.report import KnownRegistration
 from markerseek.registration.shared_errors import FOCAL_LENGTH, trus_shared_m
-from markerseek.registration.steps import Registered, TakenMarker, Waiting
+from markerseek.registration.steps import TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
+from markerseek.registration.view import SessionView
 from markerseek.rigs import Beside, Rig, movable
 from markerseek.sim import (
     EndoscopeSettings,
@@ -208,10 +209,9 @@ class SimulatedRoom:
         for marker in taken:
             self._spots_m[marker.name] = self.true.apply(np.array(marker.camera_m))
 
-    def truth(self, state: Registered | None, taken: Sequence[TakenMarker], *, rig_s: float) -> SimulatedTruth:
-        """How far the registration and its markers are from the truth."""
-        report = None if state is None or not state.decided else state.report
-        chosen = {} if state is None else state.chosen
+    def truth(self, view: SessionView) -> SimulatedTruth:
+        """Return how far the registration of a session and its markers are from the truth."""
+        chosen = {} if view.last is None else view.last.chosen
         errors_m = {
             marker.name: float(
                 np.linalg.norm(
@@ -219,15 +219,16 @@ class SimulatedRoom:
                     - self._seen_m(self._spots_m[marker.name])
                 )
             )
-            for marker in taken
+            for marker in view.markers
             if marker.name in chosen and marker.name not in self._recalled
         }
+        known = view.registration
         return SimulatedTruth(
             simulated=True,
             seed=self._seed,
-            target_error_m=None if report is None else _error_m(report, self.true),
+            target_error_m=None if known is None else _error_m(known, self.true),
             marker_errors_m=errors_m,
-            rig_s=rig_s,
+            rig_s=view.rig_s,
         )
 
     def _light(self, spot_m: Float64[np.ndarray, " 3"]) -> None:
@@ -256,10 +257,7 @@ class SimulatedRoom:
         return np.array([x_m, y_m, self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)])
 
 
-def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:
-    """How far the registration puts the target from where it is; None without a registration."""
-    if report.davinci_to_trus is None:
-        return None
-    target_m = np.array(report.target_trus_m)
-    found = davinci_to_probe_home(report.davinci_to_trus)
-    return float(np.linalg.norm(found.apply(true.inverse().apply(target_m)) - target_m))
+def _error_m(known: KnownRegistration, true: RigidTransform) -> float:
+    """Return how far a registration puts the target from where it is."""
+    target_m = np.array(known.report.target_trus_m)
+    return float(np.linalg.norm(known.davinci_to_trus.apply(true.inverse().apply(target_m)) - target_m))

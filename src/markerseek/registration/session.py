@@ -46,6 +46,7 @@ from markerseek.registration.steps import (
     TakenMarker,
     Waiting,
 )
+from markerseek.registration.view import SessionView
 from markerseek.runs import Session, new_session, plan_on
 
 REGISTRATION_TOLERANCE_MM = 0.3
@@ -123,66 +124,57 @@ class RegistrationSession:
     """
 
     def __init__(self, room: Room, *, plan: SessionPlan | None = None, record: SessionRecord | None = None) -> None:
-        self._room, self._plan, self._record = room, plan or SessionPlan(), record
+        self._room = room
+        self._plan = plan or SessionPlan()
+        self._record = record
         # The same session gives the same places: only possible poses are drawn.
         self._rng = np.random.default_rng(0)
-        self.taken: list[TakenMarker] = [] if record is None else list(record.taken)
-        """Markers so far."""
+        self.view = SessionView() if record is None else record.view
+        """The session after its steps so far."""
         self._curve: MarkerCurve | None = None
         self._refused: SpotRefused | None = None
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
         self._possible: Poses | None = None
         """Possible poses of the cameras; drawn after each marker."""
-        self._moved = False
-        self.last: Registered | None = None
-        """What they say together; None before the first."""
 
     def steps(self) -> Generator[Step, None, None]:
         """Run the session; if closed early, the rig stops.
 
+        A session whose marker has moved ends at once: no registration of it holds any more.
+
         Raises as `markerseek.runs.Session.events`; what was taken stays recorded.
         """
-        state = self._state()
-        if self.taken:
-            yield self._recorded(state)
         in_time = True
+        if not self.view.moved:
+            in_time = yield from self._markers()
+            if self.view.registration is not None and self._plan.again:
+                yield from self._again()
+        yield self._recorded(self._ended(in_time=in_time))
+
+    def _markers(self) -> Generator[Step, None, bool]:
+        """Take markers until they are enough; whether the person lit them in time."""
+        state = self._state()
+        if self.view.markers:
+            yield self._recorded(state)
         while not state.done:
-            waiting = Waiting(name=self._next_name(), place=state.place, said=self._asking(state))
+            waiting = Waiting(name=self.view.next_name, place=state.place, said=self._asking(state))
             yield self._recorded(waiting)
             taken = None
             while taken is None and self._room.ask(waiting):
                 taken = yield from self._marker(waiting.name)
             if taken is None:
-                in_time = False
-                break
+                return False
             state = self._state()
             yield self._recorded(state)
-        if state.decided and self._plan.again:
-            yield from self._again(state)
-        yield self._recorded(self._ended(state, in_time=in_time))
-
-    @property
-    def rig_s(self) -> float:
-        """Time of the rig for all markers so far, without waiting for a person."""
-        return sum(marker.rig_s for marker in self.taken)
-
-    @property
-    def registered(self) -> bool:
-        """Whether there is a registration, and the first marker has not moved since."""
-        return self.last is not None and self.last.decided and not self._moved
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Markers that do not fit the others."""
-        return () if self.last is None else self.last.left_out
+        return True
 
     def _recorded(self, step: _Recorded) -> _Recorded:
-        if self._record is not None:
+        if self._record is None:
+            self.view = self.view.after(step)
+        else:
             self._record.add(step)
+            self.view = self._record.view
         return step
-
-    def _next_name(self) -> str:
-        return str(1 + max((int(marker.name) for marker in self.taken if marker.name.isdigit()), default=0))
 
     def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
         """Take a marker; None if it has to be done once more, which is said once as long as the reason is the same."""
@@ -242,8 +234,6 @@ class RegistrationSession:
             at=datetime.now(UTC).isoformat(timespec="seconds"),
             again=None if again is None else again.name,
         )
-        if again is None:
-            self.taken.append(taken)
         yield self._recorded(taken)
         return taken
 
@@ -267,7 +257,7 @@ class RegistrationSession:
 
     def _require_new(self, seen: SeenMarker) -> None:
         """Refuse a spot whose marker was taken before."""
-        for marker in self.taken:
+        for marker in self.view.markers:
             if marker.candidates and np.linalg.norm(np.array(marker.camera_m) - seen.camera_m) < APART_M:
                 raise SpotError(f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm")
 
@@ -287,8 +277,9 @@ class RegistrationSession:
 
     def _state(self) -> Registered:
         """Registration from all markers."""
-        markers, rig = [marker.seen for marker in self.taken], self._room.rig
-        missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
+        rig = self._room.rig
+        markers = [marker.seen for marker in self.view.markers]
+        missed_m = [np.array(marker.camera_m) for marker in self.view.markers if not marker.candidates]
         choice = choose(markers, target_trus_m=self._plan.target_trus_m)
         self._possible = Poses.of(markers, choice, reach_of(rig), missed_m=missed_m, rng=self._rng)
         place = None
@@ -300,17 +291,16 @@ class RegistrationSession:
                 probe_deg=rig.scanner.angle_deg,
                 avoid_m=missed_m,
             )
-        self.last = Registered(
+        return Registered(
             **structs.asdict(choice),
             place=place,
             done=self._is_done(choice, place),
             said=self._said(choice, place),
         )
-        return self.last
 
     def _is_done(self, choice: Choice, place: Place | None) -> bool:
         """Whether the session ends: the goal is reached, or another marker would not help."""
-        if len(self.taken) >= MOST_MARKERS:
+        if len(self.view.markers) >= MOST_MARKERS:
             return True
         if not choice.decided or choice.report is None:
             return False
@@ -344,9 +334,11 @@ class RegistrationSession:
         x_px, y_px = state.place.left_px
         return f"light the next spot near ({x_px:.0f}, {y_px:.0f}) px of the left image"
 
-    def _again(self, state: Registered) -> Generator[Step, None, None]:
+    def _again(self) -> Generator[Step, None, None]:
         """Measure the first marker that was chosen again."""
-        first = next(marker for marker in self.taken if marker.name in state.chosen)
+        assert self.view.last is not None  # noqa: S101  a registration holds
+        chosen = self.view.last.chosen
+        first = next(marker for marker in self.view.markers if marker.name in chosen)
         place = Place(
             left_px=first.spot.left_px,
             right_px=first.spot.right_px,
@@ -363,13 +355,11 @@ class RegistrationSession:
             return
         taken = yield from self._marker(f"{first.name}-again", again=first)
         if taken is not None and taken.candidates:
-            movement = self._movement(state.chosen, first, taken)
-            self._moved = movement.moved
-            yield self._recorded(movement)
+            yield self._recorded(self._movement(chosen, first, taken))
 
     def _movement(self, chosen: dict[str, int], first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
-        transform = registered_pairs(chosen_pairs([marker.seen for marker in self.taken], chosen)).transform
+        transform = registered_pairs(chosen_pairs([marker.seen for marker in self.view.markers], chosen)).transform
         spots_m = transform.apply(np.array([first.camera_m, again.camera_m]))
         was, now = first.candidates[chosen[first.name]].position, again.candidates[0].position
         apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])
@@ -387,10 +377,11 @@ class RegistrationSession:
         said = f"marker {first.name} is {1e3 * moved_m:.2f} ± {1e3 * sigma_m:.2f} mm from where it was: {verdict}"
         return MovedMarker(name=first.name, moved_m=moved_m, sigma_m=sigma_m, moved=moved, said=said)
 
-    def _ended(self, state: Registered, *, in_time: bool) -> Ended:
+    def _ended(self, *, in_time: bool) -> Ended:
         late = "" if in_time else "no new spot was accepted in the time allowed; "
-        took = f"{counted(len(self.taken), 'marker')} in {self.rig_s:.0f} s of the rig"
-        return Ended(registered=self.registered, said=f"{late}{state.said}; {took}", rig_s=self.rig_s)
+        took = f"{counted(len(self.view.markers), 'marker')} in {self.view.rig_s:.0f} s of the rig"
+        registered = self.view.registration is not None
+        return Ended(registered=registered, said=f"{late}{self.view.said}; {took}", rig_s=self.view.rig_s)
 
 
 _MOVED_CHI_SQUARED = 16.27

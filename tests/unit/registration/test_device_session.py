@@ -14,7 +14,6 @@ from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.registration import (
     DeviceRoom,
     Ended,
-    Registered,
     RegistrationSession,
     Searching,
     SessionPlan,
@@ -25,7 +24,6 @@ from markerseek.registration import (
     TakenMarker,
     Waiting,
 )
-from markerseek.registration.report import davinci_to_probe_home
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings
@@ -88,15 +86,12 @@ def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_
     assert not [step for step in steps if isinstance(step, SpotRefused)]
     # What the receiver heard of the light for the cameras is refused in no search.
     assert not any("stale" in str(marker.reason) for marker in taken)
-    last = session.last
-    assert isinstance(last, Registered)
-    assert session.registered
-    assert last.report is not None
-    assert last.report.davinci_to_trus is not None
-    found = davinci_to_probe_home(last.report.davinci_to_trus)
+    known = session.view.registration
+    assert known is not None
+    found = known.davinci_to_trus
     target_m = np.array([0.0, 0.0, 0.04])
     error_m = np.linalg.norm(found.apply(person.endoscope.true.inverse().apply(target_m)) - target_m)
-    assert error_m < 2 * last.report.tre95_m < 6e-3
+    assert error_m < 2 * known.report.tre95_m < 6e-3
     assert isinstance(steps[-1], Ended)
     assert steps[-1].registered
     # Three searches, and it is dark and still at the end.
@@ -104,7 +99,7 @@ def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_
     low_deg, high_deg = emulated.stage.truth_range_deg
     assert -36.5 <= low_deg <= high_deg <= 36.5
     again = SessionRecord.reopen(tmp_path / "session")
-    assert [marker.name for marker in again.taken] == ["1", "2", "3"]
+    assert [marker.name for marker in again.view.markers] == ["1", "2", "3"]
     again.close()
 
 

@@ -155,11 +155,43 @@ def test_a_marker_that_was_measured_again_is_no_marker_more(tmp_path: Path) -> N
     record = SessionRecord.create(tmp_path / "s", BEGUN)
     record.add(taken("1"))
     record.add(taken("1-again", again="1"))
-    assert [each.name for each in record.taken] == ["1"]
+    assert [each.name for each in record.view.markers] == ["1"]
     record.close()
     record = SessionRecord.reopen(tmp_path / "s")
-    assert [each.name for each in record.taken] == ["1"]
+    assert [each.name for each in record.view.markers] == ["1"]
     record.close()
+
+
+@pytest.mark.parametrize("lines", [[0, 1, 3], [0, 1, 1, 2, 3], [0, 2, 1, 3]], ids=["removed", "doubled", "exchanged"])
+def test_a_marker_that_is_missing_or_recorded_twice_is_named(tmp_path: Path, lines: list[int]) -> None:
+    record = SessionRecord.create(tmp_path / "s", BEGUN)
+    for name in ("1", "2", "3"):
+        record.add(taken(name))
+    record.close()
+    path = tmp_path / "s" / "session.jsonl"
+    written = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(written[number] for number in lines))
+    with pytest.raises(RecordError, match=r"session\.jsonl: marker \d follows where marker \d is due"):
+        SessionRecord.reopen(tmp_path / "s")
+
+
+def test_a_full_disk_leaves_no_file_of_a_registration_that_holds_no_longer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = begin(tmp_path / "s", markers=3)
+    path = tmp_path / "s" / REGISTRATION
+
+    def full(_path: Path, _data: bytes) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(RecordError, match="No space left on device"):
+            record.add(registered(4))
+    assert not path.exists()
+    record.close()
+    SessionRecord.reopen(tmp_path / "s").close()
+    assert read_registration(path).davinci_to_trus.matrix == pytest.approx(matrix_m(4))
 
 
 def no_light(name: str) -> SpotRefused:

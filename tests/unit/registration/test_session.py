@@ -159,9 +159,7 @@ class ForgedSession(RegistrationSession):
             candidates=list(seen.candidates),
             again=None if again is None else again.name,
         )
-        if again is None:
-            self.taken.append(marker)
-        yield marker
+        yield self._recorded(marker)
         return marker
 
 

@@ -16,11 +16,18 @@ from pathlib import Path
 from markerseek.bridges.asked import AnyAsked, AskedSearch
 from markerseek.bridges.child import ChildRun, FollowedChild, Outcome
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.session_state import SessionState
+from markerseek.bridges.page.session_display import session_verdict
 from markerseek.core import Interval, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration, JournalItem, default_journal, follow, make_folder
-from markerseek.registration import CAMERA_IMAGES, SpotSeen, default_folder, follow_session
+from markerseek.registration import (
+    CAMERA_IMAGES,
+    SessionView,
+    SpotSeen,
+    default_folder,
+    follow_session,
+    next_view,
+)
 from markerseek.runs import STOPPED, RunView, Verdict, verdict_of
 from markerseek.sim import SimulatedSettings
 
@@ -133,27 +140,29 @@ class ChildSearch:
 class ChildRegistration(ChildSearch):
     """A session; its journal is the folder of its record, and its run the search that goes on, or the last one."""
 
-    state = SessionState()
-    """What its steps say together."""
+    view = SessionView()
+    """The session after its steps so far."""
     images_ns = 0
     """When the newest camera images were written; 0 before the first."""
 
     @property
     def _has_begun(self) -> bool:
-        return self.state.begun is not None
+        return self.view.begun is not None
 
     @property
     def can_go_on(self) -> bool:
         """Whether it was broken off after its beginning."""
-        return self.outcome is not None and self._has_begun and self.state.ended is None
+        return self.outcome is not None and self._has_begun and self.view.ended is None and not self.view.moved
 
     @property
     def next_step(self) -> str:
         """What a person can do next; empty while it runs, but for devices that a person must arm."""
         if self.outcome is None:
             return super().next_step
-        if self.state.ended is not None and not self.outcome.failed:
+        if self.view.ended is not None and not self.outcome.failed:
             return f"recorded in {self.journal}"
+        if self.view.moved:
+            return "Start begins a new session"
         goes_on = f"markerseek {shlex.join(self.goes_on)}"
         return f"Start begins a new session, Go on continues this one; in a terminal: {goes_on}"
 
@@ -161,8 +170,8 @@ class ChildRegistration(ChildSearch):
     def said(self) -> Verdict:
         """What the session says in large letters, and what a person has to do."""
         goes_on = self.outcome is None and self._has_begun and not self._stopping
-        if goes_on or (self.outcome is not None and self.state.ended is not None and not self.outcome.failed):
-            return self.state.verdict(next_step=self.next_step)
+        if goes_on or (self.outcome is not None and self.view.ended is not None and not self.outcome.failed):
+            return session_verdict(self.view, next_step=self.next_step)
         return self.verdict(None)
 
     def _take(self, child: ChildRun) -> None:
@@ -170,11 +179,12 @@ class ChildRegistration(ChildSearch):
             return not child.running or (self.run is not None and self.run.last.over)
 
         folder = self.journal
+        self.view = SessionView(source=folder)
         for step in child.beating(follow_session(folder, is_over=lambda: not child.running, wait=child.wait)):
             with suppress(FileNotFoundError):
                 # The right one is the last to be written.
                 self.images_ns = (folder / CAMERA_IMAGES[1]).stat().st_mtime_ns
-            self.state = self.state.add(step)
+            self.view = next_view(self.view, step)
             if isinstance(step, SpotSeen) and step.journal is not None:
                 self.run = None
                 search = follow(folder / step.journal, is_over=is_searched, wait=child.wait)
