@@ -88,7 +88,7 @@ class FollowedSession(RegistrationSource):
     """
 
     def __init__(self, folder: Path) -> None:
-        steps, _ = read_session(folder)
+        steps = read_session(folder)
         view = view_of(steps, folder)
         if view.registration is None and (view.ended is not None or view.moved):
             raise RecordError(

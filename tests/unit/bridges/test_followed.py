@@ -11,6 +11,7 @@ import pytest
 
 from markerseek.bridges import FollowedSession, open_registration
 from markerseek.core import RecordError
+from markerseek.records.journal import line_of
 from markerseek.registration import SessionRecord, SessionView
 from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, kill, matrix_m, registered
 
@@ -143,9 +144,9 @@ def without_registration(folder: Path) -> None:
 
 
 def of_another_version(folder: Path) -> None:
-    record = SessionRecord.create(folder, BEGUN)
-    record._write({"type": "an unknown step"})
-    record.close()
+    SessionRecord.create(folder, BEGUN).close()
+    with (folder / "session.jsonl").open("ab") as file:
+        file.write(line_of({"number": 1, "body": {"type": "an unknown step"}}))
 
 
 @pytest.mark.parametrize(
@@ -153,7 +154,7 @@ def of_another_version(folder: Path) -> None:
     [
         (lambda folder: None, "s.json: it cannot be read: No such file"),
         (Path.mkdir, "there is no session.jsonl in it, so that no session has begun"),
-        (unfinished, "its first line is not finished, so that no session has begun; try again"),
+        (unfinished, "its first line is not finished, so that no session has begun; begin a new one"),
         (without_registration, "has ended without a registration that holds .*register again"),
         (of_another_version, "another version of markerseek wrote it: use that one"),
     ],
