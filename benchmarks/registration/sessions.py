@@ -24,9 +24,8 @@ import numpy as np
 from benchmarks.registration.forged_markers import REACH, STEREO, ForgedScene
 from benchmarks.registration.trials import GRID_STEP_M, MARKER_PLACES
 from markerseek.acoustics import Absorber, Clutter
-from markerseek.core import AnglePrior, ConfigError, MarkerseekError, SearchPlan, StereoPair
+from markerseek.core import AnglePrior, ConfigError, MarkerseekError, StereoPair
 from markerseek.registration import (
-    REGISTRATION_TOLERANCE_MM,
     Registered,
     RegistrationSession,
     SessionPlan,
@@ -124,8 +123,7 @@ class _Session(RegistrationSession):
     """A session that may be without images, or be misled."""
 
     def __init__(self, room: _Room, row: Row, *, images: bool) -> None:
-        search = SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM, sweep=row.sweep)
-        super().__init__(room, plan=SessionPlan(markers=row.markers, guided=row.guided, search=search))
+        super().__init__(room, plan=SessionPlan(markers=row.markers, guided=row.guided, sweep=row.sweep))
         self._row = row
         if not images:
             self._spots = _ToldSpots(room)

@@ -373,7 +373,9 @@ def test_a_session_whose_marker_has_moved_is_not_registered_however_often_it_is_
         ),
         (["register", EXAMPLE, "--simulate"], "a session makes its own points; leave the CSV"),
         (["register", "--simulate", "--images", "a b"], "the simulated rig has a simulated endoscope"),
-        (["register", "--simulate", "--markers", 2], "--markers is 2, it must lie between 3 and 12"),
+        (["register", EXAMPLE, "--tissue", "liver"], "--tissue is for a session"),
+        (["register", "--simulate", "--tre-mm", 40], "--tre-mm is 40.0 mm, it must lie in [0.01, 20] mm"),
+        (["register", "--simulate", "--markers", 2], "--markers is 2, it must be a whole number from 3 to 12"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,9 +14,9 @@ from rich.table import Table
 
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
-from markerseek.cli.registering import SessionOptions, SessionOver, run_session
+from markerseek.cli.registering import AskedSession, SessionOver, SessionPlace, require_no_session, run_session
 from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
-from markerseek.core import ConfigError, RecordError
+from markerseek.core import ConfigError, RecordError, SceneOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -87,7 +88,9 @@ def command(
         ),
     ] = None,
     without: Annotated[list[str] | None, typer.Option(help="Name of a point to leave out; may be repeated.")] = None,
-    session: SessionOptions,
+    place: SessionPlace,
+    session: registration.SessionPlan,
+    simulation: SceneOptions,
     plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
     out: Out = None,
     force: Annotated[
@@ -115,18 +118,18 @@ def command(
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
-    if session.wanted:
+    if place.wanted:
         if points is not None or frames is not None or journal or without:
             raise ConfigError("a session makes its own points; leave the CSV, --frames, --journal and --without out")
-        over = run_session(
-            session,
-            cameras,
+        asked = AskedSession(
+            place=place,
+            plan=replace(session, target_trus_m=target_m),
+            simulation=simulation,
+            cameras=cameras or (),
             calibration_sigma_px=calibration_sigma_px,
-            target_trus_m=target_m,
-            as_json=as_json,
         )
-        output.show(_of_session(over))
-    session.require_none()
+        output.show(_of_session(run_session(asked, as_json=as_json)))
+    require_no_session(place, session, simulation)
     title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
     report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or ())
     heading = f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"

@@ -6,7 +6,7 @@ import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
@@ -22,19 +22,17 @@ from markerseek.cli.report import file_line
 from markerseek.cli.signals import Heartbeat, StoppedBySignal, WatchOptions, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_warning, progress_bar, show_view, stderr
 from markerseek.core import (
+    USUAL_SEED,
     ConfigError,
     MarkerseekError,
+    SceneOptions,
     SearchError,
-    SearchPlan,
-    SimulationOptions,
-    require_pace,
-    require_range,
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SessionOptions:
-    """Options of a session."""
+class SessionPlace:
+    """Where a session takes place, and where it is recorded."""
 
     simulate: Annotated[
         bool, typer.Option("--simulate", help="A session on the simulated rig, with a simulated endoscope.")
@@ -51,15 +49,6 @@ class SessionOptions:
             "video devices or files, topic:/LEFT topic:/RIGHT of ROS 2, or one video with both side by side.",
         ),
     ] = None
-    sweep: Annotated[bool, typer.Option("--sweep", help="Search each marker by sweeps.")] = False
-    tre_mm: Annotated[float, typer.Option(help="Expected error at the target at which the session ends, in mm.")] = 0.5
-    markers: Annotated[
-        int | None,
-        typer.Option(help="End after this number of markers, 3 to 12.", show_default="when the error is reached"),
-    ] = None
-    again: Annotated[
-        bool, typer.Option("--again", help="Measure the first marker again at the end, to see whether it has moved.")
-    ] = False
     record: Annotated[
         Path | None,
         typer.Option(help="New folder for the record of the session; without it, one in the user's data folder."),
@@ -67,14 +56,6 @@ class SessionOptions:
     continue_: Annotated[
         Path | None, typer.Option("--continue", metavar="FOLDER", help="Go on with the session of this folder.")
     ] = None
-    wait_s: Annotated[float, typer.Option(help="Longest wait for a spot, in seconds.")] = 300.0
-    readout_s: Annotated[
-        float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
-    ] = None
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1
-    pace: Annotated[
-        float, typer.Option(help="Real seconds per second of the simulated rig; 1 is real time, 0 does not wait.")
-    ] = 0.0
     arm: Arm = False
     heartbeat: Heartbeat = None
 
@@ -83,27 +64,32 @@ class SessionOptions:
         """Whether a session is asked for."""
         return self.simulate or self.rig is not None or self.continue_ is not None
 
-    def require_none(self) -> None:
-        """Refuse options of a session where there is none."""
-        usual = SessionOptions()
-        for each in fields(self):
-            if getattr(self, each.name) != getattr(usual, each.name):
-                option = each.name.strip("_").replace("_", "-")
-                raise ConfigError(f"--{option} is for a session; add --rig RIG.toml or --simulate, or leave it out")
 
-    def __post_init__(self) -> None:
-        require_range("wait_s", self.wait_s, low=1, high=3600, unit="s")
-        require_pace(self.pace)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AskedSession:
+    """All that is asked of a session."""
 
-    def plan(self, target_trus_m: tuple[float, float, float] | None) -> registration.SessionPlan:
-        """What the session is to reach."""
-        return registration.SessionPlan(
-            goal_m=self.tre_mm / 1e3,
-            markers=self.markers,
-            target_trus_m=target_trus_m,
-            search=SearchPlan(tolerance_mm=registration.REGISTRATION_TOLERANCE_MM, sweep=self.sweep),
-            again=self.again,
-        )
+    place: SessionPlace
+    plan: registration.SessionPlan
+    simulation: SceneOptions
+    cameras: Sequence[Path]
+    calibration_sigma_px: float | None
+    """``cameras`` and ``calibration_sigma_px``: calibration of the endoscope, for a rig of devices."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the simulation."""
+        return USUAL_SEED if self.simulation.seed is None else self.simulation.seed
+
+
+def require_no_session(place: SessionPlace, plan: registration.SessionPlan, simulation: SceneOptions) -> None:
+    """Refuse options of a session where there is none."""
+    usual = {**asdict(SessionPlace()), **asdict(registration.SessionPlan()), **asdict(SceneOptions())}
+    given = {**asdict(place), **asdict(plan), **asdict(simulation)}
+    for name, value in given.items():
+        if value != usual[name]:
+            option = name.strip("_").replace("_", "-")
+            raise ConfigError(f"--{option} is for a session; add --rig RIG.toml or --simulate, or leave it out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,31 +112,23 @@ class SessionOver:
         return self.view.report
 
 
-def run_session(
-    options: SessionOptions,
-    cameras: Sequence[Path] | None,
-    *,
-    calibration_sigma_px: float | None,
-    target_trus_m: tuple[float, float, float] | None,
-    as_json: bool,
-) -> SessionOver:
-    """Run a session to its end; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
-
-    ``cameras``, ``calibration_sigma_px``: calibration of the endoscope, for a rig of devices.
-    """
-    plan = options.plan(target_trus_m)
+def run_session(asked: AskedSession, *, as_json: bool) -> SessionOver:
+    """Run a session to its end; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command."""
+    place = asked.place
     with ExitStack() as opened:
         record = None
-        if options.continue_ is not None:
-            record = opened.enter_context(closing(_reopened(options, options.continue_)))
+        plan = asked.plan
+        if place.continue_ is not None:
+            record = opened.enter_context(closing(_reopened(place, place.continue_)))
+            plan = record.view.continue_plan(plan)
             if record.view.moved:
                 # Nothing that is measured now makes a registration of it hold: no device is opened, and none armed.
                 _announce(record, as_json=as_json)
                 return SessionOver(view=record.view, folder=record.folder, title=record.begun.description)
-        room = opened.enter_context(_room(options, cameras, calibration_sigma_px, as_json=as_json))
-        begun = _begun(room, plan, options)
+        room = opened.enter_context(_room(asked, as_json=as_json))
+        begun = _begun(room, plan, seed=asked.seed)
         if record is None:
-            folder = registration.default_folder() if options.record is None else options.record
+            folder = registration.default_folder() if place.record is None else place.record
             record = opened.enter_context(closing(registration.SessionRecord.create(folder, begun)))
         else:
             _require_same(record, begun)
@@ -158,7 +136,7 @@ def run_session(
         if isinstance(room, registration.SimulatedRoom):
             room.skip(record.view.markers)
         session = registration.RegistrationSession(room, plan=plan, record=record)
-        _watch(session, options.heartbeat, record.folder, as_json=as_json)
+        _watch(session, place.heartbeat, record.folder, as_json=as_json)
         simulated = isinstance(room, registration.SimulatedRoom)
         return SessionOver(
             view=session.view,
@@ -175,45 +153,42 @@ def _announce(record: registration.SessionRecord, *, as_json: bool) -> None:
 
 
 @contextmanager
-def _room(
-    options: SessionOptions,
-    cameras: Sequence[Path] | None,
-    calibration_sigma_px: float | None,
-    *,
-    as_json: bool,
-) -> Iterator[registration.Room]:
+def _room(asked: AskedSession, *, as_json: bool) -> Iterator[registration.Room]:
     """Where the session takes place."""
-    settings = None if options.rig is None else rigs.read_rig_file(options.rig)
+    place = asked.place
+    settings = None if place.rig is None else rigs.read_rig_file(place.rig)
     if not isinstance(settings, drivers.BenchSettings):
-        for name, given in (("--cameras", cameras), ("--images", options.images)):
+        for name, given in (("--cameras", asked.cameras), ("--images", place.images)):
             if given:
                 raise ConfigError(f"{name} is for a rig of devices; the simulated rig has a simulated endoscope")
         announce_compilation()
-        simulation = SimulationOptions(readout_s=options.readout_s)
-        rig_settings = simulated_settings(settings, simulation, sweeps=options.sweep)
+        rig_settings = simulated_settings(settings, asked.simulation, sweeps=asked.plan.sweep)
         yield registration.SimulatedRoom(
-            registration.SimulatedRoomSettings(rig=rig_settings, pace=options.pace), seed=options.seed
+            registration.SimulatedRoomSettings(rig=rig_settings, pace=asked.simulation.pace), seed=asked.seed
         )
         return
-    if not cameras or options.images is None:
+    if asked.simulation != SceneOptions():
+        given = ", ".join(asked.simulation.given())
+        raise ConfigError(f"{given}: these are for a simulated rig, and {place.rig} is one of devices; leave them out")
+    if not asked.cameras or place.images is None:
         raise ConfigError(
             "a session needs the endoscope: its calibration by --cameras FILE, and its images by --images 'LEFT RIGHT'"
         )
-    stereo = registration.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
+    stereo = registration.read_stereo(asked.cameras, calibration_sigma_px=asked.calibration_sigma_px)
     with (
-        closing(drivers.open_stereo_images(options.images, left=stereo.left, right=stereo.right)) as images,
-        open_rig(options.rig, sweeps=options.sweep) as (rig, _),
+        closing(drivers.open_stereo_images(place.images, left=stereo.left, right=stereo.right)) as images,
+        open_rig(place.rig, sweeps=asked.plan.sweep) as (rig, _),
     ):
         if rig.facts.face_radius_m is None:
             raise ConfigError(
-                f"{options.rig}: face_radius_m is not known, so that no marker has a position; scan a point and "
+                f"{place.rig}: face_radius_m is not known, so that no marker has a position; scan a point and "
                 "calibrate: markerseek bank scan point.hdf5 --rig RIG.toml, then markerseek calibrate point.hdf5"
             )
-        arm_rig(rig, file=options.rig, arm=options.arm, what="register", as_json=as_json)
-        yield registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person(), wait_s=options.wait_s)
+        arm_rig(rig, file=place.rig, arm=place.arm, what="register", as_json=as_json)
+        yield registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person(), wait_s=asked.plan.wait_s)
 
 
-def _begun(room: registration.Room, plan: registration.SessionPlan, options: SessionOptions) -> registration.Begun:
+def _begun(room: registration.Room, plan: registration.SessionPlan, *, seed: int) -> registration.Begun:
     """First line of the record of a session."""
     facts = room.rig.facts
     return registration.Begun(
@@ -226,13 +201,13 @@ def _begun(room: registration.Room, plan: registration.SessionPlan, options: Ses
         goal_m=plan.goal_m,
         target_trus_m=plan.target_trus_m,
         begun=datetime.now(UTC).isoformat(timespec="seconds"),
-        seed=options.seed if isinstance(room, registration.SimulatedRoom) else None,
+        seed=seed if isinstance(room, registration.SimulatedRoom) else None,
     )
 
 
-def _reopened(options: SessionOptions, path: Path) -> registration.SessionRecord:
+def _reopened(place: SessionPlace, path: Path) -> registration.SessionRecord:
     """Open the record of the session that is continued."""
-    if options.record is not None:
+    if place.record is not None:
         raise ConfigError(f"--continue {path} has its record; leave --record out")
     return registration.SessionRecord.reopen(path)
 
@@ -299,7 +274,7 @@ def _line(step: registration.Step) -> str:
         case registration.Registered():
             colour = "green" if step.decided else "dim"
             return f"  [{colour}]{escape(step.said)}[/]"
-        case registration.MovedMarker() | registration.Ended():
+        case registration.Continued() | registration.MovedMarker() | registration.Ended():
             return f"[bold]{escape(step.said)}[/]"
         case registration.Begun():
             return escape(step.description)

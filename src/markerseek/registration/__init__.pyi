@@ -1,3 +1,4 @@
+from .plan import REGISTRATION_TOLERANCE_MM, SessionPlan
 from .points import point_pairs, spot_pairs
 from .record import (
     CAMERA_IMAGES,
@@ -21,9 +22,10 @@ from .report import (
     target_pixels,
 )
 from .room import DeviceRoom, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
-from .session import REGISTRATION_TOLERANCE_MM, RegistrationSession, SessionPlan
+from .session import RegistrationSession
 from .steps import (
     Begun,
+    Continued,
     Ended,
     MovedMarker,
     RecordedStep,
@@ -44,6 +46,7 @@ __all__ = [
     "REGISTRATION",
     "REGISTRATION_TOLERANCE_MM",
     "Begun",
+    "Continued",
     "DeviceRoom",
     "Ended",
     "ExpectedError",

@@ -17,6 +17,7 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError, Float64, RecordError
 from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, mirror_image_fre, register_points
+from markerseek.registration.plan import require_target
 from markerseek.registration.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
 
@@ -194,13 +195,6 @@ def register_pairs(
             for pair, residual_m in zip(pairs, found.residuals_m, strict=True)
         ],
     )
-
-
-def require_target(target_trus_m: Triple | None) -> None:
-    """Refuse a target that is no place; None is the usual one."""
-    if target_trus_m is not None and not np.isfinite(target_trus_m).all():
-        given = " ".join(f"{1e3 * each:g}" for each in target_trus_m)
-        raise ConfigError(f"--target-mm is {given}, its coordinates must be finite")
 
 
 def registered_pairs(pairs: Sequence[PointPair]) -> Registration:

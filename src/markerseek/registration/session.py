@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TypeVar
 
@@ -17,7 +17,6 @@ import numpy as np
 from msgspec import structs
 
 from markerseek.core import (
-    ConfigError,
     Finished,
     MarkerCurve,
     Measured,
@@ -29,12 +28,14 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
+from markerseek.registration.plan import MOST_MARKERS, SessionPlan
 from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
-from markerseek.registration.report import registered_pairs, require_target, triple
+from markerseek.registration.report import registered_pairs, triple
 from markerseek.registration.room import Room
 from markerseek.registration.spots import SPOT_PAIRS, SpotError, SpotFinder
 from markerseek.registration.steps import (
+    Continued,
     Ended,
     MovedMarker,
     RecordedStep,
@@ -49,15 +50,8 @@ from markerseek.registration.steps import (
 from markerseek.registration.view import SessionView
 from markerseek.runs import Session, new_session, plan_on
 
-REGISTRATION_TOLERANCE_MM = 0.3
-"""Tolerance of searches for a registration: with the usual 1 mm markers are twice as far off along the turn, for two
-acquisitions less each. A search that does not reach it counts by its sigma."""
-
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
-
-MOST_MARKERS = 12
-"""Markers after which it ends in any case."""
 
 WORTH = 0.1
 """Share of the expected TRE by which another marker must lower it, or the session ends."""
@@ -69,37 +63,6 @@ APART_M = 5e-3
 """Distance from a spot that was taken, below which another spot is the same: the person has not moved it yet."""
 
 _Recorded = TypeVar("_Recorded", bound=RecordedStep)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionPlan:
-    """What a session is to reach.
-
-    Raises
-    ------
-    ConfigError
-        If a number cannot be used.
-    """
-
-    goal_m: float = 0.5e-3
-    """Expected TRE at the target at which the session ends."""
-    markers: int | None = None
-    """Number of markers after which it ends, whatever the TRE; None: when the goal is reached, or nothing helps."""
-    target_trus_m: tuple[float, float, float] | None = None
-    """Point of the expected error, in the TRUS frame; None: 20 mm under the middle of the points."""
-    search: SearchPlan = field(default_factory=lambda: SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM))
-    """How a marker is searched."""
-    guided: bool = True
-    """Whether the markers so far guide the search of the next one."""
-    again: bool = False
-    """Whether the first marker is measured again at the end."""
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.goal_m) and 1e-5 <= self.goal_m <= 0.02):
-            raise ConfigError(f"--tre-mm is {1e3 * self.goal_m:g}, it must lie between 0.01 and 20 mm")
-        if self.markers is not None and not 3 <= self.markers <= MOST_MARKERS:
-            raise ConfigError(f"--markers is {self.markers}, it must lie between 3 and {MOST_MARKERS}")
-        require_target(self.target_trus_m)
 
 
 class RegistrationSession:
@@ -125,12 +88,12 @@ class RegistrationSession:
 
     def __init__(self, room: Room, *, plan: SessionPlan | None = None, record: SessionRecord | None = None) -> None:
         self._room = room
-        self._plan = plan or SessionPlan()
         self._record = record
         # The same session gives the same places: only possible poses are drawn.
         self._rng = np.random.default_rng(0)
         self.view = SessionView() if record is None else record.view
         """The session after its steps so far."""
+        self._plan = self.view.continue_plan(plan or SessionPlan())
         self._curve: MarkerCurve | None = None
         self._refused: SpotRefused | None = None
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
@@ -153,6 +116,8 @@ class RegistrationSession:
 
     def _markers(self) -> Generator[Step, None, bool]:
         """Take markers until they are enough; whether the person lit them in time."""
+        if (continued := self._continued()) is not None:
+            yield self._recorded(continued)
         state = self._state()
         if self.view.markers:
             yield self._recorded(state)
@@ -167,6 +132,18 @@ class RegistrationSession:
             state = self._state()
             yield self._recorded(state)
         return True
+
+    def _continued(self) -> Continued | None:
+        """Return what is different from the session that is continued; None if nothing is."""
+        view, plan = self.view, self._plan
+        changed = []
+        if not math.isclose(view.goal_m, plan.goal_m, rel_tol=1e-9):
+            changed.append(f"the goal is {1e3 * plan.goal_m:g} mm, and was {1e3 * view.goal_m:g} mm")
+        if view.target_trus_m != plan.target_trus_m:
+            changed.append(f"the target is {_in_mm(plan.target_trus_m)}, and was {_in_mm(view.target_trus_m)}")
+        if view.begun is None or not changed:
+            return None
+        return Continued(goal_m=plan.goal_m, target_trus_m=plan.target_trus_m, said="; ".join(changed))
 
     def _recorded(self, step: _Recorded) -> _Recorded:
         if self._record is None:
@@ -382,6 +359,13 @@ class RegistrationSession:
         took = f"{counted(len(self.view.markers), 'marker')} in {self.view.rig_s:.0f} s of the rig"
         registered = self.view.registration is not None
         return Ended(registered=registered, said=f"{late}{self.view.said}; {took}", rig_s=self.view.rig_s)
+
+
+def _in_mm(target_trus_m: tuple[float, float, float] | None) -> str:
+    """Return a target in words."""
+    if target_trus_m is None:
+        return "the usual one"
+    return " ".join(f"{1e3 * each:g}" for each in target_trus_m) + " mm"
 
 
 _MOVED_CHI_SQUARED = 16.27

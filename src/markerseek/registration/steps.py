@@ -52,6 +52,16 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True, tag="begun"):
     version: str = __version__
 
 
+class Continued(msgspec.Struct, frozen=True, kw_only=True, tag="continued"):
+    """The session is continued with another goal or target than before."""
+
+    goal_m: float
+    target_trus_m: tuple[float, float, float] | None
+    """``goal_m`` and ``target_trus_m``: as of `Begun`, from here on."""
+    said: str
+    """What is different, in a sentence."""
+
+
 class Waiting(msgspec.Struct, frozen=True, kw_only=True, tag="waiting"):
     """The session waits for a spot."""
 
@@ -165,6 +175,8 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag="ended"):
     """Time of the rig for all markers."""
 
 
-RecordedStep: TypeAlias = Begun | Waiting | SpotRefused | SpotSeen | TakenMarker | Registered | MovedMarker | Ended
+RecordedStep: TypeAlias = (
+    Begun | Continued | Waiting | SpotRefused | SpotSeen | TakenMarker | Registered | MovedMarker | Ended
+)
 Step: TypeAlias = RecordedStep | Searching
 """Any step of a session."""

@@ -15,9 +15,11 @@ from typing import Literal, NamedTuple, Self, TypeAlias
 from msgspec import structs
 
 from markerseek.core import RecordError
+from markerseek.registration.plan import USUAL_TRE_MM, SessionPlan
 from markerseek.registration.report import KnownRegistration, RegistrationReport
 from markerseek.registration.steps import (
     Begun,
+    Continued,
     Ended,
     MovedMarker,
     RecordedStep,
@@ -54,6 +56,10 @@ class SessionView:
     """How the session stands; None for a finished file."""
     begun: Begun | None = None
     """What the session registers; None before its first step, and of a finished file."""
+    goal_m: float = USUAL_TRE_MM / 1e3
+    """Expected TRE at which it ends."""
+    target_trus_m: tuple[float, float, float] | None = None
+    """Point of the expected error, in the TRUS frame; None: the usual one."""
     markers: tuple[TakenMarker, ...] = ()
     """Markers that were taken, without those that were measured again."""
     waiting: Waiting | None = None
@@ -89,7 +95,9 @@ class SessionView:
         running = replace(self, phase="running", ended=None)
         match step:
             case Begun():
-                return replace(running, begun=step)
+                return replace(running, begun=step, goal_m=step.goal_m, target_trus_m=step.target_trus_m)
+            case Continued():
+                return replace(running, goal_m=step.goal_m, target_trus_m=step.target_trus_m)
             case Waiting():
                 return replace(running, waiting=step, searched=None)
             case SpotRefused():
@@ -101,14 +109,23 @@ class SessionView:
             case Registered():
                 return _after_registered(running, step)
             case MovedMarker():
-                registration = None if step.moved else self.registration
-                return replace(running, registration=registration, measured_again=(*self.measured_again, step))
+                return _after_measured_again(running, step)
             case Ended():
                 return replace(self, phase="ended", ended=step, waiting=None, searched=None)
 
     def unreadable(self, problem: str) -> SessionView:
         """Return the view once the record cannot be read: what holds is not known any more."""
         return replace(self, phase="unreadable", registration=None, problem=_text(problem))
+
+    def continue_plan(self, plan: SessionPlan) -> SessionPlan:
+        """Return the plan of who continues the session, with its goal and target where the plan names none."""
+        if self.begun is None:
+            return plan
+        return replace(
+            plan,
+            tre_mm=1e3 * self.goal_m if plan.tre_mm is None else plan.tre_mm,
+            target_trus_m=self.target_trus_m if plan.target_trus_m is None else plan.target_trus_m,
+        )
 
     @property
     def simulated(self) -> bool:
@@ -213,6 +230,12 @@ def _after_marker(view: SessionView, step: TakenMarker) -> SessionView:
             "doubled"
         )
     return replace(view, searched=None, markers=(*view.markers, step))
+
+
+def _after_measured_again(view: SessionView, step: MovedMarker) -> SessionView:
+    """Return the view after a marker that was measured again."""
+    registration = None if step.moved else view.registration
+    return replace(view, registration=registration, measured_again=(*view.measured_again, step))
 
 
 def _after_registered(view: SessionView, step: Registered) -> SessionView:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,6 @@ from msgspec import structs
 
 from markerseek import registration
 from markerseek.cli import registering
-from markerseek.cli.registering import SessionOptions
 from markerseek.core import ConfigError, DeviceError
 from tests.registration_sessions import BEGUN
 
@@ -38,7 +38,7 @@ def test_a_session_goes_on_with_the_options_it_was_begun_with(
 @pytest.mark.parametrize("wait_s", [-1.0, 0.0, float("nan"), 1e9])
 def test_a_wait_that_is_none_is_refused(wait_s: float) -> None:
     with pytest.raises(ConfigError, match=r"wait_s is .* s, it must lie in \[1, 3600\] s"):
-        SessionOptions(simulate=True, wait_s=wait_s)
+        registration.SessionPlan(wait_s=wait_s)
 
 
 def test_a_fault_names_the_command_that_goes_on(
@@ -70,7 +70,7 @@ def test_a_session_that_is_continued_otherwise_says_how_it_was_begun(
 ) -> None:
     begun = structs.replace(BEGUN, cameras="[]", seed=31)
     registration.SessionRecord.create(tmp_path / "first", begun).close()
-    options = SessionOptions(simulate=True, continue_=tmp_path / "first")
-    registering._record(options, begun).close()
-    with pytest.raises(ConfigError, match=re.escape(said)):
-        registering._record(options, structs.replace(begun, **changed))
+    with closing(registration.SessionRecord.reopen(tmp_path / "first")) as record:
+        registering._require_same(record, begun)
+        with pytest.raises(ConfigError, match=re.escape(said)):
+            registering._require_same(record, structs.replace(begun, **changed))

@@ -22,11 +22,6 @@ _CHI95 = 5.991
 """95 % quantile of chi squared with two degrees of freedom."""
 
 
-def goal_mm(view: SessionView) -> float:
-    """Return the expected TRE at which a session ends, in millimetres."""
-    return 0.5 if view.begun is None else 1e3 * view.begun.goal_m
-
-
 def session_verdict(view: SessionView, *, next_step: str) -> Verdict:
     """Return the state in large letters: the expected error, and what the person has to do now."""
     shown = Verdict(kind="busy", reason="" if view.last is None else view.said)
@@ -52,8 +47,8 @@ def session_verdict(view: SessionView, *, next_step: str) -> Verdict:
 
 def _end_verdict(view: SessionView, shown: Verdict, *, next_step: str) -> Verdict:
     """Return the verdict at the end, or once a marker has moved."""
-    is_below = view.registration is not None and 1e3 * view.registration.report.tre_m <= goal_mm(view)
-    goal = f"the goal of {goal_mm(view):g} mm is {'' if is_below else 'not '}reached"
+    is_below = view.registration is not None and view.registration.report.tre_m <= view.goal_m
+    goal = f"the goal of {1e3 * view.goal_m:g} mm is {'' if is_below else 'not '}reached"
     turn = f"{counted(len(view.markers), 'marker')}; {goal}"
     ended = "" if view.ended is None else view.ended.said
     sentences = dict.fromkeys((*(each.said for each in view.measured_again), ended))
@@ -147,7 +142,7 @@ def session_table(view: SessionView) -> str:
 def session_chart(view: SessionView) -> str:
     """Return the expected error after each marker, as SVG."""
     errors = [(each.markers, 1e3 * each.tre_m, 1e3 * each.tre95_m) for each in view.errors]
-    return errors_svg(errors, goal_mm=goal_mm(view))
+    return errors_svg(errors, goal_mm=1e3 * view.goal_m)
 
 
 def _cells(tag: str, texts: tuple[str, ...]) -> str:
