@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import select
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -27,6 +29,7 @@ from markerseek.core import (
     MarkerseekError,
     SceneOptions,
     SearchError,
+    counted,
 )
 
 
@@ -135,6 +138,13 @@ def run_session(asked: AskedSession, *, as_json: bool) -> SessionOver:
         _announce(record, as_json=as_json)
         if isinstance(room, registration.SimulatedRoom):
             room.skip(record.view.markers)
+        if isinstance(room, registration.DeviceRoom) and not plan.light_while_waiting:
+            room.is_set = SpotIsSet(record.folder)
+            if not (as_json or (sys.stdin is not None and sys.stdin.isatty())):
+                print_warning(
+                    f"there is no terminal on which somebody could say that a spot is set: make the file "
+                    f"{record.folder / registration.SPOT_IS_SET}, or add --idle-s or --light-while-waiting"
+                )
         session = registration.RegistrationSession(room, plan=plan, record=record)
         _watch(session, place.heartbeat, record.folder, as_json=as_json)
         simulated = isinstance(room, registration.SimulatedRoom)
@@ -144,6 +154,42 @@ def run_session(asked: AskedSession, *, as_json: bool) -> SessionOver:
             title="simulated rig and endoscope" if simulated else room.rig.facts.description,
             truth=room.truth(session.view) if isinstance(room, registration.SimulatedRoom) else None,
         )
+
+
+class SpotIsSet:
+    """Whether a person has said that the spot is set: by Enter on this terminal, or by a file in the session's folder.
+
+    The page, a pedal or any other program makes the file, `markerseek.registration.SPOT_IS_SET`; it is removed here.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / registration.SPOT_IS_SET
+        self._at_terminal = sys.stdin is not None and sys.stdin.isatty()
+
+    def __call__(self) -> bool:
+        """Whether it was said since the last call."""
+        typed = self._typed()
+        if not self._path.exists():
+            return typed
+        self._path.unlink(missing_ok=True)
+        return True
+
+    def _typed(self) -> bool:
+        """Whether a line was typed since the last call; all that was typed is read, so that no key counts later."""
+        typed = False
+        while self._at_terminal:
+            try:
+                terminal = sys.stdin.fileno()
+                # A job in the background would be stopped by the system if it read.
+                if os.tcgetpgrp(terminal) != os.getpgrp() or not select.select([terminal], [], [], 0)[0]:
+                    break
+                line = os.read(terminal, 4096)
+            except OSError:
+                line = b""
+            # The terminal has gone, if nothing comes of it.
+            self._at_terminal = bool(line)
+            typed = typed or b"\n" in line
+        return typed
 
 
 def _announce(record: registration.SessionRecord, *, as_json: bool) -> None:
@@ -185,7 +231,9 @@ def _room(asked: AskedSession, *, as_json: bool) -> Iterator[registration.Room]:
                 "calibrate: markerseek bank scan point.hdf5 --rig RIG.toml, then markerseek calibrate point.hdf5"
             )
         arm_rig(rig, file=place.rig, arm=place.arm, what="register", as_json=as_json)
-        yield registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person(), wait_s=asked.plan.wait_s)
+        yield registration.DeviceRoom(
+            rig=rig, images=images, stereo=stereo, by=person(), wait_s=asked.plan.wait_s, idle_s=asked.plan.idle_s
+        )
 
 
 def _begun(room: registration.Room, plan: registration.SessionPlan, *, seed: int) -> registration.Begun:
@@ -256,17 +304,12 @@ def _line(step: registration.Step) -> str:
     """A step in a line."""
     match step:
         case registration.Waiting():
-            return f"[bold]marker {step.name}:[/] {escape(step.said)}"
+            set_it = "; the laser is dark: press Enter once the spot is set" if step.dark else ""
+            return f"[bold]marker {step.name}:[/] {escape(step.said)}{set_it}"
         case registration.SpotRefused():
-            return f"  [yellow]not accepted:[/] {escape(step.reason)}"
+            return _refused_line(step)
         case registration.SpotSeen():
-            x, y, z = (1e3 * value for value in step.camera_m)
-            guess = ""
-            if step.prediction is not None:
-                prior = step.prediction.prior
-                guess = f"; expected at {prior.mean_deg:.1f} ± {prior.sigma_deg:.1f} deg"
-            at = f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the left camera, ± {step.spot.sigma_px:.2f} px"
-            return f"  [dim]spot at {at}{guess}[/]"
+            return _seen_line(step)
         case registration.TakenMarker():
             where = f" at {step.candidates[0].angle_deg:.2f} deg" if step.candidates else ""
             why = f": {step.reason}" if step.reason is not None else ""
@@ -280,6 +323,26 @@ def _line(step: registration.Step) -> str:
             return escape(step.description)
         case registration.Searching():
             return escape(step.view.line)
+
+
+def _refused_line(step: registration.SpotRefused) -> str:
+    """A spot that was not accepted, in a line."""
+    again = "" if step.pulses is None else f" ({counted(step.pulses, 'pulse')}); press Enter once the spot is set"
+    if step.pulses is not None and step.reason.startswith("no light"):
+        again += "; if the cameras do not see single pulses, --light-while-waiting fires more"
+    return f"  [yellow]not accepted:[/] {escape(step.reason)}{again}"
+
+
+def _seen_line(step: registration.SpotSeen) -> str:
+    """A spot that both cameras see, in a line."""
+    x, y, z = (1e3 * value for value in step.camera_m)
+    guess = ""
+    if step.prediction is not None:
+        prior = step.prediction.prior
+        guess = f"; expected at {prior.mean_deg:.1f} ± {prior.sigma_deg:.1f} deg"
+    at = f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the left camera, ± {step.spot.sigma_px:.2f} px"
+    fired = "" if step.pulses is None else f"; {counted(step.pulses, 'pulse')} for the cameras"
+    return f"  [dim]spot at {at}{fired}{guess}[/]"
 
 
 _OF_COMMAND = ("--record", "--continue", "--heartbeat")

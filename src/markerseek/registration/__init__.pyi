@@ -3,6 +3,7 @@ from .points import point_pairs, spot_pairs
 from .record import (
     CAMERA_IMAGES,
     REGISTRATION,
+    SPOT_IS_SET,
     SessionRecord,
     camera_text,
     default_folder,
@@ -45,6 +46,7 @@ __all__ = [
     "CAMERA_IMAGES",
     "REGISTRATION",
     "REGISTRATION_TOLERANCE_MM",
+    "SPOT_IS_SET",
     "Begun",
     "Continued",
     "DeviceRoom",

@@ -39,6 +39,11 @@ class SessionPlan:
     """Measure the first marker again at the end, to see whether it has moved."""
     wait_s: float = option(300.0)
     """Longest wait for a spot, in seconds."""
+    idle_s: float | None = option(None, shown="never")
+    """Time in the dark after which the session looks for a spot although nobody has said that it is set, in seconds."""
+    light_while_waiting: bool = option(False)
+    """Fire once a second while the session waits, until the cameras see a spot, instead of waiting in the dark until
+    somebody says that the spot is set."""
 
     target_trus_m: tuple[float, float, float] | None = None
     """Point of the expected error, in the TRUS frame; None: 20 mm under the middle of the points, or that of the
@@ -54,6 +59,12 @@ class SessionPlan:
         if self.markers is not None and not (is_whole(self.markers) and 3 <= self.markers <= MOST_MARKERS):
             raise ConfigError(f"markers is {self.markers}, it must be a whole number from 3 to {MOST_MARKERS}")
         require_range("wait_s", self.wait_s, low=1, high=3600, unit="s")
+        if self.idle_s is not None:
+            require_range("idle_s", self.idle_s, low=1, high=3600, unit="s")
+        if self.idle_s is not None and self.light_while_waiting:
+            raise ConfigError(
+                f"idle_s is {self.idle_s:g} s, a time in the dark; with light while it waits there is none"
+            )
         require_target(self.target_trus_m)
 
     @property

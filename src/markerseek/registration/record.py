@@ -33,6 +33,9 @@ NAME = "session.jsonl"
 CAMERA_IMAGES = ("left.jpg", "right.jpg")
 """Names of the newest images of both cameras, in its folder."""
 
+SPOT_IS_SET = "spot-is-set"
+"""Name of the file in its folder by which another program says that the spot is set; the session removes it."""
+
 REGISTRATION = "registration.json"
 """Name of the file of a registration."""
 

@@ -6,7 +6,7 @@ In the simulated room somebody lights the place that is asked for.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -47,20 +47,38 @@ class Room(Protocol):
     def stereo(self) -> StereoSettings:
         """Calibration of the cameras."""
 
+    @property
+    def waits_dark(self) -> bool:
+        """Whether the laser is dark until the person says that the spot is set."""
+
+    @property
+    def fired(self) -> int | None:
+        """Pulses of `light` since the spot was set; None where the laser fires while the session waits."""
+
     def ask(self, waiting: Waiting) -> bool:
         """Ask for a spot; whether to look for one now. False ends the session."""
+
+    def light(self) -> int:
+        """Fire for the cameras; returns the number of pulses."""
 
     def arm(self) -> None:
         """Arm the rig in the name of the person who is there: each search disarms it at its end."""
 
 
 BETWEEN_S = 1.0
-"""Time between two looks for a spot, in seconds: the laser fires in each."""
+"""Time between two looks for a spot, in seconds, where the laser fires in each while the session waits."""
+
+_ASKED_S = 0.1
+"""Time between two questions whether the spot is set, in seconds."""
 
 
 @dataclass(slots=True, kw_only=True)
 class DeviceRoom:
-    """A `Room` of devices: a person lights the spots, and the laser fires once a second until the cameras see one."""
+    """A `Room` of devices: a person lights the spots.
+
+    The laser is dark, and disarmed, until the person says that a spot is set. Then it fires ten pulses a second, until
+    the cameras see the spot, or the look for it ends after some seconds.
+    """
 
     rig: Rig
     """The rig, armed by a person."""
@@ -70,10 +88,25 @@ class DeviceRoom:
     """Who has armed the rig for the session: each search disarms it at its end."""
     wait_s: float = 300.0
     """Longest wait for a spot, in seconds; then the session ends."""
+    is_set: Callable[[], bool] | None = None
+    """Whether the person has said, since this was called last, that the spot is set. None: the laser fires once a
+    second while the session waits, until the cameras see a spot."""
+    idle_s: float | None = None
+    """Time in the dark after which the session looks for a spot although nobody has said that it is set, in seconds;
+    None: never."""
+    fired: int | None = field(default=None, init=False)
+    """Pulses of `light` since the spot was set; None where the laser fires while the session waits."""
     _waiting: tuple[str, float] = field(default=("", 0.0), init=False)
 
+    @property
+    def waits_dark(self) -> bool:
+        """Whether the laser is dark until the person says that the spot is set."""
+        return self.is_set is not None
+
     def ask(self, waiting: Waiting) -> bool:
-        """Look again in a moment, unless nobody has lit a spot for too long."""
+        """Wait until the spot is set, or a moment; False if nobody has set or lit a spot for too long."""
+        if self.is_set is not None:
+            return self._wait_dark(self.is_set)
         clock = self.rig.scanner.clock
         name, since_s = self._waiting
         if name != waiting.name:
@@ -83,6 +116,31 @@ class DeviceRoom:
         else:
             clock.wait(BETWEEN_S)
         return True
+
+    def _wait_dark(self, is_set: Callable[[], bool]) -> bool:
+        """Wait with the laser disarmed until the person says that the spot is set; False after the longest wait."""
+        clock = self.rig.scanner.clock
+        self.rig.scanner.stop()
+        # What was said before was said of an earlier spot.
+        is_set()
+        begun_s = clock.now_s()
+        while not is_set():
+            waited_s = clock.now_s() - begun_s
+            if waited_s > self.wait_s:
+                return False
+            if self.idle_s is not None and waited_s >= self.idle_s:
+                break
+            clock.wait(_ASKED_S)
+        self.fired = 0
+        return True
+
+    def light(self) -> int:
+        """Fire for the cameras: one pulse, or those of an acquisition where the laser fires while it waits."""
+        if self.fired is None:
+            return self.rig.scanner.light()
+        pulses = self.rig.scanner.light(1)
+        self.fired += pulses
+        return pulses
 
     def arm(self) -> None:
         """Arm the rig in the name of the person who armed it for the session."""
@@ -147,6 +205,11 @@ class SimulatedRoom:
     ``seed``: of everything that is drawn.
     """
 
+    waits_dark = False
+    """The simulated person lights each place at once."""
+    fired: int | None = None
+    """Not counted."""
+
     def __init__(self, settings: SimulatedRoomSettings, *, seed: int) -> None:
         self._settings, self._seed = settings, seed
         rng = np.random.default_rng(seed)
@@ -198,6 +261,10 @@ class SimulatedRoom:
             self._spots_m[waiting.name] = spot_m
         self._light(spot_m)
         return True
+
+    def light(self) -> int:
+        """Fire the pulses of an acquisition for the cameras."""
+        return self.rig.scanner.light()
 
     def arm(self) -> None:
         """Nothing to arm: no hardware is involved."""

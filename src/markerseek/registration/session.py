@@ -122,7 +122,12 @@ class RegistrationSession:
         if self.view.markers:
             yield self._recorded(state)
         while not state.done:
-            waiting = Waiting(name=self.view.next_name, place=state.place, said=self._asking(state))
+            waiting = Waiting(
+                name=self.view.next_name,
+                place=state.place,
+                said=self._asking(state),
+                dark=self._room.waits_dark,
+            )
             yield self._recorded(waiting)
             taken = None
             while taken is None and self._room.ask(waiting):
@@ -154,12 +159,15 @@ class RegistrationSession:
         return step
 
     def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
-        """Take a marker; None if it has to be done once more, which is said once as long as the reason is the same."""
+        """Take a marker; None if it has to be done once more.
+
+        Where the laser fires while the session waits, that is said once as long as the reason is the same.
+        """
         try:
             return (yield from self._taken(name, again))
         except SpotError as problem:
-            refused = SpotRefused(name=name, reason=str(problem))
-        if refused != self._refused:
+            refused = SpotRefused(name=name, reason=str(problem), pulses=self._room.fired)
+        if self._room.waits_dark or refused != self._refused:
             self._refused = refused
             yield self._recorded(refused)
         return None
@@ -181,6 +189,7 @@ class RegistrationSession:
                 camera_m=triple(seen.camera_m),
                 prediction=prediction,
                 journal=None if journal is None else journal.name,
+                pulses=self._room.fired,
             )
         )
         self._room.arm()
@@ -326,6 +335,7 @@ class RegistrationSession:
             name=first.name,
             place=place,
             said=f"light the spot of marker {first.name} again, to see whether it has moved",
+            dark=self._room.waits_dark,
         )
         yield self._recorded(waiting)
         if not self._room.ask(waiting):

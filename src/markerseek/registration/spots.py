@@ -54,7 +54,7 @@ class SpotFinder:
     def look(self) -> Looked:
         """Look for the spot, with the laser on and off; `SpotError` if there is none."""
         self._room.arm()
-        scanner, images = self._room.rig.scanner, self._room.images
+        images = self._room.images
         images.newest()
         for dark in self._coming():
             if len(dark) >= DARK_PAIRS:
@@ -65,7 +65,7 @@ class SpotFinder:
                 "needed; check that both cameras send"
             )
         for pairs in self._coming():
-            scanner.light()
+            self._room.light()
             lit = lit_pairs(pairs, dark)
             if len(lit) >= SPOT_PAIRS:
                 break

@@ -71,6 +71,8 @@ class Waiting(msgspec.Struct, frozen=True, kw_only=True, tag="waiting"):
     """Place at which a spot reduces the error most; None: anywhere in view and in reach."""
     said: str
     """What the person has to do, in a sentence."""
+    dark: bool = False
+    """Whether the laser is dark until the person says that the spot is set."""
 
 
 class SpotRefused(msgspec.Struct, frozen=True, kw_only=True, tag="spot-refused"):
@@ -78,6 +80,8 @@ class SpotRefused(msgspec.Struct, frozen=True, kw_only=True, tag="spot-refused")
 
     name: str
     reason: str
+    pulses: int | None = None
+    """Pulses for the cameras since the person said that the spot is set; None: the laser fires while it waits."""
 
 
 class SpotSeen(msgspec.Struct, frozen=True, kw_only=True, tag="spot"):
@@ -91,6 +95,8 @@ class SpotSeen(msgspec.Struct, frozen=True, kw_only=True, tag="spot"):
     """Prediction of its marker from the markers so far; None if they allow none."""
     journal: str | None
     """Name of the search's journal in the folder of the session."""
+    pulses: int | None = None
+    """As of `SpotRefused`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

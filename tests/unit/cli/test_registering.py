@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -74,3 +75,38 @@ def test_a_session_that_is_continued_otherwise_says_how_it_was_begun(
         registering._require_same(record, begun)
         with pytest.raises(ConfigError, match=re.escape(said)):
             registering._require_same(record, structs.replace(begun, **changed))
+
+
+def test_a_spot_is_set_by_the_file_of_another_program_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    is_set = registering.SpotIsSet(tmp_path)
+    assert not is_set()
+    (tmp_path / registration.SPOT_IS_SET).touch()
+    assert [is_set(), is_set()] == [True, False]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_spot_is_set_by_enter_on_the_terminal_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        monkeypatch.setattr(os, "tcgetpgrp", lambda _descriptor: os.getpgrp())
+        is_set = registering.SpotIsSet(tmp_path)
+        assert not is_set()
+        for typed, expected in ((b"x", False), (b"\n", True), (b"\n\n", True), (b"", False)):
+            os.write(ours, typed)
+            assert is_set() is expected
+        # The terminal goes.
+        os.close(ours)
+        assert not is_set()
+        assert not is_set()
+
+
+def test_a_job_in_the_background_does_not_read_its_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        monkeypatch.setattr(os, "tcgetpgrp", lambda _descriptor: os.getpgrp() + 1)
+        os.write(ours, b"\n")
+        assert not registering.SpotIsSet(tmp_path)()
+    os.close(ours)

@@ -75,6 +75,12 @@ class FaultyRoom:
         self.images.show(SPOT_M)
         return self._asked <= 2
 
+    waits_dark = False
+    fired: int | None = None
+
+    def light(self) -> int:
+        return self.rig.scanner.light()
+
     def arm(self) -> None:
         """A simulated rig needs none."""
 

@@ -5,6 +5,7 @@ All viewers share both; only one runs at a time.
 
 from __future__ import annotations
 
+import os
 import shlex
 import threading
 import time
@@ -22,6 +23,7 @@ from markerseek.drivers import BenchSettings
 from markerseek.records.journal import Configuration, JournalItem, default_journal, follow, make_folder
 from markerseek.registration import (
     CAMERA_IMAGES,
+    SPOT_IS_SET,
     SessionView,
     SpotSeen,
     default_folder,
@@ -165,6 +167,18 @@ class ChildRegistration(ChildSearch):
             return "Start begins a new session"
         goes_on = f"markerseek {shlex.join(self.goes_on)}"
         return f"Start begins a new session, Go on continues this one; in a terminal: {goes_on}"
+
+    @property
+    def asks_whether_set(self) -> bool:
+        """Whether the laser is dark until somebody says that the spot is set."""
+        waiting = self.view.waiting
+        return self.outcome is None and not self._stopping and waiting is not None and waiting.dark
+
+    def say_spot_is_set(self) -> None:
+        """Say that the spot is set, if the session waits for that."""
+        if self.asks_whether_set:
+            flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW
+            os.close(os.open(self.journal / SPOT_IS_SET, flags, 0o600))
 
     @property
     def said(self) -> Verdict:

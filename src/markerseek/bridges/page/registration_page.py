@@ -65,6 +65,8 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
     shell = PageShell(searches, "/")
     with ui.element("div").classes("ms-session"):
         verdict = VerdictPanel()
+    spot_is_set = ui.button("Spot is set", icon="flare")
+    shell.on_click(spot_is_set, lambda: _say_set(searches.registration))
     controls = RunControls(shell, USUAL_REGISTRATION, query)
     panels = RegistrationPanels(searches.rig.search)
     with ui.element("div").classes("ms-foot"):
@@ -76,10 +78,17 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
         controls.update(live)
         verdict.show(FIRST if live is None else live.said)
         panels.show(live)
+        spot_is_set.set_visibility(live is not None and live.asks_whether_set)
         save.set_visibility(live is not None and live.view.registration is not None)
         shell.show_emulated(live.run if live else None)
 
     shell.run(update)
+
+
+def _say_set(live: ChildRegistration | None) -> None:
+    """Say that the spot is set: the laser fires some pulses for the cameras."""
+    if live is not None:
+        live.say_spot_is_set()
 
 
 def _download(live: ChildRegistration | None) -> None:

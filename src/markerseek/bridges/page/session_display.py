@@ -40,6 +40,8 @@ def session_verdict(view: SessionView, *, next_step: str) -> Verdict:
         return replace(shown, word="COMPUTING", reason="")
     is_new = view.waiting.name == view.next_name
     turn = f"light marker {view.waiting.name} in the circle" if view.waiting.place and is_new else view.waiting.said
+    if view.waiting.dark:
+        turn += "; the laser is dark: press Spot is set once it is there"
     if view.refused is None:
         return replace(shown, word="LIGHT A SPOT", turn=turn)
     return replace(shown, word="LIGHT A SPOT", kind="unsure", turn=turn, problem=view.refused.reason)

@@ -107,3 +107,11 @@ def test_a_marker_that_has_moved_takes_the_word_and_the_expected_error_back():
         assert "marker 1 has moved" in verdict.reason
         assert "not reached" in verdict.turn
         assert "ms-mark-target" not in session_marks(view, "left")
+
+
+def test_a_session_that_waits_in_the_dark_says_what_to_press():
+    view = SessionView().after(BEGUN)
+    lit = view.after(Waiting(name="1", place=None, said="light a spot"))
+    dark = view.after(Waiting(name="1", place=None, said="light a spot", dark=True))
+    assert "Spot is set" not in session_verdict(lit, next_step="").turn
+    assert "the laser is dark: press Spot is set once it is there" in session_verdict(dark, next_step="").turn
