@@ -256,6 +256,26 @@ def test_a_full_disk_leaves_no_file_of_a_registration_that_holds_no_longer(
     assert read_registration(path).davinci_to_trus.matrix == pytest.approx(matrix_m(4))
 
 
+def test_a_registration_that_could_not_be_withdrawn_for_want_of_room_still_has_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = begin(tmp_path / "s", markers=3)
+
+    def full(_descriptor: int, _data: bytes, _at: int) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", full)
+        with pytest.raises(RecordError, match="No space left on device"):
+            record.add(MOVED)
+    # The record does not say that it has moved.
+    assert record.view.registration is not None
+    assert read_registration(tmp_path / "s" / REGISTRATION).davinci_to_trus.matrix == pytest.approx(matrix_m(3))
+    record.add(MOVED)
+    assert not (tmp_path / "s" / REGISTRATION).exists()
+    record.close()
+
+
 def no_light(name: str) -> SpotRefused:
     return SpotRefused(name=name, reason="no light")
 
