@@ -12,14 +12,17 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
-from markerseek.bridges.page.page_searches import ChildSearch, PageRig, PageSearches
+from markerseek.bridges.page.page_searches import ChildRegistration, ChildSearch, PageRig, PageSearches
 from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry, Interrupted
+from markerseek.registration import SPOT_IS_SET, Spot, SpotSeen, Waiting
 from markerseek.rigs import read_rig_file
 from markerseek.runs import STOPPED as STOPPED_LINE
 from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
+from tests.registration_sessions import begin
 
+SPOT = Spot(left_px=(600.0, 500.0), right_px=(560.0, 500.0), sigma_px=0.1)
 BROWSER = "a browser at 127.0.0.1"
 STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
 RESUMED = "Start begins a new search;"
@@ -297,3 +300,49 @@ def test_a_rig_of_devices_registers_only_with_its_endoscope_and_a_known_face(tmp
         *("register", "--rig", "r.toml", "--cameras", "stereo.toml", "--images", "left right", "--sweep"),
     ]
     assert record.startswith(str(tmp_path))
+
+
+class RunningSession(ScriptedChild):
+    """A session of devices that runs until it is stopped."""
+
+    @property
+    def running(self):
+        return not self.stopped.is_set()
+
+    def wait(self):
+        time.sleep(0.01)
+
+
+def test_the_page_says_that_the_spot_is_set_only_while_the_session_waits_in_the_dark_for_that(tmp_path):
+    folder = tmp_path / "session"
+    record = begin(folder)
+    live = ChildRegistration(
+        RunningSession(endless=True), asked=USUAL_REGISTRATION, journal=folder, goes_on=["register"], simulated=False
+    )
+    said = folder / SPOT_IS_SET
+
+    def asks(*, expected):
+        ends_s = time.monotonic() + 30
+        while live.asks_whether_set is not expected:
+            assert time.monotonic() < ends_s
+            time.sleep(0.01)
+        live.say_spot_is_set()
+        assert said.exists() is expected
+        said.unlink(missing_ok=True)
+
+    asks(expected=False)
+    record.add(Waiting(name="1", place=None, said="light a spot", dark=True))
+    asks(expected=True)
+    # Nothing is written through a link.
+    said.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="symbolic links"):
+        live.say_spot_is_set()
+    assert not (tmp_path / "elsewhere").exists()
+    said.unlink()
+    record.add(SpotSeen(name="1", spot=SPOT, camera_m=(0.0, 0.0, 0.1), prediction=None, journal=None, pulses=9))
+    asks(expected=False)
+    record.add(Waiting(name="1", place=None, said="light a spot"))
+    asks(expected=False)
+    live.stop()
+    live.end(30)
+    record.close()
