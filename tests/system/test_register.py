@@ -65,6 +65,14 @@ def test_another_registration_is_replaced_by_force_only(shell: Shell, tmp_path: 
     assert kept.read_bytes() != held
 
 
+def test_the_file_of_a_session_is_not_replaced_by_other_points(shell: Shell) -> None:
+    sessions.begin(Path(), markers=3).close()
+    held = Path("registration.json").read_bytes()
+    code, _, err = shell("register", EXAMPLE, "--force")
+    assert (code, Path("registration.json").read_bytes()) == (2, held)
+    assert "the current folder holds a registration session" in " ".join(err.split())
+
+
 def test_exact_points_give_the_exact_transform_as_json(shell: Shell, tmp_path: Path) -> None:
     code, out, err = shell("register", table(tmp_path / "p.csv"), "--json")
     assert (code, err) == (0, "")

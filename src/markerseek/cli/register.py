@@ -28,6 +28,11 @@ SHOWN_SHARE = 0.7
 def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
     """The file of a registration, and its content; only ``force`` replaces another registration in this folder."""
     path = Path(registration.REGISTRATION)
+    if registration.session_folder(path) is not None:
+        raise ConfigError(
+            "the current folder holds a registration session, whose file registration.json is; run the command in "
+            "another folder"
+        )
     if path.exists() and not force:
         try:
             known = registration.read_registration(path).davinci_to_trus.matrix.tolist()
