@@ -14,7 +14,7 @@ from rich.table import Table
 
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
-from markerseek.cli.registering import AskedSession, SessionOver, SessionPlace, require_no_session, run_session
+from markerseek.cli.registering import SessionOver, SessionPlace, SessionRequest, require_no_session, run_session
 from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
 from markerseek.core import ConfigError, RecordError, SceneOptions
 
@@ -126,7 +126,7 @@ def command(
     if place.wanted:
         if points is not None or frames is not None or journal or without:
             raise ConfigError("a session makes its own points; leave the CSV, --frames, --journal and --without out")
-        asked = AskedSession(
+        asked = SessionRequest(
             place=place,
             plan=replace(session, target_trus_m=target_m),
             simulation=simulation,

@@ -69,8 +69,8 @@ class SessionPlace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AskedSession:
-    """All that is asked of a session."""
+class SessionRequest:
+    """All that the command line asks of a session."""
 
     place: SessionPlace
     plan: registration.SessionPlan
@@ -115,7 +115,7 @@ class SessionOver:
         return self.view.report
 
 
-def run_session(asked: AskedSession, *, as_json: bool) -> SessionOver:
+def run_session(asked: SessionRequest, *, as_json: bool) -> SessionOver:
     """Run a session to its end; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command."""
     place = asked.place
     with ExitStack() as opened:
@@ -199,7 +199,7 @@ def _announce(record: registration.SessionRecord, *, as_json: bool) -> None:
 
 
 @contextmanager
-def _room(asked: AskedSession, *, as_json: bool) -> Iterator[registration.Room]:
+def _room(asked: SessionRequest, *, as_json: bool) -> Iterator[registration.Room]:
     """Where the session takes place."""
     place = asked.place
     settings = None if place.rig is None else rigs.read_rig_file(place.rig)
