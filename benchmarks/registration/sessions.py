@@ -24,9 +24,8 @@ import numpy as np
 from benchmarks.registration.forged_markers import REACH, STEREO, ForgedScene
 from benchmarks.registration.trials import GRID_STEP_M, MARKER_PLACES
 from markerseek.acoustics import Absorber, Clutter
-from markerseek.core import AnglePrior, ConfigError, MarkerseekError, SearchPlan, StereoPair
+from markerseek.core import AnglePrior, ConfigError, MarkerseekError, StereoPair
 from markerseek.registration import (
-    REGISTRATION_TOLERANCE_MM,
     Registered,
     RegistrationSession,
     SessionPlan,
@@ -124,15 +123,14 @@ class _Session(RegistrationSession):
     """A session that may be without images, or be misled."""
 
     def __init__(self, room: _Room, row: Row, *, images: bool) -> None:
-        search = SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM, sweep=row.sweep)
-        super().__init__(room, plan=SessionPlan(markers=row.markers, guided=row.guided, search=search))
+        super().__init__(room, plan=SessionPlan(markers=row.markers, guided=row.guided, sweep=row.sweep))
         self._row = row
         if not images:
             self._spots = _ToldSpots(room)
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
         prediction = super()._prediction(seen)
-        if prediction is None or not self._row.misled or len(self.taken) < 2:
+        if prediction is None or not self._row.misled or len(self.view.markers) < 2:
             return prediction
         mean_deg = prediction.prior.mean_deg
         inwards_deg = -PRIOR_OFF_DEG if mean_deg > self._room.rig.limits.search.centre_deg else PRIOR_OFF_DEG
@@ -238,21 +236,21 @@ def run(name: str, seed: int, *, commit: str, images: bool = False) -> Outcome:
                 report = step.report
                 known = report is not None and report.registered
                 expected_mm.append(f"{1e3 * report.tre_m:.3f}" if report is not None and known else "-")
-                true_m = room.truth(step, session.taken, rig_s=session.rig_s).target_error_m
+                true_m = room.truth(session.view).target_error_m
                 errors_mm.append("-" if true_m is None else f"{1e3 * true_m:.3f}")
     except MarkerseekError as problem:
         error = f"{type(problem).__name__}: {problem}"
-    state = session.last
-    truth = room.truth(state, session.taken, rig_s=session.rig_s)
-    report = state.report if state is not None and state.decided else None
-    chosen = {} if state is None else state.chosen
+    view = session.view
+    truth = room.truth(view)
+    report = None if view.registration is None else view.registration.report
+    chosen = {} if view.last is None else view.last.chosen
     return Outcome(
         row=name,
         seed=seed,
         registered=report is not None and not error,
-        rig_s=round(session.rig_s, 2),
-        acquisitions=sum(marker.acquisitions for marker in session.taken),
-        markers=len(session.taken),
+        rig_s=round(view.rig_s, 2),
+        acquisitions=sum(marker.acquisitions for marker in view.markers),
+        markers=len(view.markers),
         chosen=len(chosen),
         wrong=sum(off_m > WRONG_M for off_m in truth.marker_errors_m.values()),
         refused=refused,

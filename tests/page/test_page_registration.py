@@ -51,7 +51,7 @@ def test_a_whole_session_is_seen_and_a_reload_shows_it_too(browser, tmp_path):
         watched.tab.evaluate(RECORDED)
         watched.start()
         watched.wait_for(BADGE, "^REGISTERED$", timeout_ms=SESSION_MS)
-        steps, _ = read_session(folder_of(page))
+        steps = read_session(folder_of(page))
         last = [step for step in steps if isinstance(step, Registered)][-1]
         taken = [step for step in steps if isinstance(step, TakenMarker)]
         assert len(taken) == 3

@@ -15,6 +15,7 @@ from markerseek.registration import read_registration
 from markerseek.registration.points import read_camera_images
 from markerseek.sim import EndoscopeSettings, endoscope
 from markerseek.vision import find_spot
+from tests import registration_sessions as sessions
 from tests.spot_images import spot_images
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -62,6 +63,14 @@ def test_another_registration_is_replaced_by_force_only(shell: Shell, tmp_path: 
     assert "registration.json: another registration is in this folder; --force replaces it" in " ".join(err.split())
     assert shell("register", second, "--force")[0] == 0
     assert kept.read_bytes() != held
+
+
+def test_the_file_of_a_session_is_not_replaced_by_other_points(shell: Shell) -> None:
+    sessions.begin(Path(), markers=3).close()
+    held = Path("registration.json").read_bytes()
+    code, _, err = shell("register", EXAMPLE, "--force")
+    assert (code, Path("registration.json").read_bytes()) == (2, held)
+    assert "the current folder holds a registration session" in " ".join(err.split())
 
 
 def test_exact_points_give_the_exact_transform_as_json(shell: Shell, tmp_path: Path) -> None:
@@ -340,6 +349,28 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     assert simulation["by_hand_s"] == [120, 420]
 
 
+def test_a_session_whose_marker_has_moved_is_not_registered_however_often_it_is_continued(shell: Shell) -> None:
+    record = sessions.begin(Path("s"), markers=4)
+    # As a session of 0.4 that was continued: it said "registered" again.
+    for step in (sessions.MOVED, sessions.ENDED, sessions.registered(4), sessions.ENDED):
+        record.add(step)
+    record.close()
+    Path("s", "registration.json").write_text("{}", encoding="utf-8")
+    for _ in range(2):
+        code, out, _ = shell("register", "--simulate", "--continue", "s", "--json")
+        report = json.loads(out)
+        assert code == 3
+        assert (report["registered"], report["decided"], report["davinci_to_trus"]) == (False, False, None)
+        assert report["reason"] == "marker 1 has moved"
+        assert not Path("s", "registration.json").exists()
+    code, out, _ = shell("register", "--simulate", "--continue", "s")
+    assert (code, "not registered" in out, "marker 1 has moved" in out) == (3, True, True)
+    for path in ("s", "s/session.jsonl", "s/registration.json"):
+        code, _, err = shell("igtl", "--port", 0, "--registration", path)
+        assert code == 2
+        assert "without a registration that holds (marker 1 has moved); register again" in " ".join(err.split())
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -350,7 +381,9 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
         ),
         (["register", EXAMPLE, "--simulate"], "a session makes its own points; leave the CSV"),
         (["register", "--simulate", "--images", "a b"], "the simulated rig has a simulated endoscope"),
-        (["register", "--simulate", "--markers", 2], "--markers is 2, it must lie between 3 and 12"),
+        (["register", EXAMPLE, "--tissue", "liver"], "--tissue is for a session"),
+        (["register", "--simulate", "--tre-mm", 40], "--tre-mm is 40.0 mm, it must lie in [0.01, 20] mm"),
+        (["register", "--simulate", "--markers", 2], "--markers is 2, it must be a whole number from 3 to 12"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),
     ],
 )

@@ -11,13 +11,14 @@ from markerseek._closing import Closing
 from markerseek.core import AcquisitionError, ChannelFrame, Measured, PaImage, RecordError, Sample
 from markerseek.records.journal import Configuration, Entry
 from markerseek.registration import (
-    Begun,
-    RegistrationState,
+    SessionView,
     follow_session,
     is_running,
+    next_view,
     read_registration,
     read_session,
     session_folder,
+    view_of,
 )
 from markerseek.runs import RunView, rebuild_image_reader
 
@@ -65,10 +66,10 @@ _POLL_S = 0.1
 
 
 class RegistrationSource(Closing):
-    """Says what a registration is now, that of a finished file until a session changes it; read `state` at any time."""
+    """Says what a registration is now, that of a finished file until a session changes it; read `view` at any time."""
 
-    def __init__(self, state: RegistrationState) -> None:
-        self.state = state
+    def __init__(self, view: SessionView) -> None:
+        self.view = view
         """The newest; another object only if something has changed."""
 
     def close(self) -> None:
@@ -87,18 +88,16 @@ class FollowedSession(RegistrationSource):
     """
 
     def __init__(self, folder: Path) -> None:
-        (begun, *later), _ = read_session(folder)
-        assert isinstance(begun, Begun)  # noqa: S101  as it was read
-        state = RegistrationState.of_session(begun, folder)
-        for step in later:
-            state = state.after(step)
-        if state.session == "ended" and state.registration is None:
+        steps = read_session(folder)
+        view = view_of(steps, folder)
+        if view.registration is None and (view.ended is not None or view.moved):
             raise RecordError(
-                f"{folder}: the session has ended without a registration that holds ({state.said}); register again"
+                f"{folder}: the session has ended without a registration that holds ({view.said}); register again"
             )
-        self._folder, self._closed = folder, threading.Event()
-        super().__init__(self._as_it_runs(state))
-        self._thread = threading.Thread(target=self._follow, args=[1 + len(later)], name="registration", daemon=True)
+        self._folder = folder
+        self._closed = threading.Event()
+        super().__init__(self._as_it_runs(view))
+        self._thread = threading.Thread(target=self._follow, args=[len(steps)], name="registration", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -108,36 +107,38 @@ class FollowedSession(RegistrationSource):
 
     def _follow(self, known: int) -> None:
         """Follow the session from a number of steps on, which are known."""
-        newest = shown = self.state
+        newest = shown = self.view
 
         def look() -> None:
             nonlocal shown
             # Steps that come together are shown together, because the states between them are over already.
-            state = self._as_it_runs(newest)
-            if newest is not shown or state.session != self.state.session:
-                shown, self.state = newest, state
+            view = self._as_it_runs(newest)
+            if newest is not shown or view.phase != self.view.phase:
+                shown = newest
+                self.view = view
             self._closed.wait(_POLL_S)
 
         try:
             steps = follow_session(self._folder, is_over=self._closed.is_set, wait=look)
             for step in islice(steps, known, None):
-                newest = newest.after(step)
+                newest = next_view(newest, step)
         except RecordError as problem:
-            self.state = self.state.unreadable(str(problem))
+            self.view = self.view.unreadable(str(problem))
 
-    def _as_it_runs(self, state: RegistrationState) -> RegistrationState:
-        """The state, and whether a program runs the session."""
-        if state.session == "ended":
-            return state
-        return replace(state, session="running" if is_running(self._folder) else "stopped")
+    def _as_it_runs(self, view: SessionView) -> SessionView:
+        """Return the view, and whether a program runs the session."""
+        if view.ended is not None:
+            return view
+        return replace(view, phase="running" if is_running(self._folder) else "stopped")
 
 
 def open_registration(path: Path) -> RegistrationSource:
-    """The registration in ``registration.json``, or of a session by its folder or the record in it.
+    """Open the registration in ``registration.json``, or that of a session by its folder or a file in it.
 
+    A ``registration.json`` in the folder of a session is followed as the session is, because it may be withdrawn.
     Raises `RecordError` if there is none, and none can come.
     """
     folder = session_folder(path)
     if folder is not None:
         return FollowedSession(folder)
-    return RegistrationSource(RegistrationState.of_file(read_registration(path), path))
+    return RegistrationSource(SessionView.of_file(read_registration(path), path))

@@ -18,7 +18,7 @@ from rich.markup import escape
 
 from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
-from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, MarkerseekError, SimulationOptions
+from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, MarkerseekError, SceneOptions, SimulationOptions
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -80,9 +80,7 @@ def _naming(trace: str | None) -> Iterator[None]:
         raise
 
 
-def simulated_settings(
-    settings: SimulatedSettings | None, options: SimulationOptions, *, sweeps: bool
-) -> SimulatedSettings:
+def simulated_settings(settings: SimulatedSettings | None, options: SceneOptions, *, sweeps: bool) -> SimulatedSettings:
     """Settings of a simulated rig with a user's options; ``settings``: of its file, None for the defaults."""
     from markerseek.sim import STREAMING, SimulatedSettings, with_options
 

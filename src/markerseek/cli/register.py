@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,9 +14,9 @@ from rich.table import Table
 
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
-from markerseek.cli.registering import SessionOptions, SessionOver, run_session
+from markerseek.cli.registering import SessionOver, SessionPlace, SessionRequest, require_no_session, run_session
 from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
-from markerseek.core import ConfigError, RecordError
+from markerseek.core import ConfigError, RecordError, SceneOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +28,11 @@ SHOWN_SHARE = 0.7
 def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
     """The file of a registration, and its content; only ``force`` replaces another registration in this folder."""
     path = Path(registration.REGISTRATION)
+    if registration.session_folder(path) is not None:
+        raise ConfigError(
+            "the current folder holds a registration session, whose file registration.json is; run the command in "
+            "another folder"
+        )
     if path.exists() and not force:
         try:
             known = registration.read_registration(path).davinci_to_trus.matrix.tolist()
@@ -87,7 +93,9 @@ def command(
         ),
     ] = None,
     without: Annotated[list[str] | None, typer.Option(help="Name of a point to leave out; may be repeated.")] = None,
-    session: SessionOptions,
+    place: SessionPlace,
+    session: registration.SessionPlan,
+    simulation: SceneOptions,
     plot: Annotated[bool, typer.Option("--plot", help="Write register.png into --out.")] = False,
     out: Out = None,
     force: Annotated[
@@ -115,18 +123,18 @@ def command(
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
-    if session.wanted:
+    if place.wanted:
         if points is not None or frames is not None or journal or without:
             raise ConfigError("a session makes its own points; leave the CSV, --frames, --journal and --without out")
-        over = run_session(
-            session,
-            cameras,
+        asked = SessionRequest(
+            place=place,
+            plan=replace(session, target_trus_m=target_m),
+            simulation=simulation,
+            cameras=cameras or (),
             calibration_sigma_px=calibration_sigma_px,
-            target_trus_m=target_m,
-            as_json=as_json,
         )
-        output.show(_of_session(over))
-    session.require_none()
+        output.show(_of_session(run_session(asked, as_json=as_json)))
+    require_no_session(place, session, simulation)
     title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
     report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or ())
     heading = f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
@@ -142,19 +150,21 @@ def command(
 
 def _of_session(over: SessionOver) -> Report:
     """Report of a session, whose registration is in the folder of the session."""
-    report, session, registered = over.report, over.session, over.session.registered
-    heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(session.taken)} markers"
+    report = over.report
+    view = over.view
+    registered = view.registration is not None
+    heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(view.markers)} markers"
     values = msgspec.to_builtins(report) | {
         "decided": registered,
-        "left_out": list(session.left_out),
-        "rig_s": session.rig_s,
+        "left_out": list(view.left_out),
+        "rig_s": view.rig_s,
         "session": str(over.folder),
     }
     if over.truth is not None:
         values |= {"simulation": msgspec.to_builtins(over.truth)}
     return Report(
         values=values,
-        shown=_shown(report, over.title, _session_rows(over), decided=registered),
+        shown=_shown(report, over.title, _session_rows(over)),
         pictures={"register.png": drawn(_figure, report, heading)},
         notes=(file_line("registration", over.folder / registration.REGISTRATION),) if registered else (),
         exit_code=0 if registered else 3,
@@ -163,14 +173,14 @@ def _of_session(over: SessionOver) -> Report:
 
 def _session_rows(over: SessionOver) -> list[tuple[str, str]]:
     """Rows of the report that only a session has."""
-    session = over.session
-    counts = ", ".join(str(marker.acquisitions) for marker in session.taken)
+    view = over.view
+    counts = ", ".join(str(marker.acquisitions) for marker in view.markers)
     rows = [
-        ("markers", f"{len(session.taken)}, with {counts} frames"),
-        ("time of the rig", f"{session.rig_s:.0f} s, without waiting for spots"),
+        ("markers", f"{len(view.markers)}, with {counts} frames"),
+        ("time of the rig", f"{view.rig_s:.0f} s, without waiting for spots"),
     ]
-    if session.left_out:
-        rows.insert(1, ("left out", f"marker {', '.join(session.left_out)}: it does not fit the others"))
+    if view.left_out:
+        rows.insert(1, ("left out", f"marker {', '.join(view.left_out)}: it does not fit the others"))
     if over.truth is None:
         return rows
     low_min, high_min = (seconds / 60 for seconds in over.truth.by_hand_s)
@@ -207,11 +217,8 @@ def _pairs(
     return f"{left} and {right}", registration.spot_pairs(left, right, searches=searches, stereo=stereo)
 
 
-def _shown(
-    report: registration.RegistrationReport, title: str, more: list[tuple[str, str]], *, decided: bool = True
-) -> Iterator[str | Table]:
-    registered = report.registered and decided
-    answer = "[bold green]registered[/]" if registered else "[bold yellow]not registered[/]"
+def _shown(report: registration.RegistrationReport, title: str, more: list[tuple[str, str]]) -> Iterator[str | Table]:
+    answer = "[bold green]registered[/]" if report.registered else "[bold yellow]not registered[/]"
     yield f"{answer}: {escape(title)}, {len(report.points)} points"
     if report.reason is not None:
         yield escape(report.reason)

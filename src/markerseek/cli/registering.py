@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import select
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, fields
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
@@ -22,19 +24,18 @@ from markerseek.cli.report import file_line
 from markerseek.cli.signals import Heartbeat, StoppedBySignal, end_stopped, require_pipe, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_warning, progress_bar, show_view, stderr
 from markerseek.core import (
+    USUAL_SEED,
     ConfigError,
     MarkerseekError,
+    SceneOptions,
     SearchError,
-    SearchPlan,
-    SimulationOptions,
-    require_pace,
-    require_range,
+    counted,
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SessionOptions:
-    """Options of a session."""
+class SessionPlace:
+    """Where a session takes place, and where it is recorded."""
 
     simulate: Annotated[
         bool, typer.Option("--simulate", help="A session on the simulated rig, with a simulated endoscope.")
@@ -51,15 +52,6 @@ class SessionOptions:
             "video devices or files, topic:/LEFT topic:/RIGHT of ROS 2, or one video with both side by side.",
         ),
     ] = None
-    sweep: Annotated[bool, typer.Option("--sweep", help="Search each marker by sweeps.")] = False
-    tre_mm: Annotated[float, typer.Option(help="Expected error at the target at which the session ends, in mm.")] = 0.5
-    markers: Annotated[
-        int | None,
-        typer.Option(help="End after this number of markers, 3 to 12.", show_default="when the error is reached"),
-    ] = None
-    again: Annotated[
-        bool, typer.Option("--again", help="Measure the first marker again at the end, to see whether it has moved.")
-    ] = False
     record: Annotated[
         Path | None,
         typer.Option(help="New folder for the record of the session; without it, one in the user's data folder."),
@@ -67,139 +59,190 @@ class SessionOptions:
     continue_: Annotated[
         Path | None, typer.Option("--continue", metavar="FOLDER", help="Go on with the session of this folder.")
     ] = None
-    wait_s: Annotated[float, typer.Option(help="Longest wait for a spot, in seconds.")] = 300.0
-    readout_s: Annotated[
-        float | None, typer.Option(help="Seconds to read one acquisition of the simulated rig.", show_default="10")
-    ] = None
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulation.")] = 1
-    pace: Annotated[
-        float, typer.Option(help="Real seconds per second of the simulated rig; 1 is real time, 0 does not wait.")
-    ] = 0.0
     arm: Arm = False
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this session.")] = None
     heartbeat: Heartbeat = None
+
+    def __post_init__(self) -> None:
+        require_pipe(self.heartbeat)
 
     @property
     def wanted(self) -> bool:
         """Whether a session is asked for."""
         return self.simulate or self.rig is not None or self.continue_ is not None
 
-    def require_none(self) -> None:
-        """Refuse options of a session where there is none."""
-        usual = SessionOptions()
-        for each in fields(self):
-            if getattr(self, each.name) != getattr(usual, each.name):
-                option = each.name.strip("_").replace("_", "-")
-                raise ConfigError(f"--{option} is for a session; add --rig RIG.toml or --simulate, or leave it out")
 
-    def __post_init__(self) -> None:
-        require_range("wait_s", self.wait_s, low=1, high=3600, unit="s")
-        require_pace(self.pace)
-        require_pipe(self.heartbeat)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionRequest:
+    """All that the command line asks of a session."""
 
-    def plan(self, target_trus_m: tuple[float, float, float] | None) -> registration.SessionPlan:
-        """What the session is to reach."""
-        return registration.SessionPlan(
-            goal_m=self.tre_mm / 1e3,
-            markers=self.markers,
-            target_trus_m=target_trus_m,
-            search=SearchPlan(tolerance_mm=registration.REGISTRATION_TOLERANCE_MM, sweep=self.sweep),
-            again=self.again,
-        )
+    place: SessionPlace
+    plan: registration.SessionPlan
+    simulation: SceneOptions
+    cameras: Sequence[Path]
+    calibration_sigma_px: float | None
+    """``cameras`` and ``calibration_sigma_px``: calibration of the endoscope, for a rig of devices."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the simulation."""
+        return USUAL_SEED if self.simulation.seed is None else self.simulation.seed
+
+
+def require_no_session(place: SessionPlace, plan: registration.SessionPlan, simulation: SceneOptions) -> None:
+    """Refuse options of a session where there is none."""
+    usual = {**asdict(SessionPlace()), **asdict(registration.SessionPlan()), **asdict(SceneOptions())}
+    given = {**asdict(place), **asdict(plan), **asdict(simulation)}
+    for name, value in given.items():
+        if value != usual[name]:
+            option = name.strip("_").replace("_", "-")
+            raise ConfigError(f"--{option} is for a session; add --rig RIG.toml or --simulate, or leave it out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionOver:
     """A session that is over."""
 
-    session: registration.RegistrationSession
-    truth: registration.SimulatedTruth | None
-    """What only a simulation knows; None for a rig of devices."""
-    title: str
+    view: registration.SessionView
     folder: Path
+    title: str
+    truth: registration.SimulatedTruth | None = None
+    """What only a simulation knows; None for a rig of devices."""
 
     @property
     def report(self) -> registration.RegistrationReport:
         """Its registration; `SearchError` with the reason where there is none."""
-        last = self.session.last
-        if last is None or last.report is None:
-            why = "no marker was taken" if last is None else last.said
-            raise SearchError(f"{why}; {self.folder} holds what was measured, and --continue goes on with it")
-        return last.report
+        if self.view.report is None:
+            raise SearchError(
+                f"{self.view.reason}; {self.folder} holds what was measured, and --continue goes on with it"
+            )
+        return self.view.report
 
 
-def run_session(
-    options: SessionOptions,
-    cameras: Sequence[Path] | None,
-    *,
-    calibration_sigma_px: float | None,
-    target_trus_m: tuple[float, float, float] | None,
-    as_json: bool,
-) -> SessionOver:
-    """Run a session to its end; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
-
-    ``cameras``, ``calibration_sigma_px``: calibration of the endoscope, for a rig of devices.
-    """
-    plan = options.plan(target_trus_m)
-    with (
-        _room(options, cameras, calibration_sigma_px, as_json=as_json) as room,
-        closing(_record(options, _begun(room, plan, options))) as record,
-    ):
-        if not as_json:
-            stderr.print(file_line("session", record.folder))
-            if isinstance(room, registration.DeviceRoom):
-                stderr.print(f"images: {escape(room.images.name)}")
+def run_session(asked: SessionRequest, *, as_json: bool) -> SessionOver:
+    """Run a session to its end; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command."""
+    place = asked.place
+    with ExitStack() as opened:
+        record = None
+        plan = asked.plan
+        if place.continue_ is not None:
+            record = opened.enter_context(closing(_reopened(place, place.continue_)))
+            plan = record.view.continue_plan(plan)
+            if record.view.moved:
+                # Nothing that is measured now makes a registration of it hold: no device is opened, and none armed.
+                _announce(record, as_json=as_json)
+                return SessionOver(view=record.view, folder=record.folder, title=record.begun.description)
+        room = opened.enter_context(_room(asked, as_json=as_json))
+        begun = _begun(room, plan, seed=asked.seed)
+        if record is None:
+            folder = registration.default_folder() if place.record is None else place.record
+            record = opened.enter_context(closing(registration.SessionRecord.create(folder, begun)))
+        else:
+            _require_same(record, begun)
+        _announce(record, as_json=as_json)
+        if not as_json and isinstance(room, registration.DeviceRoom):
+            stderr.print(f"images: {escape(room.images.name)}")
         if isinstance(room, registration.SimulatedRoom):
-            room.skip(record.taken)
+            room.skip(record.view.markers)
+        if isinstance(room, registration.DeviceRoom) and not plan.light_while_waiting:
+            room.is_set = SpotIsSet(record.folder)
+            if not (as_json or (sys.stdin is not None and sys.stdin.isatty())):
+                print_warning(
+                    f"there is no terminal on which somebody could say that a spot is set: make the file "
+                    f"{record.folder / registration.SPOT_IS_SET}, or add --idle-s or --light-while-waiting"
+                )
         session = registration.RegistrationSession(room, plan=plan, record=record)
         _watch(session, record.folder, as_json=as_json)
-        truth = None
-        if isinstance(room, registration.SimulatedRoom):
-            truth = room.truth(session.last, session.taken, rig_s=session.rig_s)
-        title = "simulated rig and endoscope" if truth is not None else room.rig.facts.description
-        return SessionOver(session=session, truth=truth, title=title, folder=record.folder)
+        simulated = isinstance(room, registration.SimulatedRoom)
+        return SessionOver(
+            view=session.view,
+            folder=record.folder,
+            title="simulated rig and endoscope" if simulated else room.rig.facts.description,
+            truth=room.truth(session.view) if isinstance(room, registration.SimulatedRoom) else None,
+        )
+
+
+class SpotIsSet:
+    """Whether a person has said that the spot is set: by Enter on this terminal, or by a file in the session's folder.
+
+    The page, a pedal or any other program makes the file, `markerseek.registration.SPOT_IS_SET`; it is removed here.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / registration.SPOT_IS_SET
+        self._at_terminal = sys.stdin is not None and sys.stdin.isatty()
+
+    def __call__(self) -> bool:
+        """Whether it was said since the last call."""
+        typed = self._typed()
+        if not self._path.exists():
+            return typed
+        self._path.unlink(missing_ok=True)
+        return True
+
+    def _typed(self) -> bool:
+        """Whether a line was typed since the last call; all that was typed is read, so that no key counts later."""
+        typed = False
+        while self._at_terminal:
+            try:
+                terminal = sys.stdin.fileno()
+                # A job in the background would be stopped by the system if it read.
+                if os.tcgetpgrp(terminal) != os.getpgrp() or not select.select([terminal], [], [], 0)[0]:
+                    break
+                line = os.read(terminal, 4096)
+            except OSError:
+                line = b""
+            # The terminal has gone, if nothing comes of it.
+            self._at_terminal = bool(line)
+            typed = typed or b"\n" in line
+        return typed
+
+
+def _announce(record: registration.SessionRecord, *, as_json: bool) -> None:
+    """Print where the session is recorded."""
+    if not as_json:
+        stderr.print(file_line("session", record.folder))
 
 
 @contextmanager
-def _room(
-    options: SessionOptions,
-    cameras: Sequence[Path] | None,
-    calibration_sigma_px: float | None,
-    *,
-    as_json: bool,
-) -> Iterator[registration.Room]:
+def _room(asked: SessionRequest, *, as_json: bool) -> Iterator[registration.Room]:
     """Where the session takes place."""
-    settings = None if options.rig is None else rigs.read_rig_file(options.rig)
+    place = asked.place
+    settings = None if place.rig is None else rigs.read_rig_file(place.rig)
     if not isinstance(settings, drivers.BenchSettings):
-        for name, given in (("--cameras", cameras), ("--images", options.images)):
+        for name, given in (("--cameras", asked.cameras), ("--images", place.images)):
             if given:
                 raise ConfigError(f"{name} is for a rig of devices; the simulated rig has a simulated endoscope")
         announce_compilation()
-        simulation = SimulationOptions(readout_s=options.readout_s)
-        rig_settings = simulated_settings(settings, simulation, sweeps=options.sweep)
+        rig_settings = simulated_settings(settings, asked.simulation, sweeps=asked.plan.sweep)
         yield registration.SimulatedRoom(
-            registration.SimulatedRoomSettings(rig=rig_settings, pace=options.pace), seed=options.seed
+            registration.SimulatedRoomSettings(rig=rig_settings, pace=asked.simulation.pace), seed=asked.seed
         )
         return
-    if not cameras or options.images is None:
+    if asked.simulation != SceneOptions():
+        given = ", ".join(asked.simulation.given())
+        raise ConfigError(f"{given}: these are for a simulated rig, and {place.rig} is one of devices; leave them out")
+    if not asked.cameras or place.images is None:
         raise ConfigError(
             "a session needs the endoscope: its calibration by --cameras FILE, and its images by --images 'LEFT RIGHT'"
         )
-    stereo = registration.read_stereo(cameras, calibration_sigma_px=calibration_sigma_px)
+    stereo = registration.read_stereo(asked.cameras, calibration_sigma_px=asked.calibration_sigma_px)
     with (
-        closing(drivers.open_stereo_images(options.images, left=stereo.left, right=stereo.right)) as images,
-        open_rig(options.rig, sweeps=options.sweep) as (rig, _),
+        closing(drivers.open_stereo_images(place.images, left=stereo.left, right=stereo.right)) as images,
+        open_rig(place.rig, sweeps=asked.plan.sweep) as (rig, _),
     ):
         if rig.facts.face_radius_m is None:
             raise ConfigError(
-                f"{options.rig}: face_radius_m is not known, so that no marker has a position; scan a point and "
+                f"{place.rig}: face_radius_m is not known, so that no marker has a position; scan a point and "
                 "calibrate: markerseek bank scan point.hdf5 --rig RIG.toml, then markerseek calibrate point.hdf5"
             )
-        arm_rig(rig, file=options.rig, arm=options.arm, what="register", as_json=as_json, asked_by=options.asked_by)
-        yield registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person(), wait_s=options.wait_s)
+        arm_rig(rig, file=place.rig, arm=place.arm, what="register", as_json=as_json, asked_by=place.asked_by)
+        yield registration.DeviceRoom(
+            rig=rig, images=images, stereo=stereo, by=person(), wait_s=asked.plan.wait_s, idle_s=asked.plan.idle_s
+        )
 
 
-def _begun(room: registration.Room, plan: registration.SessionPlan, options: SessionOptions) -> registration.Begun:
+def _begun(room: registration.Room, plan: registration.SessionPlan, *, seed: int) -> registration.Begun:
     """First line of the record of a session."""
     facts = room.rig.facts
     return registration.Begun(
@@ -212,18 +255,19 @@ def _begun(room: registration.Room, plan: registration.SessionPlan, options: Ses
         goal_m=plan.goal_m,
         target_trus_m=plan.target_trus_m,
         begun=datetime.now(UTC).isoformat(timespec="seconds"),
-        seed=options.seed if isinstance(room, registration.SimulatedRoom) else None,
+        seed=seed if isinstance(room, registration.SimulatedRoom) else None,
     )
 
 
-def _record(options: SessionOptions, begun: registration.Begun) -> registration.SessionRecord:
-    """The record of a new session, or of the one that is continued."""
-    if options.continue_ is None:
-        folder = registration.default_folder() if options.record is None else options.record
-        return registration.SessionRecord.create(folder, begun)
-    if options.record is not None:
-        raise ConfigError(f"--continue {options.continue_} has its record; leave --record out")
-    record = registration.SessionRecord.reopen(options.continue_)
+def _reopened(place: SessionPlace, path: Path) -> registration.SessionRecord:
+    """Open the record of the session that is continued."""
+    if place.record is not None:
+        raise ConfigError(f"--continue {path} has its record; leave --record out")
+    return registration.SessionRecord.reopen(path)
+
+
+def _require_same(record: registration.SessionRecord, begun: registration.Begun) -> None:
+    """Refuse to continue a session with another rig, calibration or seed."""
     was = record.begun
     other = f"not on {begun.description}" if begun.description != was.description else "with other settings of it"
     for same, how in (
@@ -232,11 +276,7 @@ def _record(options: SessionOptions, begun: registration.Begun) -> registration.
         (begun.cameras == was.cameras, "with another calibration (--cameras)"),
     ):
         if not same:
-            record.close()
-            raise ConfigError(
-                f"{options.continue_}: the session was begun {how}; name the same, or begin a new session"
-            )
-    return record
+            raise ConfigError(f"{record.folder}: the session was begun {how}; name the same, or begin a new session")
 
 
 def _watch(session: registration.RegistrationSession, folder: Path, *, as_json: bool) -> None:
@@ -270,18 +310,12 @@ def _line(step: registration.Step) -> str:
     """A step in a line."""
     match step:
         case registration.Waiting():
-            return f"[bold]marker {step.name}:[/] {escape(step.said)}"
+            set_it = "; the laser is dark: press Enter once the spot is set" if step.dark else ""
+            return f"[bold]marker {step.name}:[/] {escape(step.said)}{set_it}"
         case registration.SpotRefused():
-            return f"  [yellow]not accepted:[/] {escape(step.reason)}"
+            return _refused_line(step)
         case registration.SpotSeen():
-            x, y, z = (1e3 * value for value in step.camera_m)
-            guess = ""
-            if step.prediction is not None:
-                prior = step.prediction.prior
-                guess = f"; expected at {prior.mean_deg:.1f} ± {prior.sigma_deg:.1f} deg"
-            at = f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the left camera, ± {step.spot.sigma_px:.2f} px"
-            late = "" if step.spot.late_s is None else f"; light appears {step.spot.late_s:.1f} s after firing began"
-            return f"  [dim]spot at {at}{late}{guess}[/]"
+            return _seen_line(step)
         case registration.TakenMarker():
             where = f" at {step.candidates[0].angle_deg:.2f} deg" if step.candidates else ""
             why = f": {step.reason}" if step.reason is not None else ""
@@ -289,12 +323,33 @@ def _line(step: registration.Step) -> str:
         case registration.Registered():
             colour = "green" if step.decided else "dim"
             return f"  [{colour}]{escape(step.said)}[/]"
-        case registration.MovedMarker() | registration.Ended():
+        case registration.Continued() | registration.MovedMarker() | registration.Ended():
             return f"[bold]{escape(step.said)}[/]"
         case registration.Begun():
             return escape(step.description)
         case registration.Searching():
             return escape(step.view.line)
+
+
+def _refused_line(step: registration.SpotRefused) -> str:
+    """A spot that was not accepted, in a line."""
+    again = "" if step.pulses is None else f" ({counted(step.pulses, 'pulse')}); press Enter once the spot is set"
+    if step.pulses is not None and step.reason.startswith("no light"):
+        again += "; if the cameras do not see single pulses, --light-while-waiting fires more"
+    return f"  [yellow]not accepted:[/] {escape(step.reason)}{again}"
+
+
+def _seen_line(step: registration.SpotSeen) -> str:
+    """A spot that both cameras see, in a line."""
+    x, y, z = (1e3 * value for value in step.camera_m)
+    guess = ""
+    if step.prediction is not None:
+        prior = step.prediction.prior
+        guess = f"; expected at {prior.mean_deg:.1f} ± {prior.sigma_deg:.1f} deg"
+    at = f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the left camera, ± {step.spot.sigma_px:.2f} px"
+    fired = "" if step.pulses is None else f"; {counted(step.pulses, 'pulse')} for the cameras"
+    late = "" if step.spot.late_s is None else f"; light appears {step.spot.late_s:.1f} s after firing began"
+    return f"  [dim]spot at {at}{late}{fired}{guess}[/]"
 
 
 _OF_COMMAND = ("--record", "--continue", "--heartbeat", "--asked-by")

@@ -1,14 +1,18 @@
+from .plan import REGISTRATION_TOLERANCE_MM, SessionPlan
 from .points import point_pairs, spot_pairs
 from .record import (
     CAMERA_IMAGES,
     REGISTRATION,
+    SPOT_IS_SET,
     SessionRecord,
     camera_text,
     default_folder,
     follow_session,
     is_running,
+    next_view,
     read_session,
     session_folder,
+    view_of,
 )
 from .report import (
     KnownRegistration,
@@ -19,14 +23,14 @@ from .report import (
     target_pixels,
 )
 from .room import DeviceRoom, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
-from .session import REGISTRATION_TOLERANCE_MM, RegistrationSession, SessionPlan
+from .session import RegistrationSession
 from .steps import (
     Begun,
+    Continued,
     Ended,
     MovedMarker,
     RecordedStep,
     Registered,
-    RegistrationState,
     Searching,
     Spot,
     SpotRefused,
@@ -36,26 +40,31 @@ from .steps import (
     Waiting,
 )
 from .stereo_files import StereoSettings, read_stereo
+from .view import ExpectedError, Phase, SessionView
 
 __all__ = [
     "CAMERA_IMAGES",
     "REGISTRATION",
     "REGISTRATION_TOLERANCE_MM",
+    "SPOT_IS_SET",
     "Begun",
+    "Continued",
     "DeviceRoom",
     "Ended",
+    "ExpectedError",
     "KnownRegistration",
     "MovedMarker",
+    "Phase",
     "PointPair",
     "RecordedStep",
     "Registered",
     "RegistrationReport",
     "RegistrationSession",
-    "RegistrationState",
     "Room",
     "Searching",
     "SessionPlan",
     "SessionRecord",
+    "SessionView",
     "SimulatedRoom",
     "SimulatedRoomSettings",
     "SimulatedTruth",
@@ -70,6 +79,7 @@ __all__ = [
     "default_folder",
     "follow_session",
     "is_running",
+    "next_view",
     "point_pairs",
     "read_registration",
     "read_session",
@@ -78,4 +88,5 @@ __all__ = [
     "session_folder",
     "spot_pairs",
     "target_pixels",
+    "view_of",
 ]

@@ -8,7 +8,7 @@ brings the spots to their markers.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -223,7 +223,8 @@ class Poses:
             near_deg = limits.nearest(mean_deg)
             if abs(mean_deg - near_deg) > 3 * sigma_deg:
                 return None
-            return Prediction(prior=AnglePrior(mean_deg=near_deg, sigma_deg=sigma_deg), **place)
+            prior = _prior(lambda: AnglePrior(mean_deg=near_deg, sigma_deg=sigma_deg), limits)
+            return None if prior is None else Prediction(prior=prior, **place)
         edges_deg = np.arange(limits.low_deg, limits.high_deg + BIN_DEG, BIN_DEG)
         counts, _ = np.histogram(angle_deg, bins=edges_deg)
         # The errors of marker and spot blur it.
@@ -232,7 +233,8 @@ class Poses:
         if not weights.any() or np.mean(weights > 0.01 * weights.max()) > KNOWN_SHARE:
             return None
         middles_deg = (edges_deg[:-1] + edges_deg[1:]) / 2
-        return Prediction(prior=AnglePrior.of_table(middles_deg.tolist(), weights.tolist()), **place)
+        prior = _prior(lambda: AnglePrior.of_table(middles_deg.tolist(), weights.tolist()), limits)
+        return None if prior is None else Prediction(prior=prior, **place)
 
     def best_place(
         self,
@@ -321,6 +323,19 @@ class Poses:
         errors = registration_errors(points_m, noise, np.linalg.inv(noise), shared_m=shared)
         target_m = default_target(points_m) if target_trus_m is None else target_trus_m
         return errors.tre_m(np.array(target_m)) * math.sqrt(max(1.0, found.misfit))
+
+
+def _prior(made: Callable[[], AnglePrior], limits: Interval) -> AnglePrior | None:
+    """Return a prior; None if a search of these angles would refuse it, because it says nothing about them.
+
+    Markers that do not fit give a registration whose covariance is scaled up by their misfit.
+    """
+    try:
+        prior = made()
+        prior.interval(limits)
+    except ConfigError:
+        return None
+    return prior
 
 
 _SPOT_PX = 0.1

@@ -1,9 +1,9 @@
 """The record of a registration session: a folder with `session.jsonl` and the journal of each search beside it.
 
-A line of `session.jsonl` is on the disk before the session goes on, and begins with the CRC-32 of the rest. The first
-line says what is registered; the others are the steps of the session, the markers that were taken among them. A line
-that was not finished, because the process was killed, is cut off when the session is continued; anything else that
-does not agree is named. `registration.json` is there while there is a registration that holds.
+`session.jsonl` is a file of lines as a journal is: each is numbered, has a check sum, and is on the disk before the
+session goes on. The first says what is registered; the others are the steps of the session, the markers that were taken
+among them. A line that was not finished, because the process was killed, is cut off when the session is continued;
+anything else that does not agree is named. `registration.json` is there while there is a registration that holds.
 """
 
 from __future__ import annotations
@@ -11,119 +11,141 @@ from __future__ import annotations
 import os
 import re
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Self
+from typing import Protocol, Self
 
 import msgspec
 
 from markerseek.core import RecordError, StereoPair
-from markerseek.files import (
-    MIB,
-    as_read_error,
-    data_folder,
-    open_for_writing,
-    open_input,
-    read_input,
-    replace_file,
-    sync_folder,
-)
-from markerseek.records.journal import is_written, lock, make_folder
-from markerseek.registration.report import RegistrationReport
-from markerseek.registration.steps import Begun, MovedMarker, RecordedStep, Registered, TakenMarker
+from markerseek.files import MIB, as_read_error, data_folder, open_input, replace_file
+from markerseek.records.journal import MAGIC, LineFile, LineReader, is_written, line_of, lock, make_folder
+from markerseek.registration.steps import Begun, RecordedStep
 from markerseek.registration.stereo_files import StereoSettings
+from markerseek.registration.view import SessionView
 from markerseek.vision import opencv
 
-NAME, CAMERA_IMAGES = "session.jsonl", ("left.jpg", "right.jpg")
-"""Names of the files in the folder of a session: its steps, and the newest images of both cameras."""
+NAME = "session.jsonl"
+"""Name of the file with the steps of a session, in its folder."""
+
+CAMERA_IMAGES = ("left.jpg", "right.jpg")
+"""Names of the newest images of both cameras, in its folder."""
+
+SPOT_IS_SET = "spot-is-set"
+"""Name of the file in its folder by which another program says that the spot is set; the session removes it."""
 
 REGISTRATION = "registration.json"
 """Name of the file of a registration."""
 
+VERSION = 2
+"""Version of the record; newer ones are refused, and those of version 1 (markerseek 0.4) are read, and converted when
+they are continued."""
+
 _MOST_BYTES = 64 * MIB
 
-_HEAD_BYTES = 10
-_UNFINISHED = re.compile(rb"[0-9a-f]{0,8}|[0-9a-f]{8} \{?")
-"""How a record begins, whose first line may have been cut off anywhere, and how many bytes show it."""
+_FORMER_HEAD = re.compile(rb"[0-9a-f]{8} \{")
+"""First bytes of a record of version 1."""
 
 
 class SessionRecord:
     """The record of a session, open for writing; made by `create` or `reopen`."""
 
-    def __init__(self, folder: Path, descriptor: int) -> None:
-        """Take a record that is open; `RecordError` if another program writes it."""
-        self.folder, self._descriptor = folder, descriptor
-        self.begun: Begun
-        self.taken: list[TakenMarker] = []
-        """Markers that were taken; not those that are one of them, measured again."""
-        try:
-            lock(descriptor)
-        except BlockingIOError as problem:
-            self.close()
-            raise RecordError(f"{folder}: another markerseek runs this session; wait until it ends") from problem
+    def __init__(self, folder: Path, lines: LineFile, view: SessionView, *, count: int) -> None:
+        self.folder = folder
+        self.view = view
+        """The session after all steps that are on the disk."""
+        self._lines = lines
+        self._count = count
 
     @classmethod
     def create(cls, folder: Path, begun: Begun) -> Self:
-        """A new record in a folder that does not exist, or holds no session."""
+        """Make a new record in a folder that does not exist, or holds no session."""
+        path = folder / NAME
         with _as_write_error(folder):
             make_folder(folder)
-            record = cls(folder, open_for_writing(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_APPEND, mode=0o600))
-        try:
-            record._begin(begun)
-        except BaseException:
-            record.close()
-            raise
-        return record
+            _require_new(path)
+            lines = LineFile.create(path, _first_line(begun), mode=0o600)
+        return cls(folder, lines, SessionView(source=folder).after(begun), count=1)
 
     @classmethod
     def reopen(cls, path: Path) -> Self:
-        """Open the record of a session to continue it; ``path``: its folder, or the file in it."""
+        """Open the record of a session to continue it; ``path``: its folder, or a file in it."""
         folder = session_folder(path) or path
+        path = folder / NAME
         # Refuses what is no session before it is opened for writing.
         read_session(folder)
         with _as_write_error(folder):
-            record = cls(folder, open_for_writing(folder / NAME, os.O_RDWR | os.O_APPEND))
+            _convert(path)
+            lines, reader = LineFile.reopen(path, lambda descriptor: _ReadSteps(path, descriptor))
         try:
-            # Read again, now that nobody else writes.
-            (begun, *steps), end = read_session(folder)
-            assert isinstance(begun, Begun)  # noqa: S101  as it was read
-            with _as_write_error(folder):
-                os.ftruncate(record._descriptor, end)
+            record = cls(folder, lines, view_of(reader.steps, folder), count=len(reader.steps))
+            # The program may have been killed between a step and its file.
+            record._hand_on()
         except BaseException:
-            record.close()
+            lines.close()
             raise
-        record.begun = begun
-        record.taken += [step for step in steps if isinstance(step, TakenMarker) and step.again is None]
         return record
 
     def add(self, step: RecordedStep) -> None:
-        """Record a step; it is on the disk when this returns, and nothing of it is read if this fails for want of room.
+        """Record a step, which is on the disk when this returns, and then the file of the registration.
 
-        Raises `RecordError` if it cannot be written.
+        Raises `RecordError` if it cannot be written; if the disk is full, the partial line is removed.
         """
-        self._write(step)
-        match step:
-            case TakenMarker(again=None):
-                self.taken.append(step)
-            case Registered():
-                self._keep(step.report if step.decided else None)
-            case MovedMarker(moved=True):
-                self._keep(None)
-            case _:
-                pass
+        if self._lines.is_changed():
+            raise RecordError(
+                f"{self._lines.path}: it was changed, removed or replaced while the session was written; what it holds "
+                "is not known any more"
+            )
+        view = self.view.after(step)
+        before = self.view.registration
+        if view.registration is None and before is not None:
+            # First, so that a program that is killed here leaves no file of what is withdrawn.
+            with _as_write_error(self.folder):
+                (self.folder / REGISTRATION).unlink(missing_ok=True)
+        end = self._lines.end
+        try:
+            with _as_write_error(self.folder):
+                self._lines.append(_step_line(step, self._count))
+        finally:
+            # A signal can arrive when all of it is written: then it stays.
+            if self._lines.end > end:
+                self.view = view
+                self._count += 1
+            elif view.registration is None and before is not None:
+                with suppress(RecordError):
+                    self._hand_on()
+        if view.registration is not before:
+            self._hand_on()
 
-    def _keep(self, report: RegistrationReport | None) -> None:
-        """Write the registration for other programs; None takes it away."""
+    def _hand_on(self) -> None:
+        """Write the registration that holds for other programs; remove the file if none does."""
         path = self.folder / REGISTRATION
+        known = self.view.registration
         with _as_write_error(self.folder):
-            if report is None:
+            try:
+                if known is not None:
+                    values = msgspec.to_builtins(known.report) | self._simulation
+                    with replace_file(path) as part:
+                        part.write_bytes(msgspec.json.format(msgspec.json.encode(values)))
+            except OSError:
+                # The former registration does not hold any more, whether or not there is room for the new one.
                 path.unlink(missing_ok=True)
-                return
-            simulation = {"simulation": {"simulated": True, "seed": self.begun.seed}} if self.begun.simulated else {}
-            with replace_file(path) as part:
-                part.write_bytes(msgspec.json.format(msgspec.json.encode(msgspec.to_builtins(report) | simulation)))
+                raise
+            if known is None:
+                path.unlink(missing_ok=True)
+
+    @property
+    def begun(self) -> Begun:
+        """What the session registers."""
+        assert self.view.begun is not None  # noqa: S101  the first step, as it was written or read
+        return self.view.begun
+
+    @property
+    def _simulation(self) -> dict[str, object]:
+        """What the file of a simulated registration has more."""
+        return {"simulation": {"simulated": True, "seed": self.begun.seed}} if self.begun.simulated else {}
 
     def show(self, pair: StereoPair) -> None:
         """Put the newest images into the folder, as `CAMERA_IMAGES`, for those who look on."""
@@ -141,39 +163,44 @@ class SessionRecord:
 
     def close(self) -> None:
         """Close it; allowed twice."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+        self._lines.close()
 
-    def _begin(self, begun: Begun) -> None:
-        path = self.folder / NAME
-        # A first line that was never finished is no session.
-        if _whole_lines(self._descriptor, 0, path):
-            raise RecordError(
-                f"{self.folder}: it holds a session already; continue it by --continue, or name another folder"
-            )
-        with _as_write_error(self.folder):
-            if not _UNFINISHED.fullmatch(os.pread(self._descriptor, _HEAD_BYTES, 0)):
-                raise RecordError(f"{path}: it is a file of another program; name another folder")
-            os.ftruncate(self._descriptor, 0)
-            sync_folder(self.folder)
-        self.begun = begun
-        self._write(begun)
 
-    def _write(self, value: RecordedStep) -> None:
-        text = msgspec.json.encode(value) + b"\n"
-        left = memoryview(b"%08x " % zlib.crc32(text) + text)
-        with _as_write_error(self.folder):
-            end = os.fstat(self._descriptor).st_size
-            try:
-                # The system may take less than it is given.
-                while left:
-                    left = left[os.write(self._descriptor, left) :]
-            except OSError:
-                # The next line must not begin within this one.
-                os.ftruncate(self._descriptor, end)
-                raise
-            os.fdatasync(self._descriptor)
+def _first_line(begun: Begun) -> bytes:
+    """Return line 0 of a record."""
+    return line_of({"session": VERSION, "begun": begun})
+
+
+def _step_line(step: RecordedStep, number: int) -> bytes:
+    """Return the line of a step."""
+    return line_of({"number": number, "written": datetime.now(UTC).isoformat(), "body": step})
+
+
+def _require_new(path: Path) -> None:
+    """Refuse to begin a session where there is a file already."""
+    if not (path.exists() or path.is_symlink()):
+        return
+    with open_input(path, most_bytes=_MOST_BYTES) as file:
+        head = file.read(len(b"00000000 {"))
+    if head and not head.startswith(MAGIC) and not _FORMER_HEAD.match(head):
+        raise RecordError(f"{path}: it is a file of another program; name another folder")
+    raise RecordError(f"{path.parent}: it holds a session already; continue it by --continue, or name another folder")
+
+
+def _convert(path: Path) -> None:
+    """Write a record of version 1 as one of today, with all its steps."""
+    with open_input(path, most_bytes=_MOST_BYTES) as file:
+        reader = _reader(path, file.fileno())
+        if not isinstance(reader, _FormerSteps):
+            return
+        # Nobody else may continue it meanwhile.
+        lock(file.fileno())
+        first, *steps = _all_steps(reader)
+        assert isinstance(first, Begun)  # noqa: S101  as it was read
+        lines = [_first_line(first), *(_step_line(step, number) for number, step in enumerate(steps, start=1))]
+        with replace_file(path) as part:
+            part.write_bytes(b"".join(lines))
+            part.chmod(0o600)
 
 
 @contextmanager
@@ -181,6 +208,8 @@ def _as_write_error(folder: Path) -> Iterator[None]:
     """Turn errors of the file system into a `RecordError` that names the session and the cure."""
     try:
         yield
+    except BlockingIOError as problem:
+        raise RecordError(f"{folder}: another markerseek runs this session; wait until it ends") from problem
     except OSError as problem:
         raise RecordError(
             f"{folder}: the session cannot be recorded: {problem.strerror or problem}; make room on the disk or check "
@@ -189,8 +218,11 @@ def _as_write_error(folder: Path) -> Iterator[None]:
 
 
 def session_folder(path: Path) -> Path | None:
-    """Folder of a session that is named by its folder, or by the record in it; None for another file."""
-    if path.name == NAME:
+    """Return the folder of a session that is named by its folder, or by its record or registration; else None.
+
+    The registration in the folder of a session holds no longer than the session says.
+    """
+    if path.name == NAME or (path.name == REGISTRATION and (path.parent / NAME).exists()):
         return path.parent
     return path if path.is_dir() else None
 
@@ -202,26 +234,140 @@ def is_running(folder: Path) -> bool:
         return is_written(file.fileno())
 
 
-def read_session(folder: Path) -> tuple[list[RecordedStep], int]:
-    """The steps of a session, `Begun` first, and the bytes up to the end of its last whole line."""
+class _Steps(Protocol):
+    """Reads the steps of a session one by one, `Begun` first; `RecordError` at the first damage."""
+
+    def next(self) -> RecordedStep | None:
+        """Read the next step; None if there is none yet, or it was never finished."""
+
+
+class _NumberedSteps(LineReader):
+    """`_Steps` of a record of today."""
+
+    def next(self) -> RecordedStep | None:
+        _require_there(self.path, self.descriptor, self.end)
+        found = self._next_line()
+        if found is None:
+            return None
+        line, _ = found
+        number = self._number
+        self._number += 1
+        if number == 0:
+            if line.session > VERSION:
+                raise RecordError(
+                    f"{self.path}: it was written by a newer markerseek: the record has version {line.session}, this "
+                    f"one reads up to {VERSION}; install a newer one"
+                )
+            return _decoded(self.path, line.begun, number)
+        if line.number != number:
+            raise RecordError(f"{self.path}: entry {number} is missing, entry {line.number} follows; it is damaged")
+        return _decoded(self.path, line.body, number)
+
+
+class _ReadSteps(_NumberedSteps):
+    """All steps of a record that is opened to be continued."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        super().__init__(path, descriptor)
+        self.steps = _all_steps(self)
+
+
+class _FormerSteps:
+    """`_Steps` of a record of version 1, which no program of today writes: a check sum, a space, and the step."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self._path = path
+        self._descriptor = descriptor
+        content = os.pread(descriptor, _MOST_BYTES, 0)
+        self._end = content.rfind(b"\n") + 1
+        tail = content[self._end :]
+        if tail[:-1] and _agrees(tail[:-1]):
+            raise RecordError(f"{path}: the end of its last line was changed; another program changed the file")
+        self._lines = enumerate(content[: self._end].splitlines())
+
+    def next(self) -> RecordedStep | None:
+        _require_there(self._path, self._descriptor, self._end)
+        number, line = next(self._lines, (0, None))
+        if line is None:
+            return None
+        if not _agrees(line):
+            raise RecordError(
+                f"{self._path}, line {number + 1}: it does not agree with its check sum; the file was changed"
+            )
+        return _decoded(self._path, line[len("00000000 ") :], number)
+
+
+def _agrees(line: bytes) -> bool:
+    """Whether a line of version 1, without its end, agrees with its check sum."""
+    prefix, _, text = line.partition(b" ")
+    return prefix == b"%08x" % zlib.crc32(text + b"\n")
+
+
+def _require_there(path: Path, descriptor: int, end: int) -> None:
+    """Refuse a record that was deleted or cut while it is read: what the session says is not known any more."""
+    status = os.fstat(descriptor)
+    if status.st_nlink == 0:
+        raise RecordError(f"{path}: it was deleted while it was followed; what the session says is not known any more")
+    if status.st_size < end:
+        raise RecordError(f"{path}: steps that were read are not in it any more; another program changed the file")
+
+
+def _decoded(path: Path, body: bytes | msgspec.Raw, number: int) -> RecordedStep:
+    """Return the step of a line."""
+    try:
+        step: RecordedStep = msgspec.json.decode(body, type=RecordedStep)
+    except msgspec.MsgspecError as problem:
+        raise RecordError(f"{path}: {problem}; another version of markerseek wrote it: use that one") from problem
+    if isinstance(step, Begun) != (number == 0):
+        raise RecordError(f"{path}: it does not begin as the record of a session does; check the name")
+    return step
+
+
+def _reader(path: Path, descriptor: int) -> _Steps:
+    """Return the reader of a record, by its first bytes."""
+    head = os.pread(descriptor, len(b"00000000 {"), 0)
+    if _FORMER_HEAD.match(head):
+        return _FormerSteps(path, descriptor)
+    if not MAGIC.startswith(head[: len(MAGIC)]):
+        raise RecordError(f"{path}: it does not begin as the record of a session does, or it was changed")
+    return _NumberedSteps(path, descriptor)
+
+
+def _all_steps(reader: _Steps) -> list[RecordedStep]:
+    return list(iter(reader.next, None))
+
+
+def read_session(folder: Path) -> list[RecordedStep]:
+    """Return the steps of a session, `Begun` first."""
     path = folder / NAME
     if not path.is_file():
         raise RecordError(
             f"{folder}: there is no {NAME} in it, so that no session has begun; name the folder of a session, as "
             "`register` prints it"
         )
-    with as_read_error(path):
-        content = read_input(path, most_bytes=_MOST_BYTES)
-    end = content.rfind(b"\n") + 1
-    tail = content[end:]
-    if tail[:-1] and _agrees(tail[:-1]):
-        raise RecordError(f"{path}: the end of its last line was changed; another program changed the file")
-    steps = [_step(line, path, number) for number, line in enumerate(content[:end].splitlines(), start=1)]
+    with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
+        steps = _all_steps(_reader(path, file.fileno()))
     if not steps:
         raise RecordError(
-            f"{path}: its first line is not finished, so that no session has begun; try again, or begin a new one"
+            f"{path}: its first line is not finished, so that no session has begun; begin a new one in another folder"
         )
-    return steps, end
+    return steps
+
+
+def view_of(steps: Iterable[RecordedStep], folder: Path) -> SessionView:
+    """Return the view of a session after its steps; `RecordError` if they cannot follow one another."""
+    view = SessionView(source=folder)
+    for step in steps:
+        view = next_view(view, step)
+    return view
+
+
+def next_view(view: SessionView, step: RecordedStep) -> SessionView:
+    """Return the view after a step that was read; `RecordError` with the file if it cannot follow."""
+    try:
+        return view.after(step)
+    except RecordError as problem:
+        raise RecordError(f"{(view.source or Path()) / NAME}: {problem}") from problem
 
 
 def follow_session(
@@ -241,53 +387,16 @@ def follow_session(
         if is_over() and not path.exists():
             return
         wait()
-    end = number = 0
     with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
+        reader = _reader(path, file.fileno())
         while True:
             # Asked before the file is read: what was written before the end is read after it.
             over = not is_written(file.fileno()) if is_over is None else is_over()
-            lines = _whole_lines(file.fileno(), end, path)
-            for line in lines.splitlines():
-                number += 1
-                yield _step(line, path, number)
-            end += len(lines)
+            while (step := reader.next()) is not None:
+                yield step
             if over:
                 return
             wait()
-
-
-def _whole_lines(descriptor: int, begin: int, path: Path) -> bytes:
-    """What is written behind a place, up to the last line that is finished.
-
-    The rest is read again from its beginning: it may be cut off meanwhile.
-    """
-    status = os.fstat(descriptor)
-    if status.st_nlink == 0:
-        raise RecordError(f"{path}: it was deleted while it was followed; what the session says is not known any more")
-    if status.st_size < begin:
-        raise RecordError(f"{path}: steps that were read are not in it any more; another program changed the file")
-    content = os.pread(descriptor, min(status.st_size - begin, _MOST_BYTES), begin)
-    return content[: content.rfind(b"\n") + 1]
-
-
-def _agrees(line: bytes) -> bool:
-    """Whether a line, without its end, agrees with its check sum."""
-    prefix, _, text = line.partition(b" ")
-    return prefix == b"%08x" % zlib.crc32(text + b"\n")
-
-
-def _step(line: bytes, path: Path, number: int) -> RecordedStep:
-    """The step in a line without its end."""
-    _, _, text = line.partition(b" ")
-    if not _agrees(line):
-        raise RecordError(f"{path}, line {number}: it does not agree with its check sum; the file was changed")
-    try:
-        step: RecordedStep = msgspec.json.decode(text, type=RecordedStep)
-    except msgspec.MsgspecError as problem:
-        raise RecordError(f"{path}: {problem}; another version of markerseek wrote it: use that one") from problem
-    if number == 1 and not isinstance(step, Begun):
-        raise RecordError(f"{path}: it does not begin as the record of a session does; check the name")
-    return step
 
 
 def default_folder() -> Path:

@@ -17,6 +17,7 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError, Float64, RecordError
 from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, mirror_image_fre, register_points
+from markerseek.registration.plan import require_target
 from markerseek.registration.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
 
@@ -196,13 +197,6 @@ def register_pairs(
     )
 
 
-def require_target(target_trus_m: Triple | None) -> None:
-    """Refuse a target that is no place; None is the usual one."""
-    if target_trus_m is not None and not np.isfinite(target_trus_m).all():
-        given = " ".join(f"{1e3 * each:g}" for each in target_trus_m)
-        raise ConfigError(f"--target-mm is {given}, its coordinates must be finite")
-
-
 def registered_pairs(pairs: Sequence[PointPair]) -> Registration:
     """The transform of point pairs with its covariance, not judged."""
     pairs = _alike(pairs)
@@ -334,18 +328,19 @@ class KnownRegistration:
     report: RegistrationReport
 
     @classmethod
-    def of(cls, report: RegistrationReport, *, source: Path, simulated: bool) -> Self:
-        """The registration of a report that was accepted; `RecordError` if its transform is not rigid.
+    def of(cls, report: RegistrationReport, *, source: Path | None, simulated: bool) -> Self:
+        """Return the registration of a report that was accepted; `RecordError` if its transform is not rigid.
 
-        ``source``: where the report was read.
+        ``source``: where the report was read; None: it was made here.
         """
+        read = "the registration" if source is None else source
         rows = report.davinci_to_trus
         if rows is None or [len(row) for row in rows] != [4] * 4 or rows[3] != [0, 0, 0, 1]:
-            raise RecordError(f"{source}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
+            raise RecordError(f"{read}: davinci_to_trus must have 4 rows of 4 numbers, the last row 0, 0, 0, 1")
         try:
             return cls(davinci_to_trus=davinci_to_probe_home(rows), simulated=simulated, report=report)
         except ConfigError as problem:
-            raise RecordError(f"{source}: {problem}") from problem
+            raise RecordError(f"{read}: {problem}") from problem
 
     @property
     def errors(self) -> dict[str, float | int]:

@@ -6,7 +6,7 @@ In the simulated room somebody lights the place that is asked for.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -16,10 +16,11 @@ import numpy as np
 from markerseek.core import Float64, StereoImages
 from markerseek.geometry import RigidTransform
 from markerseek.registration.poses import reach_of
-from markerseek.registration.report import RegistrationReport, davinci_to_probe_home
+from markerseek.registration.report import KnownRegistration
 from markerseek.registration.shared_errors import FOCAL_LENGTH, trus_shared_m
-from markerseek.registration.steps import Registered, TakenMarker, Waiting
+from markerseek.registration.steps import TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
+from markerseek.registration.view import SessionView
 from markerseek.rigs import Beside, Rig, movable
 from markerseek.sim import (
     EndoscopeSettings,
@@ -46,20 +47,38 @@ class Room(Protocol):
     def stereo(self) -> StereoSettings:
         """Calibration of the cameras."""
 
+    @property
+    def waits_dark(self) -> bool:
+        """Whether the laser is dark until the person says that the spot is set."""
+
+    @property
+    def fired(self) -> int | None:
+        """Pulses of `light` since the spot was set; None where the laser fires while the session waits."""
+
     def ask(self, waiting: Waiting) -> bool:
         """Ask for a spot; whether to look for one now. False ends the session."""
+
+    def light(self) -> int:
+        """Fire for the cameras; returns the number of pulses."""
 
     def arm(self) -> None:
         """Arm the rig in the name of the person who is there: each search disarms it at its end."""
 
 
 BETWEEN_S = 1.0
-"""Time between two looks for a spot, in seconds: the laser fires in each."""
+"""Time between two looks for a spot, in seconds, where the laser fires in each while the session waits."""
+
+_ASKED_S = 0.1
+"""Time between two questions whether the spot is set, in seconds."""
 
 
 @dataclass(slots=True, kw_only=True)
 class DeviceRoom:
-    """A `Room` of devices: a person lights the spots, and the laser fires once a second until the cameras see one."""
+    """A `Room` of devices: a person lights the spots.
+
+    The laser is dark, and disarmed, until the person says that a spot is set. Then it fires ten pulses a second, until
+    the cameras see the spot, or the look for it ends after some seconds.
+    """
 
     rig: Rig
     """The rig, armed by a person."""
@@ -69,10 +88,25 @@ class DeviceRoom:
     """Who has armed the rig for the session: each search disarms it at its end."""
     wait_s: float = 300.0
     """Longest wait for a spot, in seconds; then the session ends."""
+    is_set: Callable[[], bool] | None = None
+    """Whether the person has said, since this was called last, that the spot is set. None: the laser fires once a
+    second while the session waits, until the cameras see a spot."""
+    idle_s: float | None = None
+    """Time in the dark after which the session looks for a spot although nobody has said that it is set, in seconds;
+    None: never."""
+    fired: int | None = field(default=None, init=False)
+    """Pulses of `light` since the spot was set; None where the laser fires while the session waits."""
     _waiting: tuple[str, float] = field(default=("", 0.0), init=False)
 
+    @property
+    def waits_dark(self) -> bool:
+        """Whether the laser is dark until the person says that the spot is set."""
+        return self.is_set is not None
+
     def ask(self, waiting: Waiting) -> bool:
-        """Look again in a moment, unless nobody has lit a spot for too long."""
+        """Wait until the spot is set, or a moment; False if nobody has set or lit a spot for too long."""
+        if self.is_set is not None:
+            return self._wait_dark(self.is_set)
         clock = self.rig.scanner.clock
         name, since_s = self._waiting
         if name != waiting.name:
@@ -82,6 +116,31 @@ class DeviceRoom:
         else:
             clock.wait(BETWEEN_S)
         return True
+
+    def _wait_dark(self, is_set: Callable[[], bool]) -> bool:
+        """Wait with the laser disarmed until the person says that the spot is set; False after the longest wait."""
+        clock = self.rig.scanner.clock
+        self.rig.scanner.stop()
+        # What was said before was said of an earlier spot.
+        is_set()
+        begun_s = clock.now_s()
+        while not is_set():
+            waited_s = clock.now_s() - begun_s
+            if waited_s > self.wait_s:
+                return False
+            if self.idle_s is not None and waited_s >= self.idle_s:
+                break
+            clock.wait(_ASKED_S)
+        self.fired = 0
+        return True
+
+    def light(self) -> int:
+        """Fire for the cameras: one pulse, or those of an acquisition where the laser fires while it waits."""
+        if self.fired is None:
+            return self.rig.scanner.light()
+        pulses = self.rig.scanner.light(1)
+        self.fired += pulses
+        return pulses
 
     def arm(self) -> None:
         """Arm the rig in the name of the person who armed it for the session."""
@@ -146,6 +205,11 @@ class SimulatedRoom:
     ``seed``: of everything that is drawn.
     """
 
+    waits_dark = False
+    """The simulated person lights each place at once."""
+    fired: int | None = None
+    """Not counted."""
+
     def __init__(self, settings: SimulatedRoomSettings, *, seed: int) -> None:
         self._settings, self._seed = settings, seed
         rng = np.random.default_rng(seed)
@@ -198,6 +262,10 @@ class SimulatedRoom:
         self._light(spot_m)
         return True
 
+    def light(self) -> int:
+        """Fire the pulses of an acquisition for the cameras."""
+        return self.rig.scanner.light()
+
     def arm(self) -> None:
         """Nothing to arm: no hardware is involved."""
 
@@ -208,10 +276,9 @@ class SimulatedRoom:
         for marker in taken:
             self._spots_m[marker.name] = self.true.apply(np.array(marker.camera_m))
 
-    def truth(self, state: Registered | None, taken: Sequence[TakenMarker], *, rig_s: float) -> SimulatedTruth:
-        """How far the registration and its markers are from the truth."""
-        report = None if state is None or not state.decided else state.report
-        chosen = {} if state is None else state.chosen
+    def truth(self, view: SessionView) -> SimulatedTruth:
+        """Return how far the registration of a session and its markers are from the truth."""
+        chosen = {} if view.last is None else view.last.chosen
         errors_m = {
             marker.name: float(
                 np.linalg.norm(
@@ -219,15 +286,16 @@ class SimulatedRoom:
                     - self._seen_m(self._spots_m[marker.name])
                 )
             )
-            for marker in taken
+            for marker in view.markers
             if marker.name in chosen and marker.name not in self._recalled
         }
+        known = view.registration
         return SimulatedTruth(
             simulated=True,
             seed=self._seed,
-            target_error_m=None if report is None else _error_m(report, self.true),
+            target_error_m=None if known is None else _error_m(known, self.true),
             marker_errors_m=errors_m,
-            rig_s=rig_s,
+            rig_s=view.rig_s,
         )
 
     def _light(self, spot_m: Float64[np.ndarray, " 3"]) -> None:
@@ -256,10 +324,7 @@ class SimulatedRoom:
         return np.array([x_m, y_m, self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)])
 
 
-def _error_m(report: RegistrationReport, true: RigidTransform) -> float | None:
-    """How far the registration puts the target from where it is; None without a registration."""
-    if report.davinci_to_trus is None:
-        return None
-    target_m = np.array(report.target_trus_m)
-    found = davinci_to_probe_home(report.davinci_to_trus)
-    return float(np.linalg.norm(found.apply(true.inverse().apply(target_m)) - target_m))
+def _error_m(known: KnownRegistration, true: RigidTransform) -> float:
+    """Return how far a registration puts the target from where it is."""
+    target_m = np.array(known.report.target_trus_m)
+    return float(np.linalg.norm(known.davinci_to_trus.apply(true.inverse().apply(target_m)) - target_m))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TypeVar
 
@@ -17,7 +17,6 @@ import numpy as np
 from msgspec import structs
 
 from markerseek.core import (
-    ConfigError,
     Finished,
     MarkerCurve,
     Measured,
@@ -29,12 +28,14 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
+from markerseek.registration.plan import MOST_MARKERS, SessionPlan
 from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
-from markerseek.registration.report import registered_pairs, require_target, triple
+from markerseek.registration.report import registered_pairs, triple
 from markerseek.registration.room import Room
 from markerseek.registration.spots import SPOT_PAIRS, SpotError, SpotFinder
 from markerseek.registration.steps import (
+    Continued,
     Ended,
     MovedMarker,
     RecordedStep,
@@ -46,17 +47,11 @@ from markerseek.registration.steps import (
     TakenMarker,
     Waiting,
 )
+from markerseek.registration.view import SessionView
 from markerseek.runs import Session, new_session, plan_on
-
-REGISTRATION_TOLERANCE_MM = 0.3
-"""Tolerance of searches for a registration: with the usual 1 mm markers are twice as far off along the turn, for two
-acquisitions less each. A search that does not reach it counts by its sigma."""
 
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
-
-MOST_MARKERS = 12
-"""Markers after which it ends in any case."""
 
 WORTH = 0.1
 """Share of the expected TRE by which another marker must lower it, or the session ends."""
@@ -68,37 +63,6 @@ APART_M = 5e-3
 """Distance from a spot that was taken, below which another spot is the same: the person has not moved it yet."""
 
 _Recorded = TypeVar("_Recorded", bound=RecordedStep)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionPlan:
-    """What a session is to reach.
-
-    Raises
-    ------
-    ConfigError
-        If a number cannot be used.
-    """
-
-    goal_m: float = 0.5e-3
-    """Expected TRE at the target at which the session ends."""
-    markers: int | None = None
-    """Number of markers after which it ends, whatever the TRE; None: when the goal is reached, or nothing helps."""
-    target_trus_m: tuple[float, float, float] | None = None
-    """Point of the expected error, in the TRUS frame; None: 20 mm under the middle of the points."""
-    search: SearchPlan = field(default_factory=lambda: SearchPlan(tolerance_mm=REGISTRATION_TOLERANCE_MM))
-    """How a marker is searched."""
-    guided: bool = True
-    """Whether the markers so far guide the search of the next one."""
-    again: bool = False
-    """Whether the first marker is measured again at the end."""
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.goal_m) and 1e-5 <= self.goal_m <= 0.02):
-            raise ConfigError(f"--tre-mm is {1e3 * self.goal_m:g}, it must lie between 0.01 and 20 mm")
-        if self.markers is not None and not 3 <= self.markers <= MOST_MARKERS:
-            raise ConfigError(f"--markers is {self.markers}, it must lie between 3 and {MOST_MARKERS}")
-        require_target(self.target_trus_m)
 
 
 class RegistrationSession:
@@ -123,74 +87,87 @@ class RegistrationSession:
     """
 
     def __init__(self, room: Room, *, plan: SessionPlan | None = None, record: SessionRecord | None = None) -> None:
-        self._room, self._plan, self._record = room, plan or SessionPlan(), record
+        self._room = room
+        self._record = record
         # The same session gives the same places: only possible poses are drawn.
         self._rng = np.random.default_rng(0)
-        self.taken: list[TakenMarker] = [] if record is None else list(record.taken)
-        """Markers so far."""
+        self.view = SessionView() if record is None else record.view
+        """The session after its steps so far."""
+        self._plan = self.view.continue_plan(plan or SessionPlan())
         self._curve: MarkerCurve | None = None
         self._refused: SpotRefused | None = None
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
         self._possible: Poses | None = None
         """Possible poses of the cameras; drawn after each marker."""
-        self._moved = False
-        self.last: Registered | None = None
-        """What they say together; None before the first."""
 
     def steps(self) -> Generator[Step, None, None]:
         """Run the session; if closed early, the rig stops.
 
+        A session whose marker has moved ends at once: no registration of it holds any more.
+
         Raises as `markerseek.runs.Session.events`; what was taken stays recorded.
         """
-        state = self._state()
-        if self.taken:
-            yield self._recorded(state)
         in_time = True
+        if not self.view.moved:
+            in_time = yield from self._markers()
+            if self.view.registration is not None and self._plan.again:
+                yield from self._again()
+        yield self._recorded(self._ended(in_time=in_time))
+
+    def _markers(self) -> Generator[Step, None, bool]:
+        """Take markers until they are enough; whether the person lit them in time."""
+        if (continued := self._continued()) is not None:
+            yield self._recorded(continued)
+        state = self._state()
+        if self.view.markers:
+            yield self._recorded(state)
         while not state.done:
-            waiting = Waiting(name=self._next_name(), place=state.place, said=self._asking(state))
+            waiting = Waiting(
+                name=self.view.next_name,
+                place=state.place,
+                said=self._asking(state),
+                dark=self._room.waits_dark,
+            )
             yield self._recorded(waiting)
             taken = None
             while taken is None and self._room.ask(waiting):
                 taken = yield from self._marker(waiting.name)
             if taken is None:
-                in_time = False
-                break
+                return False
             state = self._state()
             yield self._recorded(state)
-        if state.decided and self._plan.again:
-            yield from self._again(state)
-        yield self._recorded(self._ended(state, in_time=in_time))
+        return True
 
-    @property
-    def rig_s(self) -> float:
-        """Time of the rig for all markers so far, without waiting for a person."""
-        return sum(marker.rig_s for marker in self.taken)
-
-    @property
-    def registered(self) -> bool:
-        """Whether there is a registration, and the first marker has not moved since."""
-        return self.last is not None and self.last.decided and not self._moved
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """Markers that do not fit the others."""
-        return () if self.last is None else self.last.left_out
+    def _continued(self) -> Continued | None:
+        """Return what is different from the session that is continued; None if nothing is."""
+        view, plan = self.view, self._plan
+        changed = []
+        if not math.isclose(view.goal_m, plan.goal_m, rel_tol=1e-9):
+            changed.append(f"the goal is {1e3 * plan.goal_m:g} mm, and was {1e3 * view.goal_m:g} mm")
+        if view.target_trus_m != plan.target_trus_m:
+            changed.append(f"the target is {_in_mm(plan.target_trus_m)}, and was {_in_mm(view.target_trus_m)}")
+        if view.begun is None or not changed:
+            return None
+        return Continued(goal_m=plan.goal_m, target_trus_m=plan.target_trus_m, said="; ".join(changed))
 
     def _recorded(self, step: _Recorded) -> _Recorded:
-        if self._record is not None:
+        if self._record is None:
+            self.view = self.view.after(step)
+        else:
             self._record.add(step)
+            self.view = self._record.view
         return step
 
-    def _next_name(self) -> str:
-        return str(1 + max((int(marker.name) for marker in self.taken if marker.name.isdigit()), default=0))
-
     def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
-        """Take a marker; None if it has to be done once more, which is said once as long as the reason is the same."""
+        """Take a marker; None if it has to be done once more.
+
+        Where the laser fires while the session waits, that is said once as long as the reason is the same.
+        """
         try:
             return (yield from self._taken(name, again))
         except SpotError as problem:
-            refused = SpotRefused(name=name, reason=str(problem))
-        if refused != self._refused:
+            refused = SpotRefused(name=name, reason=str(problem), pulses=self._room.fired)
+        if self._room.waits_dark or refused != self._refused:
             self._refused = refused
             yield self._recorded(refused)
         return None
@@ -212,6 +189,7 @@ class RegistrationSession:
                 camera_m=triple(seen.camera_m),
                 prediction=prediction,
                 journal=None if journal is None else journal.name,
+                pulses=self._room.fired,
             )
         )
         self._room.arm()
@@ -242,8 +220,6 @@ class RegistrationSession:
             at=datetime.now(UTC).isoformat(timespec="seconds"),
             again=None if again is None else again.name,
         )
-        if again is None:
-            self.taken.append(taken)
         yield self._recorded(taken)
         return taken
 
@@ -267,7 +243,7 @@ class RegistrationSession:
 
     def _require_new(self, seen: SeenMarker) -> None:
         """Refuse a spot whose marker was taken before."""
-        for marker in self.taken:
+        for marker in self.view.markers:
             if marker.candidates and np.linalg.norm(np.array(marker.camera_m) - seen.camera_m) < APART_M:
                 raise SpotError(f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm")
 
@@ -287,8 +263,9 @@ class RegistrationSession:
 
     def _state(self) -> Registered:
         """Registration from all markers."""
-        markers, rig = [marker.seen for marker in self.taken], self._room.rig
-        missed_m = [np.array(marker.camera_m) for marker in self.taken if not marker.candidates]
+        rig = self._room.rig
+        markers = [marker.seen for marker in self.view.markers]
+        missed_m = [np.array(marker.camera_m) for marker in self.view.markers if not marker.candidates]
         choice = choose(markers, target_trus_m=self._plan.target_trus_m)
         self._possible = Poses.of(markers, choice, reach_of(rig), missed_m=missed_m, rng=self._rng)
         place = None
@@ -300,17 +277,16 @@ class RegistrationSession:
                 probe_deg=rig.scanner.angle_deg,
                 avoid_m=missed_m,
             )
-        self.last = Registered(
+        return Registered(
             **structs.asdict(choice),
             place=place,
             done=self._is_done(choice, place),
             said=self._said(choice, place),
         )
-        return self.last
 
     def _is_done(self, choice: Choice, place: Place | None) -> bool:
         """Whether the session ends: the goal is reached, or another marker would not help."""
-        if len(self.taken) >= MOST_MARKERS:
+        if len(self.view.markers) >= MOST_MARKERS:
             return True
         if not choice.decided or choice.report is None:
             return False
@@ -344,9 +320,11 @@ class RegistrationSession:
         x_px, y_px = state.place.left_px
         return f"light the next spot near ({x_px:.0f}, {y_px:.0f}) px of the left image"
 
-    def _again(self, state: Registered) -> Generator[Step, None, None]:
+    def _again(self) -> Generator[Step, None, None]:
         """Measure the first marker that was chosen again."""
-        first = next(marker for marker in self.taken if marker.name in state.chosen)
+        assert self.view.last is not None  # noqa: S101  a registration holds
+        chosen = self.view.last.chosen
+        first = next(marker for marker in self.view.markers if marker.name in chosen)
         place = Place(
             left_px=first.spot.left_px,
             right_px=first.spot.right_px,
@@ -357,19 +335,18 @@ class RegistrationSession:
             name=first.name,
             place=place,
             said=f"light the spot of marker {first.name} again, to see whether it has moved",
+            dark=self._room.waits_dark,
         )
         yield self._recorded(waiting)
         if not self._room.ask(waiting):
             return
         taken = yield from self._marker(f"{first.name}-again", again=first)
         if taken is not None and taken.candidates:
-            movement = self._movement(state.chosen, first, taken)
-            self._moved = movement.moved
-            yield self._recorded(movement)
+            yield self._recorded(self._movement(chosen, first, taken))
 
     def _movement(self, chosen: dict[str, int], first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
-        transform = registered_pairs(chosen_pairs([marker.seen for marker in self.taken], chosen)).transform
+        transform = registered_pairs(chosen_pairs([marker.seen for marker in self.view.markers], chosen)).transform
         spots_m = transform.apply(np.array([first.camera_m, again.camera_m]))
         was, now = first.candidates[chosen[first.name]].position, again.candidates[0].position
         apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])
@@ -387,10 +364,18 @@ class RegistrationSession:
         said = f"marker {first.name} is {1e3 * moved_m:.2f} ± {1e3 * sigma_m:.2f} mm from where it was: {verdict}"
         return MovedMarker(name=first.name, moved_m=moved_m, sigma_m=sigma_m, moved=moved, said=said)
 
-    def _ended(self, state: Registered, *, in_time: bool) -> Ended:
+    def _ended(self, *, in_time: bool) -> Ended:
         late = "" if in_time else "no new spot was accepted in the time allowed; "
-        took = f"{counted(len(self.taken), 'marker')} in {self.rig_s:.0f} s of the rig"
-        return Ended(registered=self.registered, said=f"{late}{state.said}; {took}", rig_s=self.rig_s)
+        took = f"{counted(len(self.view.markers), 'marker')} in {self.view.rig_s:.0f} s of the rig"
+        registered = self.view.registration is not None
+        return Ended(registered=registered, said=f"{late}{self.view.said}; {took}", rig_s=self.view.rig_s)
+
+
+def _in_mm(target_trus_m: tuple[float, float, float] | None) -> str:
+    """Return a target in words."""
+    if target_trus_m is None:
+        return "the usual one"
+    return " ".join(f"{1e3 * each:g}" for each in target_trus_m) + " mm"
 
 
 _MOVED_CHI_SQUARED = 16.27

@@ -94,7 +94,7 @@ class SpotFinder:
         for pairs in self._coming(LOOK_S + (MOST_LATE_S if late_s is None else late_s)):
             came_s = scanner.clock.now_s() - began_s
             if came_s < LOOK_S:
-                scanner.light()
+                self._room.light()
             lit = lit_pairs(pairs, dark)
             if lit and late_s is None:
                 late_s = lit[0].at_s - began_s

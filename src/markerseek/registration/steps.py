@@ -1,17 +1,14 @@
-"""The steps of a registration session, as data for other programs, and what is known of a registration after each.
+"""The steps of a registration session, as data for other programs.
 
-All steps except `Searching` are recorded. A registration holds while the newest markers say that it is decided. It
-holds no longer when a later marker makes it undecided, or when a marker that was measured again has moved. It holds on
-when the session ends, or its program dies: nothing was measured that speaks against it.
+All steps except `Searching` are recorded; what they say together is a `markerseek.registration.SessionView`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Literal, Self, TypeAlias
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import msgspec
 import numpy as np
@@ -20,7 +17,6 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError, MarkerCandidate, require_range
 from markerseek.registration.choice import Choice, SeenMarker
 from markerseek.registration.poses import Place, Prediction
-from markerseek.registration.report import KnownRegistration
 from markerseek.runs import RunView
 
 Numbers: TypeAlias = list[list[float]]
@@ -60,6 +56,16 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True, tag="begun"):
     version: str = __version__
 
 
+class Continued(msgspec.Struct, frozen=True, kw_only=True, tag="continued"):
+    """The session is continued with another goal or target than before."""
+
+    goal_m: float
+    target_trus_m: tuple[float, float, float] | None
+    """``goal_m`` and ``target_trus_m``: as of `Begun`, from here on."""
+    said: str
+    """What is different, in a sentence."""
+
+
 class Waiting(msgspec.Struct, frozen=True, kw_only=True, tag="waiting"):
     """The session waits for a spot."""
 
@@ -69,6 +75,8 @@ class Waiting(msgspec.Struct, frozen=True, kw_only=True, tag="waiting"):
     """Place at which a spot reduces the error most; None: anywhere in view and in reach."""
     said: str
     """What the person has to do, in a sentence."""
+    dark: bool = False
+    """Whether the laser is dark until the person says that the spot is set."""
 
 
 class SpotRefused(msgspec.Struct, frozen=True, kw_only=True, tag="spot-refused"):
@@ -76,6 +84,8 @@ class SpotRefused(msgspec.Struct, frozen=True, kw_only=True, tag="spot-refused")
 
     name: str
     reason: str
+    pulses: int | None = None
+    """Pulses for the cameras since the person said that the spot is set; None: the laser fires while it waits."""
 
 
 class SpotSeen(msgspec.Struct, frozen=True, kw_only=True, tag="spot"):
@@ -89,6 +99,8 @@ class SpotSeen(msgspec.Struct, frozen=True, kw_only=True, tag="spot"):
     """Prediction of its marker from the markers so far; None if they allow none."""
     journal: str | None
     """Name of the search's journal in the folder of the session."""
+    pulses: int | None = None
+    """As of `SpotRefused`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,101 +224,8 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag="ended"):
     """Time of the rig for all markers."""
 
 
-RecordedStep: TypeAlias = Begun | Waiting | SpotRefused | SpotSeen | TakenMarker | Registered | MovedMarker | Ended
+RecordedStep: TypeAlias = (
+    Begun | Continued | Waiting | SpotRefused | SpotSeen | TakenMarker | Registered | MovedMarker | Ended
+)
 Step: TypeAlias = RecordedStep | Searching
 """Any step of a session."""
-
-Phase = Literal["running", "stopped", "ended", "unreadable"]
-"""Of a session: a program runs it; none runs it, and it has not ended; it has ended; its record cannot be read."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RegistrationState:
-    """A registration as other programs are to see it now."""
-
-    source: Path
-    """The file, or the folder of the session."""
-    simulated: bool
-    """Whether markers and camera are simulated."""
-    registration: KnownRegistration | None
-    """What holds now; None: nothing."""
-    said: str
-    """The state in a sentence."""
-    session: Phase | None
-    """How the session stands; None for a finished file."""
-    markers: int
-    """Number of markers that were taken."""
-    moved: bool = False
-    """Whether a marker has moved since it was taken."""
-
-    @classmethod
-    def of_file(cls, known: KnownRegistration, path: Path) -> Self:
-        """State of a finished file."""
-        return cls(
-            source=path,
-            simulated=known.simulated,
-            registration=known,
-            said=f"registered: {known.report.expected}",
-            session=None,
-            markers=len(known.report.points),
-        )
-
-    @classmethod
-    def of_session(cls, begun: Begun, folder: Path) -> Self:
-        """State of a session that has begun."""
-        return cls(
-            source=folder,
-            simulated=begun.simulated,
-            registration=None,
-            said="not registered: no marker yet",
-            session="running",
-            markers=0,
-        )
-
-    def after(self, step: RecordedStep) -> RegistrationState:
-        """State after a step of the session; `RecordError` if its transform is not rigid."""
-        running = replace(self, session="running")
-        match step:
-            case Registered():
-                known = None
-                # A marker that has moved is still among those of a session that was continued.
-                if step.decided and not self.moved and step.report is not None:
-                    known = KnownRegistration.of(step.report, source=self.source, simulated=self.simulated)
-                return replace(running, registration=known, said=self.said if self.moved else step.said)
-            case MovedMarker(moved=True):
-                return replace(running, registration=None, said=step.said, moved=True)
-            case TakenMarker(again=None):
-                return replace(running, markers=self.markers + 1)
-            case Ended():
-                return replace(self, session="ended", said=self.said if self.moved else step.said)
-            case _:
-                return running
-
-    def unreadable(self, reason: str) -> RegistrationState:
-        """State once the record cannot be read: what holds is not known any more."""
-        return replace(self, session="unreadable", registration=None, said=_text(reason))
-
-    @property
-    def sentence(self) -> str:
-        """The state for people, with what to do if no program runs its session."""
-        if self.session != "stopped":
-            return self.said
-        return f"{self.said}; its session was stopped: continue it, or register again"
-
-    @property
-    def known(self) -> dict[str, object]:
-        """What is shown beside the transform; its errors only if the registration is valid."""
-        errors = {"markers": self.markers} if self.registration is None else self.registration.errors
-        return {
-            "file": _text(self.source.name),
-            "simulated": self.simulated,
-            "decided": self.registration is not None,
-            "session": self.session,
-            "said": self.sentence,
-            **errors,
-        }
-
-
-def _text(text: str) -> str:
-    """Text that can be sent: the name of a file may be none."""
-    return text.encode(errors="replace").decode()

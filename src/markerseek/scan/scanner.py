@@ -171,14 +171,15 @@ class Scanner:
         self._arm_itself()
         return self._acquire(self.angle_deg, pulses=0)
 
-    def light(self) -> int:
-        """Fire the pulses of one acquisition at the present angle and receive nothing, for a camera that looks on.
+    def light(self, pulses: int | None = None) -> int:
+        """Fire at the present angle and receive nothing, for a camera that looks on.
 
-        Returns the number of pulses. Raises as `measure`.
+        ``pulses``: how many; None: those of one acquisition. Returns the number of pulses. Raises as `measure`.
         """
         self._arm_itself()
         at_deg = self.angle_deg
-        permit = self.guard.issue(angle_deg=at_deg, pulses=self._pulses[0], now_s=self.clock.now_s())
+        wanted = self._pulses[0] if pulses is None else pulses
+        permit = self.guard.issue(angle_deg=at_deg, pulses=wanted, now_s=self.clock.now_s())
         # What a receiver may have recorded of it must not pass for the answer to the next permit.
         self._begun, self._settled, self._lit = True, False, True
         self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())

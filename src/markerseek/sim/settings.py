@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import msgspec
 
 from markerseek.acoustics import Bursts, Probe
-from markerseek.core import ConfigError, Interval, SimulationOptions, Within, require_fields
+from markerseek.core import ConfigError, Interval, SceneOptions, SimulationOptions, Within, require_fields
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim.stage import StageMotion
 from markerseek.sim.tissues import tissue_named
@@ -141,16 +141,12 @@ STREAMING = SimulatedSettings(
 """A rig for sweeps: a PRM1Z8 at its limits, and a receiver that streams 20 frames a second."""
 
 
-def with_options(settings: SimulatedSettings, options: SimulationOptions) -> SimulatedSettings:
+def with_options(settings: SimulatedSettings, options: SceneOptions) -> SimulatedSettings:
     """Settings of a simulated rig with the values that a person has chosen."""
-    marker, second = settings.marker, settings.second
-    if options.no_marker:
-        marker, second = replace(marker, present=False), replace(second, present=False)
-    if options.marker_deg is not None:
-        marker = replace(marker, present=True, angle_deg=options.marker_deg)
-    if options.second_marker_deg is not None:
-        second = replace(second, present=True, angle_deg=options.second_marker_deg)
-    noise, receiver = settings.noise, settings.receiver
+    if isinstance(options, SimulationOptions):
+        settings = _with_markers(settings, options)
+    noise = settings.noise
+    receiver = settings.receiver
     if options.snr_db is not None:
         noise = replace(noise, peak_snr_db=options.snr_db)
     if options.readout_s is not None:
@@ -159,7 +155,21 @@ def with_options(settings: SimulatedSettings, options: SimulationOptions) -> Sim
     if options.tissue is not None:
         tissue_named(options.tissue)
         tissue = options.tissue
-    return replace(settings, tissue=tissue, noise=noise, receiver=receiver, marker=marker, second=second)
+    return replace(settings, tissue=tissue, noise=noise, receiver=receiver)
+
+
+def _with_markers(settings: SimulatedSettings, options: SimulationOptions) -> SimulatedSettings:
+    """Return the settings with the markers that a person has chosen."""
+    marker = settings.marker
+    second = settings.second
+    if options.no_marker:
+        marker = replace(marker, present=False)
+        second = replace(second, present=False)
+    if options.marker_deg is not None:
+        marker = replace(marker, present=True, angle_deg=options.marker_deg)
+    if options.second_marker_deg is not None:
+        second = replace(second, present=True, angle_deg=options.second_marker_deg)
+    return replace(settings, marker=marker, second=second)
 
 
 _NEWER_RECEIVER = ("frame_period_s", "single_pulses")

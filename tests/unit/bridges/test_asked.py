@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.bridges import OPTIONS, AskedSearch
+from markerseek.bridges.asked import AskedSession
 from markerseek.core import AnglePrior, ConfigError, SimulationOptions
+from markerseek.registration import SessionPlan
 from markerseek.rigs import simulated
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES, SimulatedSettings, with_options
@@ -67,6 +69,45 @@ def test_arguments_are_those_of_the_command():
     assert chosen.arguments() == [*method, "--seed=3", "--tissue=liver"]
     # A rig of devices has no seed, tissue or pace.
     assert chosen.arguments(simulated=False) == method
+
+
+sessions = st.fixed_dictionaries(
+    {
+        "tre_mm": st.none() | st.floats(0.01, 20.0),
+        "markers": st.none() | st.integers(3, 12),
+        "sweep": st.booleans(),
+        "again": st.booleans(),
+        "wait_s": st.floats(1.0, 3600.0),
+        "tissue": st.none() | st.sampled_from(list(TISSUES)),
+        "seed": st.none() | st.integers(0, 2**63 - 1),
+        "pace": st.floats(0.0, 100.0),
+    }
+)
+
+
+@given(sessions)
+def test_link_and_command_line_hold_all_settings_of_a_session(values):
+    usual = AskedSession(plan=SessionPlan(sweep=True))
+    chosen = usual.changed(**values)
+    assert usual.with_query(dict(parse_qsl(chosen.query(usual=usual)))) == (chosen, ())
+    simulate, *given = chosen.arguments()
+    assert simulate == "--simulate"
+    words = dict(each.lstrip("-").partition("=")[::2] for each in given)
+    names = {name.replace("-", "_"): text for name, text in words.items()}
+    read = {name: chosen.options[name].read(text or "1") for name, text in names.items()}
+    assert AskedSession().changed(**read) == chosen
+    devices = chosen.arguments(simulated=False)
+    assert not any(each.startswith(("--simulate", "--seed", "--tissue", "--pace")) for each in devices)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("tre_mm", "0"), ("tre_mm", "nan"), ("markers", "2"), ("markers", "3.5"), ("wait_s", "-1")]
+)
+def test_a_link_with_a_setting_that_no_session_has_is_named(name, value):
+    usual = AskedSession()
+    settings, (problem,) = usual.with_query({name: value})
+    assert settings == usual
+    assert problem.startswith(f"{name} is ")
 
 
 def test_change_is_checked():

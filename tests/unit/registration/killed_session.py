@@ -33,14 +33,14 @@ def main() -> None:
     known = Path(folder, "session.jsonl").exists()
     opened = SessionRecord.reopen(Path(folder)) if known else SessionRecord.create(Path(folder), BEGUN)
     with closing(opened) as record:
-        room.skip(record.taken)
+        room.skip(record.view.markers)
         session = RegistrationSession(room, plan=SessionPlan(markers=3), record=record)
         for step in session.steps():
             middle = isinstance(step, Searching) and len(step.view.samples) == 3
             kind = "search" if middle else type(step).__name__
-            if [kind, getattr(step, "name", str(len(session.taken)))] == wanted:
+            if [kind, getattr(step, "name", str(len(session.view.markers)))] == wanted:
                 os.kill(os.getpid(), signal.SIGKILL)
-        truth = room.truth(session.last, session.taken, rig_s=session.rig_s)
+        truth = room.truth(session.view)
     sys.stdout.write(msgspec.json.encode(truth).decode())
 
 

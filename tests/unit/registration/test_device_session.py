@@ -14,18 +14,17 @@ from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.registration import (
     DeviceRoom,
     Ended,
-    Registered,
     RegistrationSession,
     Searching,
     SessionPlan,
     SessionRecord,
     SpotRefused,
+    SpotSeen,
     Step,
     StereoSettings,
     TakenMarker,
     Waiting,
 )
-from markerseek.registration.report import davinci_to_probe_home
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings
@@ -88,15 +87,12 @@ def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_
     assert not [step for step in steps if isinstance(step, SpotRefused)]
     # What the receiver heard of the light for the cameras is refused in no search.
     assert not any("stale" in str(marker.reason) for marker in taken)
-    last = session.last
-    assert isinstance(last, Registered)
-    assert session.registered
-    assert last.report is not None
-    assert last.report.davinci_to_trus is not None
-    found = davinci_to_probe_home(last.report.davinci_to_trus)
+    known = session.view.registration
+    assert known is not None
+    found = known.davinci_to_trus
     target_m = np.array([0.0, 0.0, 0.04])
     error_m = np.linalg.norm(found.apply(person.endoscope.true.inverse().apply(target_m)) - target_m)
-    assert error_m < 2 * last.report.tre95_m < 6e-3
+    assert error_m < 2 * known.report.tre95_m < 6e-3
     assert isinstance(steps[-1], Ended)
     assert steps[-1].registered
     # Three searches, and it is dark and still at the end.
@@ -104,7 +100,7 @@ def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_
     low_deg, high_deg = emulated.stage.truth_range_deg
     assert -36.5 <= low_deg <= high_deg <= 36.5
     again = SessionRecord.reopen(tmp_path / "session")
-    assert [marker.name for marker in again.taken] == ["1", "2", "3"]
+    assert [marker.name for marker in again.view.markers] == ["1", "2", "3"]
     again.close()
 
 
@@ -119,4 +115,65 @@ def test_a_room_that_nobody_lights_ends_after_its_wait_and_fires_no_more(tmp_pat
     assert not steps[-1].registered
     assert steps[-1].said.startswith("no new spot was accepted in the time allowed; ")
     assert 4.0 <= person.rig.scanner.clock.now_s() <= 8.0
+    assert not emulated.laser_box.permitted
+
+
+def set_at(person: Person, *times_s: float) -> list[float]:
+    """Let the person say at these times that the spot is set."""
+    left = list(times_s)
+
+    def is_set() -> bool:
+        if not left or person.rig.scanner.clock.now_s() < left[0]:
+            return False
+        left.pop(0)
+        return True
+
+    person.is_set = is_set
+    return left
+
+
+def pulses_at(emulated: EmulatedBench) -> list[float]:
+    """The time of each pulse."""
+    return [flash.at_s for flash in emulated.world.flashes for _ in range(flash.pulses)]
+
+
+def test_it_is_dark_until_the_person_says_that_the_spot_is_set_and_again_after_each_refusal(tmp_path: Path) -> None:
+    person, emulated = room(tmp_path, wait_s=30.0)
+    person.endoscope.images.show(None)
+    # The first is of before: it is asked for now.
+    set_at(person, 0.0, 20.0, 45.0)
+    steps = list(RegistrationSession(person).steps())
+    waiting = next(step for step in steps if isinstance(step, Waiting))
+    assert waiting.dark
+    refused = [step for step in steps if isinstance(step, SpotRefused)]
+    assert [("no light is seen" in step.reason) for step in refused] == [True, True]
+    times_s = pulses_at(emulated)
+    assert sum(step.pulses or 0 for step in refused) == len(times_s) > 0
+    assert all(sum(at_s <= other_s < at_s + 1 for other_s in times_s) <= 10 for at_s in times_s)
+    assert all(20.0 <= at_s <= 27.0 or 45.0 <= at_s <= 52.0 for at_s in times_s)
+    assert steps[-1].said.startswith("no new spot was accepted in the time allowed; ")
+    assert not emulated.laser_box.permitted
+
+
+def test_a_session_looks_by_itself_after_its_time_in_the_dark_only_if_somebody_wants_that(tmp_path: Path) -> None:
+    person, emulated = room(tmp_path, wait_s=25.0)
+    person.endoscope.images.show(None)
+    set_at(person)
+    assert not any(isinstance(step, SpotRefused) for step in RegistrationSession(person).steps())
+    assert pulses_at(emulated) == []
+    person.idle_s = 10.0
+    for step in RegistrationSession(person).steps():
+        if isinstance(step, SpotRefused):
+            break
+    assert 35.0 <= min(pulses_at(emulated)) <= 40.0
+
+
+def test_a_session_that_waits_in_the_dark_registers_as_one_in_the_light(tmp_path: Path) -> None:
+    person, emulated = room(tmp_path)
+    asked = iter([False, True] * 10)
+    person.is_set = lambda: next(asked)
+    session = RegistrationSession(person, plan=SessionPlan(markers=3))
+    seen = [step for step in session.steps() if isinstance(step, SpotSeen)]
+    assert session.view.registration is not None
+    assert all(0 < (step.pulses or 0) <= 30 for step in seen)
     assert not emulated.laser_box.permitted

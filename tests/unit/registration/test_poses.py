@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.registration.forged_markers import LIMITS, REACH, STEREO, ForgedScene
-from markerseek.core import AnglePrior
+from markerseek.core import AnglePrior, Interval
 from markerseek.registration import poses
 from markerseek.registration.choice import choose
 from markerseek.registration.poses import Poses
@@ -74,3 +74,25 @@ def test_the_place_that_three_markers_propose_is_in_reach(monkeypatch: pytest.Mo
             )
     assert len(inside) >= 15
     assert np.mean(inside) >= 0.9
+
+
+@pytest.mark.parametrize(
+    "limits", [LIMITS, Interval(low_deg=-120.0, high_deg=120.0), Interval(low_deg=2.0, high_deg=3)]
+)
+def test_markers_that_do_not_fit_predict_nothing_that_a_search_refuses(limits: Interval) -> None:
+    some = 0
+    for seed in range(SCENES):
+        scene = ForgedScene(seed)
+        *spots, one_more = scene.wide(3 + seed % 3)
+        # Each marker is another source, somewhere else.
+        markers = [
+            scene.seen(str(number), spot, [scene.other(spot, 1.0)]) for number, spot in enumerate(spots, start=1)
+        ]
+        possible = Poses.of(markers, choose(markers), REACH, rng=np.random.default_rng(0))
+        if possible is not None:
+            seen = scene.seen("next", one_more)
+            prediction = possible.predict(seen.camera_m, seen.camera_covariance_m2, limits=limits)
+            some += prediction is not None
+            # A search takes it, or it is None.
+            assert prediction is None or prediction.prior.interval(limits)
+    assert some or limits.width_deg < 10

@@ -18,8 +18,10 @@ import msgspec
 import pytest
 
 from markerseek.core import MarkerCandidate, MarkerPosition, RecordError
+from markerseek.records.journal import is_journal, line_of, read_journal
 from markerseek.registration import (
     REGISTRATION,
+    RecordedStep,
     Registered,
     SessionRecord,
     SpotRefused,
@@ -71,11 +73,11 @@ def test_each_truncation_is_read_as_a_prefix_of_the_steps_and_continued_there(tm
             with pytest.raises(RecordError, match="its first line is not finished, so that no session has begun"):
                 read_session(tmp_path / "s")
             continue
-        assert read_session(tmp_path / "s")[0] == expected
+        assert read_session(tmp_path / "s") == expected
         record = SessionRecord.reopen(tmp_path / "s")
         record.add(WAITING)
         record.close()
-        assert read_session(tmp_path / "s")[0] == [*expected, WAITING]
+        assert read_session(tmp_path / "s") == [*expected, WAITING]
 
 
 def test_each_changed_byte_is_named(tmp_path: Path) -> None:
@@ -86,24 +88,30 @@ def test_each_changed_byte_is_named(tmp_path: Path) -> None:
             changed = bytearray(whole)
             changed[place] ^= bit
             path.write_bytes(changed)
-            with pytest.raises(RecordError, match=r"session\.jsonl.*(check sum|was changed)"):
+            with pytest.raises(RecordError, match=r"session\.jsonl.*(damaged|was changed)"):
                 read_session(tmp_path / "s")
 
 
-def test_a_first_line_that_was_never_finished_is_no_session(tmp_path: Path) -> None:
+def test_a_folder_with_a_session_or_a_file_of_another_program_is_not_taken(tmp_path: Path) -> None:
     path = written(tmp_path / "s")
-    path.write_bytes(path.read_bytes()[:50])
-    SessionRecord.create(tmp_path / "s", BEGUN).close()
-    assert read_session(tmp_path / "s")[0] == [BEGUN]
-    with pytest.raises(RecordError, match="it holds a session already; continue it by --continue"):
-        SessionRecord.create(tmp_path / "s", BEGUN)
+    whole = path.read_bytes()
+    for content, said in (
+        (whole, "it holds a session already; continue it by --continue"),
+        (whole[:50], "it holds a session already"),
+        (b"name,value\n1,2\n", "it is a file of another program; name another folder"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(RecordError, match=said):
+            SessionRecord.create(tmp_path / "s", BEGUN)
+        assert path.read_bytes() == content
 
 
 def test_there_is_one_writer_and_those_who_look_on_do_not_disturb_it(tmp_path: Path) -> None:
     record = SessionRecord.create(tmp_path / "s", BEGUN)
-    for second in (lambda: SessionRecord.reopen(tmp_path / "s"), lambda: SessionRecord.create(tmp_path / "s", BEGUN)):
-        with pytest.raises(RecordError, match="another markerseek runs this session; wait until it ends"):
-            second()
+    with pytest.raises(RecordError, match="another markerseek runs this session; wait until it ends"):
+        SessionRecord.reopen(tmp_path / "s")
+    with pytest.raises(RecordError, match="it holds a session already"):
+        SessionRecord.create(tmp_path / "s", BEGUN)
     # A refused writer cuts nothing off.
     record.add(WAITING)
     record.close()
@@ -122,32 +130,32 @@ def test_there_is_one_writer_and_those_who_look_on_do_not_disturb_it(tmp_path: P
     over.set()
     for each in looking:
         each.join()
-    assert read_session(tmp_path / "s")[0] == [BEGUN, WAITING]
+    assert read_session(tmp_path / "s") == [BEGUN, WAITING]
 
 
 def test_a_full_disk_leaves_no_part_of_a_step_and_room_lets_it_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     record = SessionRecord.create(tmp_path / "s", BEGUN)
-    write, room = os.write, [30]
+    write, room = os.pwrite, [30]
 
-    def full(descriptor: int, data: bytes) -> int:
+    def full(descriptor: int, data: bytes, at: int) -> int:
         if not room[0]:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        taken = write(descriptor, bytes(data[: room[0]]))
+        taken = write(descriptor, bytes(data[: room[0]]), at)
         room[0] -= taken
         return taken
 
     with monkeypatch.context() as patch:
-        patch.setattr(os, "write", full)
+        patch.setattr(os, "pwrite", full)
         with pytest.raises(RecordError, match="No space left on device; make room on the disk"):
             record.add(WAITING)
     assert (tmp_path / "s" / "session.jsonl").read_bytes().endswith(b"}\n")
     record.add(ENDED)
-    assert read_session(tmp_path / "s")[0] == [BEGUN, ENDED]
+    assert read_session(tmp_path / "s") == [BEGUN, ENDED]
     record.close()
     with monkeypatch.context() as patch:
-        patch.setattr(os, "write", full)
+        patch.setattr(os, "pwrite", full)
         with pytest.raises(RecordError, match="No space left on device"):
             SessionRecord.create(tmp_path / "new", BEGUN)
     # Once there is room, the same folder can be taken.
@@ -158,10 +166,114 @@ def test_a_marker_that_was_measured_again_is_no_marker_more(tmp_path: Path) -> N
     record = SessionRecord.create(tmp_path / "s", BEGUN)
     record.add(taken("1"))
     record.add(taken("1-again", again="1"))
-    assert [each.name for each in record.taken] == ["1"]
+    assert [each.name for each in record.view.markers] == ["1"]
     record.close()
     record = SessionRecord.reopen(tmp_path / "s")
-    assert [each.name for each in record.taken] == ["1"]
+    assert [each.name for each in record.view.markers] == ["1"]
+    record.close()
+
+
+@pytest.mark.parametrize("lines", [[0, 1, 3], [0, 1, 1, 2, 3], [0, 2, 1, 3]], ids=["removed", "doubled", "exchanged"])
+def test_a_step_that_is_missing_or_recorded_twice_is_named(tmp_path: Path, lines: list[int]) -> None:
+    path = written(tmp_path / "s")
+    kept = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(kept[number] for number in lines))
+    with pytest.raises(RecordError, match=r"session\.jsonl: entry \d is missing, entry \d follows; it is damaged"):
+        read_session(tmp_path / "s")
+
+
+def test_the_record_of_a_session_is_no_journal_of_a_search(tmp_path: Path) -> None:
+    path = written(tmp_path / "s")
+    assert not is_journal(path)
+    with pytest.raises(RecordError, match="it is the record of a registration session; name the journal of a search"):
+        read_journal(path)
+
+
+def former(folder: Path, *steps: RecordedStep) -> Path:
+    """The record of a session of markerseek 0.4."""
+    folder.mkdir()
+    texts = [msgspec.json.encode(step) + b"\n" for step in (BEGUN, *steps)]
+    path = folder / "session.jsonl"
+    path.write_bytes(b"".join(b"%08x " % zlib.crc32(text) + text for text in texts))
+    return path
+
+
+def test_a_session_of_version_0_4_is_read_and_continued_with_all_its_steps(tmp_path: Path) -> None:
+    steps = [taken("1"), taken("2"), registered(3), WAITING]
+    path = former(tmp_path / "s", *steps)
+    with path.open("ab") as file:
+        file.write(b"0123abcd {")
+    assert read_session(tmp_path / "s") == [BEGUN, *steps]
+    assert list(follow_session(tmp_path / "s", wait=lambda: None)) == [BEGUN, *steps]
+    record = SessionRecord.reopen(tmp_path / "s")
+    record.add(taken("3"))
+    record.close()
+    assert read_session(tmp_path / "s") == [BEGUN, *steps, taken("3")]
+    assert SessionRecord.reopen(tmp_path / "s").view.registration is not None
+    assert [each.name for each in tmp_path.joinpath("s").iterdir() if each.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize("names", [["1", "3"], ["1", "2", "2"], ["2", "1"]], ids=["removed", "doubled", "exchanged"])
+def test_a_marker_of_version_0_4_that_is_missing_or_recorded_twice_is_named(tmp_path: Path, names: list[str]) -> None:
+    former(tmp_path / "s", *(taken(name) for name in names))
+    with pytest.raises(RecordError, match=r"session\.jsonl: marker \d follows where marker \d is due"):
+        SessionRecord.reopen(tmp_path / "s")
+
+
+def test_a_changed_byte_of_a_session_of_version_0_4_is_named(tmp_path: Path) -> None:
+    path = former(tmp_path / "s", taken("1"))
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        changed = bytearray(whole)
+        changed[place] ^= 0x01
+        path.write_bytes(changed)
+        with pytest.raises(RecordError, match=r"session\.jsonl"):
+            read_session(tmp_path / "s")
+
+
+def test_a_session_of_a_newer_version_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    path = written(tmp_path / "s")
+    path.write_bytes(line_of({"session": 3, "begun": {"type": "begun"}}))
+    with pytest.raises(RecordError, match="the record has version 3, this one reads up to 2; install a newer one"):
+        read_session(tmp_path / "s")
+
+
+def test_a_full_disk_leaves_no_file_of_a_registration_that_holds_no_longer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = begin(tmp_path / "s", markers=3)
+    path = tmp_path / "s" / REGISTRATION
+
+    def full(_path: Path, _data: bytes) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        with pytest.raises(RecordError, match="No space left on device"):
+            record.add(registered(4))
+    assert not path.exists()
+    record.close()
+    SessionRecord.reopen(tmp_path / "s").close()
+    assert read_registration(path).davinci_to_trus.matrix == pytest.approx(matrix_m(4))
+
+
+def test_a_registration_that_could_not_be_withdrawn_for_want_of_room_still_has_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = begin(tmp_path / "s", markers=3)
+
+    def full(_descriptor: int, _data: bytes, _at: int) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "pwrite", full)
+        with pytest.raises(RecordError, match="No space left on device"):
+            record.add(MOVED)
+    # The record does not say that it has moved.
+    assert record.view.registration is not None
+    assert read_registration(tmp_path / "s" / REGISTRATION).davinci_to_trus.matrix == pytest.approx(matrix_m(3))
+    record.add(MOVED)
+    assert not (tmp_path / "s" / REGISTRATION).exists()
     record.close()
 
 
@@ -196,7 +308,7 @@ def test_steps_come_as_they_are_written_and_those_of_a_continued_session_too(tmp
         more[0] = next(script, "over") is None
 
     steps = list(follow_session(folder, is_over=lambda: not more[0], wait=wait))
-    assert steps == read_session(folder)[0]
+    assert steps == read_session(folder)
     assert [getattr(step, "name", None) for step in steps] == [None, "1", "2", "3", None]
 
 
@@ -243,7 +355,7 @@ def run(folder: Path, *until: str) -> subprocess.CompletedProcess[str]:
 def require_whole(folder: Path, last: subprocess.CompletedProcess[str]) -> None:
     """No marker is lost, none is asked for after it was taken, and the session is registered."""
     assert last.returncode == 0, last.stderr
-    steps, _ = read_session(folder)
+    steps = read_session(folder)
     names: list[str] = []
     for step in steps:
         if isinstance(step, Waiting):
@@ -299,18 +411,11 @@ def test_numbers_that_no_marker_has_are_named_though_their_sum_is_right(
     record = begin(tmp_path / "s")
     record.add(good)
     record.close()
-    assert good in read_session(tmp_path / "s")[0]
+    assert good in read_session(tmp_path / "s")
     path = tmp_path / "s" / "session.jsonl"
-    path.write_bytes(path.read_bytes().replace(*changed_line(good, changes)))
+    first, _ = path.read_bytes().splitlines(keepends=True)
+    body = msgspec.to_builtins(good) | msgspec.to_builtins(changes)
+    path.write_bytes(first + line_of({"number": 1, "written": "2026-01-01T00:00:00+00:00", "body": body}))
     with pytest.raises(RecordError) as caught:
         read_session(tmp_path / "s")
     assert said in str(caught.value)
-
-
-def changed_line(step: TakenMarker, changes: dict[str, object]) -> tuple[bytes, bytes]:
-    """The JSON of a step, and the same with other values; each behind its check sum."""
-    lines = []
-    for values in (msgspec.to_builtins(step), msgspec.to_builtins(step) | msgspec.to_builtins(changes)):
-        text = msgspec.json.encode(values) + b"\n"
-        lines.append(b"%08x " % zlib.crc32(text) + text)
-    return lines[0], lines[1]

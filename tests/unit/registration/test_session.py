@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator
+from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from benchmarks.registration.forged_markers import STEREO, ForgedScene
-from markerseek.core import SearchPlan
 from markerseek.registration import (
+    Continued,
     Ended,
     MovedMarker,
     Registered,
     RegistrationSession,
     SessionPlan,
+    SessionRecord,
     SpotRefused,
     SpotSeen,
     Step,
@@ -28,7 +32,7 @@ from markerseek.registration import (
 )
 from markerseek.rigs import movable
 from markerseek.sim import EndoscopeSettings, SimulatedEndoscope, SimulatedSettings, camera_above
-from tests.registration_sessions import taken
+from tests.registration_sessions import BEGUN, taken
 from tests.unit.sim.faulty_endoscope import FaultyEndoscope
 
 SPOT_M = np.array([0.004, -0.003, 0.061])
@@ -71,13 +75,19 @@ class FaultyRoom:
         self.images.show(SPOT_M)
         return self._asked <= 2
 
+    waits_dark = False
+    fired: int | None = None
+
+    def light(self) -> int:
+        return self.rig.scanner.light()
+
     def arm(self) -> None:
         """A simulated rig needs none."""
 
 
 def steps_until(kind: type[Step], room: FaultyRoom) -> list[Step]:
     """The steps of a session up to the first of a kind."""
-    session = RegistrationSession(room, plan=SessionPlan(search=SearchPlan(tolerance_mm=1.0)))
+    session = RegistrationSession(room, plan=SessionPlan(tolerance_mm=1.0))
     steps: list[Step] = []
     for step in session.steps():
         steps.append(step)
@@ -159,9 +169,7 @@ class ForgedSession(RegistrationSession):
             candidates=list(seen.candidates),
             again=None if again is None else again.name,
         )
-        if again is None:
-            self.taken.append(marker)
-        yield marker
+        yield self._recorded(marker)
         return marker
 
 
@@ -196,3 +204,30 @@ def test_a_marker_that_has_moved_at_the_end_is_said_and_one_that_has_not_is_not(
     assert all("it has not moved" in each.said for each in still)
     assert all("it has moved: register again" in each.said for each in moved)
     assert np.mean([each.moved_m for each in moved]) == pytest.approx(3e-3, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("plan", "said"),
+    [
+        (SessionPlan(), None),
+        (SessionPlan(tre_mm=0.7), None),
+        (SessionPlan(tre_mm=1.3), "the goal is 1.3 mm, and was 0.7 mm"),
+        (
+            SessionPlan(target_trus_m=(0.0, 0.01, 0.04)),
+            "the target is 0 10 40 mm, and was the usual one",
+        ),
+    ],
+)
+def test_a_session_that_is_continued_with_another_goal_or_target_says_so_to_all(
+    tmp_path: Path, plan: SessionPlan, said: str | None
+) -> None:
+    record = SessionRecord.create(tmp_path / "s", structs.replace(BEGUN, goal_m=0.7e-3))
+    record.close()
+    record = SessionRecord.reopen(tmp_path / "s")
+    with closing(RegistrationSession(ForgedRoom(), plan=plan, record=record).steps()) as steps:
+        first = next(steps)
+    record.close()
+    assert (first.said if isinstance(first, Continued) else None) == said
+    view = SessionRecord.reopen(tmp_path / "s").view
+    assert view.goal_m == pytest.approx(0.7e-3 if plan.tre_mm is None else plan.goal_m)
+    assert view.target_trus_m == plan.target_trus_m

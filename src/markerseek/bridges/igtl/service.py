@@ -52,7 +52,7 @@ class SearchService:
         self._on_note = on_note
         self._searches = Searches(options, on_start=self._started, on_item=self._seen, on_end=self._ended)
         self._registration = registration
-        self._streams = Streams(registration=None if registration is None else registration.state)
+        self._streams = Streams(registration=None if registration is None else registration.view)
         self.server = IgtlServer(on_request=self._requested, allowed=allowed, version=version, on_note=on_note)
         self._publish(self._streams.idle())
 
@@ -83,9 +83,9 @@ class SearchService:
 
     async def _follow_registration(self) -> None:
         while self._registration is not None:
-            if (state := self._registration.state) is not self._streams.registration:
-                self._publish(self._streams.registered(state))
-                self._on_note(state.sentence)
+            if (view := self._registration.view) is not self._streams.registration:
+                self._publish(self._streams.registered(view))
+                self._on_note(view.sentence)
             await asyncio.sleep(FOLLOWED_S)
 
     def _started(self, _process_id: int) -> None:

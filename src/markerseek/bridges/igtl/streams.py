@@ -25,7 +25,7 @@ from markerseek.bridges.followed import RunImages, since_fired_s
 from markerseek.core import Measured, Sample
 from markerseek.records.banks import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Configuration, JournalItem
-from markerseek.registration import KnownRegistration, RegistrationState
+from markerseek.registration import KnownRegistration, SessionView
 from markerseek.ros import messages
 from markerseek.runs import RunView
 from markerseek.wire import igtl
@@ -51,7 +51,7 @@ class Streams:
     ``registration``: of the da Vinci system to the probe, as it is now; None if none is shown.
     """
 
-    def __init__(self, *, registration: RegistrationState | None = None) -> None:
+    def __init__(self, *, registration: SessionView | None = None) -> None:
         self.registration = registration
         self._withdrawn = False
         self._begin("idle")
@@ -106,14 +106,15 @@ class Streams:
             streams.append(_camera(self._known_registration))
         return streams
 
-    def registered(self, state: RegistrationState) -> list[Stream]:
+    def registered(self, view: SessionView) -> list[Stream]:
         """What changes with a new state of the registration: its transform only where it is another, or withdrawn."""
-        before, self.registration = self._known_registration, state
-        now = state.registration
+        before = self._known_registration
+        self.registration = view
+        now = view.registration
         # Once withdrawn, it is called so until there is another.
         self._withdrawn = now is None and (self._withdrawn or before is not None)
         streams = [] if now is before else [_camera(now)]
-        return [*streams, _registration_status(state, withdrawn=self._withdrawn), self._said()]
+        return [*streams, _registration_status(view, withdrawn=self._withdrawn), self._said()]
 
     def started(self) -> list[Stream]:
         """A search begins: the marker of the one before is withdrawn."""
@@ -216,11 +217,11 @@ def _camera(known: KnownRegistration | None) -> Stream:
     )
 
 
-def _registration_status(state: RegistrationState, *, withdrawn: bool) -> Stream:
+def _registration_status(view: SessionView, *, withdrawn: bool) -> Stream:
     """STATUS of the registration: sent on each change."""
-    holds = state.registration is not None
+    holds = view.registration is not None
     name = "REGISTERED" if holds else "WITHDRAWN" if withdrawn else "NOT_REGISTERED"
-    status = igtl.Status(code=igtl.OK if holds else igtl.NOT_READY, name=name, message=state.sentence)
+    status = igtl.Status(code=igtl.OK if holds else igtl.NOT_READY, name=name, message=view.sentence)
     return Stream(device="DaVinciRegistration", content=status)
 
 

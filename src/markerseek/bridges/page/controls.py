@@ -9,18 +9,19 @@ from typing import Any
 
 from nicegui import ui
 
-from markerseek.bridges.asked import AnyAsked, AskedRegistration, AskedSearch
+from markerseek.bridges.asked import AnyAsked, AskedSearch, AskedSession
 from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.core import ConfigError, Option, SimulationOptions, as_text
+from markerseek.core import ConfigError, Option, SceneOptions, SimulationOptions, as_text
 from markerseek.records import with_minus
+from markerseek.registration import SessionPlan
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
 
 USUAL = AskedSearch(simulation=SimulationOptions(seed=1, pace=0.05))
 """What the page begins with: a search of two minutes is shown in six seconds."""
 
-USUAL_REGISTRATION = AskedRegistration(sweep=True, seed=1, pace=0.5)
+USUAL_REGISTRATION = AskedSession(plan=SessionPlan(sweep=True), simulation=SceneOptions(seed=1, pace=0.5))
 """The same for a session: sweeps of half a minute are shown in a quarter."""
 
 _SIMULATED = ("tissue", "snr_db", "readout_s", "seed", "pace")
@@ -56,7 +57,7 @@ class Settings:
     def __init__(self, usual: AnyAsked, query: Mapping[str, str], *, simulated: bool, prefix: str) -> None:
         linked, problems = usual.with_query(query)
         self._usual = usual
-        self._options = usual.options()
+        self._options = usual.options
         self._values = linked.values
         self._path = prefix + ("/search" if isinstance(usual, AskedSearch) else "/")
         self._fields: dict[str, Any] = {}

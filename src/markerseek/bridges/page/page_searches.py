@@ -5,6 +5,7 @@ All viewers share both; only one runs at a time.
 
 from __future__ import annotations
 
+import os
 import shlex
 import signal
 import threading
@@ -17,22 +18,25 @@ from urllib.parse import parse_qsl
 
 import msgspec
 
-from markerseek.bridges.asked import AnyAsked, AskedRegistration, AskedSearch
+from markerseek.bridges.asked import AnyAsked, AskedSearch, AskedSession
 from markerseek.bridges.child import ChildRun, EndedRun, FollowedChild, Outcome
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.session_state import SessionState
+from markerseek.bridges.page.session_display import session_verdict
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.files import MIB, data_folder, read_input, replace_file
 from markerseek.records.journal import Configuration, JournalItem, default_journal, follow, make_folder
 from markerseek.registration import (
     CAMERA_IMAGES,
-    Ended,
+    SPOT_IS_SET,
+    SessionView,
     SpotSeen,
     default_folder,
     follow_session,
     is_running,
+    next_view,
     read_session,
+    view_of,
 )
 from markerseek.runs import STOPPED, RunView, Verdict, verdict_of
 from markerseek.sim import SimulatedSettings
@@ -170,36 +174,50 @@ class ChildRegistration(ChildSearch):
     unwatched_s = 60.0
     """The same for a session: a person beside the patient may reload the page, or open it on another computer."""
 
-    state = SessionState()
-    """What its steps say together."""
+    view = SessionView()
+    """The session after its steps so far."""
     images_ns = 0
     """When the newest camera images were written; 0 before the first."""
 
     @property
     def _has_begun(self) -> bool:
-        return self.state.begun is not None
+        return self.view.begun is not None
 
     @property
     def can_go_on(self) -> bool:
         """Whether it was broken off after its beginning."""
-        return self.outcome is not None and self._has_begun and self.state.ended is None
+        return self.outcome is not None and self._has_begun and self.view.ended is None and not self.view.moved
 
     @property
     def next_step(self) -> str:
         """What a person can do next; empty while it runs, but for devices that a person must arm."""
         if self.outcome is None:
             return super().next_step
-        if self.state.ended is not None and not self.outcome.failed:
+        if self.view.ended is not None and not self.outcome.failed:
             return f"recorded in {self.journal}"
+        if self.view.moved:
+            return "Start begins a new session"
         goes_on = f"markerseek {shlex.join(self.goes_on)}"
         return f"Start begins a new session, Go on continues this one; in a terminal: {goes_on}"
+
+    @property
+    def asks_whether_set(self) -> bool:
+        """Whether the laser is dark until somebody says that the spot is set."""
+        waiting = self.view.waiting
+        return self.outcome is None and not self._stopping and waiting is not None and waiting.dark
+
+    def say_spot_is_set(self) -> None:
+        """Say that the spot is set, if the session waits for that."""
+        if self.asks_whether_set:
+            flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW
+            os.close(os.open(self.journal / SPOT_IS_SET, flags, 0o600))
 
     @property
     def said(self) -> Verdict:
         """What the session says in large letters, and what a person has to do."""
         goes_on = self.outcome is None and self._has_begun and not (self._stopping or self._is_starting)
-        if goes_on or (self.outcome is not None and self.state.ended is not None and not self.outcome.failed):
-            return self.state.verdict(next_step=self.next_step)
+        if goes_on or (self.outcome is not None and self.view.ended is not None and not self.outcome.failed):
+            return session_verdict(self.view, next_step=self.next_step)
         return self.verdict(None)
 
     def _take(self, child: ChildRun) -> None:
@@ -207,11 +225,12 @@ class ChildRegistration(ChildSearch):
             return not child.running or (self.run is not None and self.run.last.over)
 
         folder = self.journal
+        self.view = SessionView(source=folder)
         for step in child.beating(follow_session(folder, is_over=lambda: not child.running, wait=child.wait)):
             with suppress(FileNotFoundError):
                 # The right one is the last to be written.
                 self.images_ns = (folder / CAMERA_IMAGES[1]).stat().st_mtime_ns
-            self.state = self.state.add(step)
+            self.view = next_view(self.view, step)
             if isinstance(step, SpotSeen) and step.journal is not None:
                 self.run = None
                 search = follow(folder / step.journal, is_over=is_searched, wait=child.wait)
@@ -314,7 +333,7 @@ class PageSearches:
             else:
                 command = self.rig.command(asked)
                 folder = default_folder()
-                settings = asked.query(usual=AskedRegistration())
+                settings = asked.query(usual=AskedSession())
                 _keep(BegunSession(folder=str(folder), command=command, settings=settings))
                 begin = [*command, "--record", str(folder), f"--asked-by={asked_by}"]
                 self._begin(ChildRegistration, begin, asked, folder, _continuing(command, folder))
@@ -333,13 +352,13 @@ class PageSearches:
         try:
             begun = msgspec.json.decode(read_input(_page_file(), most_bytes=MIB), type=BegunSession)
             folder = Path(begun.folder)
-            steps, _ = read_session(folder)
-            if isinstance(steps[-1], Ended) or is_running(folder):
+            view = view_of(read_session(folder), folder)
+            if view.ended is not None or view.moved or is_running(folder):
                 return
         except (OSError, RecordError, msgspec.MsgspecError):
             # There was none, or nothing can be continued of it.
             return
-        asked, problems = AskedRegistration().with_query(dict(parse_qsl(begun.settings)))
+        asked, problems = AskedSession().with_query(dict(parse_qsl(begun.settings)))
         if problems or self.rig.command(asked) != begun.command or not self.rig.registers:
             return
         self.registration = ChildRegistration(

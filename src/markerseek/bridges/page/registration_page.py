@@ -10,9 +10,9 @@ from markerseek.bridges.page.controls import USUAL_REGISTRATION, RunControls
 from markerseek.bridges.page.page_searches import ChildRegistration, PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import RunCharts, VerdictPanel, add_legend, panel, show_hints
-from markerseek.bridges.page.session_state import SessionState, Side
+from markerseek.bridges.page.session_display import Side, session_chart, session_marks, session_table
 from markerseek.core import Interval
-from markerseek.registration import REGISTRATION
+from markerseek.registration import REGISTRATION, SessionView
 from markerseek.runs import Verdict
 
 SIDES: tuple[Side, Side] = ("left", "right")
@@ -42,23 +42,23 @@ class RegistrationPanels:
                 self._chart = ui.html(sanitize=False).classes("ms-chart")
             with panel("markers", "markers"):
                 self._table = ui.html(sanitize=False).classes("ms-table").props("tabindex=0")
-        self._shown: tuple[SessionState, int] | None = None
+        self._shown: tuple[SessionView, int] | None = None
 
     def show(self, live: ChildRegistration | None) -> None:
         """Show a session, and the search that goes on in it."""
         run = live.run if live else None
         self._charts.show(run.last if run else None)
-        state, images_ns = (live.state, live.images_ns) if live else (ChildRegistration.state, 0)
-        if self._shown == (state, images_ns):
+        view, images_ns = (live.view, live.images_ns) if live else (ChildRegistration.view, 0)
+        if self._shown == (view, images_ns):
             return
-        self._shown = (state, images_ns)
-        show_hints(self._grid, are_shown=state.begun is None)
+        self._shown = (view, images_ns)
+        show_hints(self._grid, are_shown=view.begun is None)
         for side in SIDES:
             image = f'<img src="{self._prefix}/camera/{side}.jpg?{images_ns}" alt="newest image of the {side} camera">'
             self._images[side].set_content(image if images_ns else "")
-            self._marks[side].set_content(state.marks(side))
-        self._chart.set_content(state.chart())
-        self._table.set_content(state.table())
+            self._marks[side].set_content(session_marks(view, side))
+        self._chart.set_content(session_chart(view))
+        self._table.set_content(session_table(view))
 
 
 def build_registration_page(searches: PageSearches, query: Mapping[str, str]) -> None:
@@ -66,6 +66,8 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
     shell = PageShell(searches, "/")
     with ui.element("div").classes("ms-session"):
         verdict = VerdictPanel()
+    spot_is_set = ui.button("Spot is set", icon="flare")
+    shell.on_click(spot_is_set, lambda: _say_set(searches.registration))
     controls = RunControls(shell, USUAL_REGISTRATION, query)
     panels = RegistrationPanels(searches.rig.search, prefix=shell.prefix)
     with ui.element("div").classes("ms-foot"):
@@ -77,10 +79,17 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
         controls.update(live)
         verdict.show(FIRST if live is None else live.said)
         panels.show(live)
-        save.set_visibility(live is not None and live.state.registered)
+        spot_is_set.set_visibility(live is not None and live.asks_whether_set)
+        save.set_visibility(live is not None and live.view.registration is not None)
         shell.show_emulated(live.run if live else None)
 
     shell.run(update)
+
+
+def _say_set(live: ChildRegistration | None) -> None:
+    """Say that the spot is set: the laser fires some pulses for the cameras."""
+    if live is not None:
+        live.say_spot_is_set()
 
 
 def _download(live: ChildRegistration | None) -> None:

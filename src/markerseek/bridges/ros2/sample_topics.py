@@ -115,30 +115,33 @@ class RegistrationTopics:
         self._node, self._source = node, source
         node.advertise(topics.REGISTRATION, "geometry_msgs/msg/TransformStamped", latched=True)
         node.advertise(topics.REGISTRATION_STATE, "std_msgs/msg/String", latched=True)
-        self._state = source.state
-        self._known = self._state.registration
+        self._view = source.view
+        self._known = self._view.registration
         self._next_s = 0.0
-        if self._state.session is None and self._known is not None:
+        if self._view.phase is None and self._known is not None:
             node.advertise(topics.STATIC_FRAMES, messages.frames_kind(), latched=True)
             publish_frames(node, topics.STATIC_FRAMES, [self._message(self._known)])
         if self._known is not None:
             node.publish(topics.REGISTRATION, self._message(self._known))
-        node.publish(topics.REGISTRATION_STATE, messages.text(self._state.known))
+        node.publish(topics.REGISTRATION_STATE, messages.text(self._view.known))
 
     def step(self) -> str | None:
         """Publish what is due; returns a sentence where the state has changed."""
-        state, said = self._source.state, None
-        if state is not self._state:
-            self._state, said = state, state.sentence
-            if state.registration is not self._known:
-                self._known, self._next_s = state.registration, 0.0
+        view = self._source.view
+        said = None
+        if view is not self._view:
+            self._view = view
+            said = view.sentence
+            if view.registration is not self._known:
+                self._known = view.registration
+                self._next_s = 0.0
                 self._node.publish(topics.REGISTRATION, self._message(self._known))
-            self._node.publish(topics.REGISTRATION_STATE, messages.text(state.known))
-        if state.session is not None and self._known is not None and time.monotonic() >= self._next_s:
+            self._node.publish(topics.REGISTRATION_STATE, messages.text(view.known))
+        if view.phase is not None and self._known is not None and time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + FRAME_S
             publish_frames(self._node, topics.FRAMES, [self._message(self._known)])
         return said
 
     def _message(self, known: KnownRegistration | None) -> object:
         transform = None if known is None else known.davinci_to_trus
-        return messages.registered(transform, time_s=self._node.now_s(), simulated=self._state.simulated)
+        return messages.registered(transform, time_s=self._node.now_s(), simulated=self._view.simulated)

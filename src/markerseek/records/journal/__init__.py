@@ -18,6 +18,7 @@ from markerseek.records.journal.entries import (
     versions,
 )
 from markerseek.records.journal.file import (
+    MAGIC,
     default_journal,
     is_journal,
     is_written,
@@ -27,6 +28,8 @@ from markerseek.records.journal.file import (
     make_folder,
     size_bytes_of,
 )
+from markerseek.records.journal.line_file import LineFile
+from markerseek.records.journal.lines import LineReader, line_of
 from markerseek.records.journal.reader import (
     JournalItem,
     RecordedRun,
@@ -39,6 +42,7 @@ from markerseek.records.journal.reader import (
 from markerseek.records.journal.writer import Journal
 
 __all__ = [
+    "MAGIC",
     "Checked",
     "Configuration",
     "Entry",
@@ -46,6 +50,8 @@ __all__ = [
     "Journal",
     "JournalEvent",
     "JournalItem",
+    "LineFile",
+    "LineReader",
     "RecordedError",
     "RecordedRun",
     "Resuming",
@@ -59,6 +65,7 @@ __all__ = [
     "is_written",
     "journals_folder",
     "journals_in",
+    "line_of",
     "lock",
     "make_folder",
     "read_journal",

@@ -56,8 +56,8 @@ def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
 _NOTHING = msgspec.Raw(b"null")
 
 
-class _Line(msgspec.Struct, frozen=True, kw_only=True):
-    """An entry, or line 0: the configuration and the version of the format."""
+class Line(msgspec.Struct, frozen=True, kw_only=True):
+    """An entry, or line 0: the configuration, or what a session registers, and the version of the format."""
 
     number: int = 0
     block: int = 0
@@ -67,8 +67,11 @@ class _Line(msgspec.Struct, frozen=True, kw_only=True):
     clock_s: float = 0.0
     body: msgspec.Raw = _NOTHING
     configuration: msgspec.Raw = _NOTHING
+    begun: msgspec.Raw = _NOTHING
     record: int = 0
-    """Version of the format, from 2 on."""
+    """Version of the format of a journal, from 2 on."""
+    session: int = 0
+    """Version of the format of the record of a session."""
     journal: int = 0
     """Version of the format in files of version 1."""
 
@@ -81,7 +84,7 @@ def first_line(configuration: Configuration) -> bytes:
         msgspec.json.decode(as_json, type=Configuration)
     except msgspec.ValidationError as problem:
         raise RecordError(f"the configuration cannot be recorded: {problem}") from problem
-    return _with_crc({"record": VERSION, "configuration": msgspec.Raw(as_json)})
+    return line_of({"record": VERSION, "configuration": msgspec.Raw(as_json)})
 
 
 def entry_line(entry: Entry) -> bytes:
@@ -101,10 +104,11 @@ def entry_line(entry: Entry) -> bytes:
         "clock_s": require_finite(float(entry.clock_s), what="the rig's clock"),
         "body": msgspec.Raw(encoded.body),
     }
-    return b"".join((_with_crc(line), block, b"\n" if block else b""))
+    return b"".join((line_of(line), block, b"\n" if block else b""))
 
 
-def _with_crc(value: object) -> bytes:
+def line_of(value: object) -> bytes:
+    """Return a value as a line with its check sum; `RecordError` if it is too long."""
     # A recipe may be JSON over several lines; inside a JSON text a line feed is escaped.
     rest = msgspec.json.encode(value)[1:].replace(b"\n", b" ") + b"\n"
     if len(rest) > MAX_LINE_BYTES:
@@ -112,8 +116,8 @@ def _with_crc(value: object) -> bytes:
     return MAGIC + b'%08x",' % zlib.crc32(rest) + rest
 
 
-class EntryReader:
-    """Reads the entries of an open record in order, also while it is written; `RecordError` at the first damage.
+class LineReader:
+    """Reads the lines of an open file in order, also while it is written; `RecordError` at the first damage.
 
     ``descriptor``: descriptor of the file, which stays open.
     """
@@ -121,11 +125,73 @@ class EntryReader:
     def __init__(self, path: Path, descriptor: int) -> None:
         self.path = path
         self.end = 0
-        """Bytes of the entries that have been read."""
+        """Bytes of the lines that have been read."""
         self.descriptor = descriptor
+        self._number = 0
+
+    def _next_line(self) -> tuple[Line, bytes] | None:
+        """The next line and its frame, once both agree with their checksums; None if they are missing."""
+        line = b""
+        while b"\n" not in line[-_PIECE_BYTES:]:
+            piece = os.pread(self.descriptor, _PIECE_BYTES, self.end + len(line))
+            line += piece
+            if len(line) > MAX_LINE_BYTES + _PIECE_BYTES:
+                raise RecordError(f"{self._here} has a line of more than {MAX_LINE_BYTES} bytes; it is damaged")
+            if not piece:
+                if self._agrees(line[:-1] + b"\n"):
+                    raise RecordError(f"{self._here}: its last byte is not a line feed; it is damaged")
+                return None
+        line = line[: line.index(b"\n") + 1]
+        if not self._agrees(line):
+            self._require_changed(line, "its line does not agree with its checksum")
+            return None
+        found = self._decoded(line[_PREFIX_BYTES:])
+        if not 0 <= found.block <= MAX_FRAME_BYTES:
+            raise RecordError(f"{self._here} has a frame of {found.block} bytes; it is foreign")
+        size = found.block + (found.block > 0)
+        data = os.pread(self.descriptor, size, self.end + len(line))
+        whole = len(data) == size and (not size or data[-1:] == b"\n")
+        if size and not (whole and f"{zlib.crc32(data[:-1]):08x}" == found.block_crc):
+            # A loss of power can leave the end of the last entry missing, or zero.
+            is_last = os.fstat(self.descriptor).st_size <= self.end + len(line) + size
+            if len(data) < size or (data[-1:] == b"\0" and is_last):
+                return None
+            self._require_changed(line, "its frame does not agree with its checksum")
+            return None
+        self.end += len(line) + size
+        return found, data[:-1]
+
+    def _decoded(self, rest: bytes) -> Line:
+        try:
+            return msgspec.json.decode(b"{" + rest, type=Line)
+        except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
+            raise RecordError(f"{self._here} cannot be read: {problem}; it is foreign") from problem
+
+    @staticmethod
+    def _agrees(line: bytes) -> bool:
+        """Whether a line agrees with its checksum."""
+        return line[:_PREFIX_BYTES] == MAGIC + b'%08x",' % zlib.crc32(line[_PREFIX_BYTES:])
+
+    def _require_changed(self, line: bytes, reason: str) -> None:
+        """`RecordError`, unless the writer has cut an unfinished entry off and writes another in its place."""
+        if os.pread(self.descriptor, len(line), self.end) == line:
+            raise RecordError(f"{self._here}: {reason}; it is damaged")
+
+    @property
+    def _here(self) -> str:
+        return f"{self.path}: " + ("the first line" if self._number == 0 else f"entry {self._number}")
+
+
+class EntryReader(LineReader):
+    """Reads the entries of an open record in order, also while it is written; `RecordError` at the first damage.
+
+    ``descriptor``: descriptor of the file, which stays open.
+    """
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        super().__init__(path, descriptor)
         self.version = VERSION
         """Version of the file's format."""
-        self._number = 0
         self._confirmation: Sample | None = None
         self.configuration = self._configuration()
 
@@ -166,6 +232,10 @@ class EntryReader:
                 f"{self.path}: it ends in its first line: its run was never begun; begin a new search"
             )
         first, _ = found
+        if first.session:
+            raise RecordError(
+                f"{self.path}: it is the record of a registration session; name the journal of a search in its folder"
+            )
         version = max(first.record, first.journal)
         if version > VERSION:
             raise RecordError(
@@ -183,45 +253,7 @@ class EntryReader:
         self._number = 1
         return configuration
 
-    def _next_line(self) -> tuple[_Line, bytes] | None:
-        """The next line and its frame, once both agree with their checksums; None if they are missing."""
-        line = b""
-        while b"\n" not in line[-_PIECE_BYTES:]:
-            piece = os.pread(self.descriptor, _PIECE_BYTES, self.end + len(line))
-            line += piece
-            if len(line) > MAX_LINE_BYTES + _PIECE_BYTES:
-                raise RecordError(f"{self._here} has a line of more than {MAX_LINE_BYTES} bytes; it is damaged")
-            if not piece:
-                if self._agrees(line[:-1] + b"\n"):
-                    raise RecordError(f"{self._here}: its last byte is not a line feed; it is damaged")
-                return None
-        line = line[: line.index(b"\n") + 1]
-        if not self._agrees(line):
-            self._require_changed(line, "its line does not agree with its checksum")
-            return None
-        found = self._decoded(line[_PREFIX_BYTES:])
-        if not 0 <= found.block <= MAX_FRAME_BYTES:
-            raise RecordError(f"{self._here} has a frame of {found.block} bytes; it is foreign")
-        size = found.block + (found.block > 0)
-        data = os.pread(self.descriptor, size, self.end + len(line))
-        whole = len(data) == size and (not size or data[-1:] == b"\n")
-        if size and not (whole and f"{zlib.crc32(data[:-1]):08x}" == found.block_crc):
-            # A loss of power can leave the end of the last entry missing, or zero.
-            is_last = os.fstat(self.descriptor).st_size <= self.end + len(line) + size
-            if len(data) < size or (data[-1:] == b"\0" and is_last):
-                return None
-            self._require_changed(line, "its frame does not agree with its checksum")
-            return None
-        self.end += len(line) + size
-        return found, data[:-1]
-
-    def _decoded(self, rest: bytes) -> _Line:
-        try:
-            return msgspec.json.decode(b"{" + rest, type=_Line)
-        except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
-            raise RecordError(f"{self._here} cannot be read: {problem}; it is foreign") from problem
-
-    def _next_line_1(self) -> tuple[_Line, bytes] | None:
+    def _next_line_1(self) -> tuple[Line, bytes] | None:
         """`_next_line` of a file of version 1."""
         prefix = os.pread(self.descriptor, _PREFIX_1_BYTES, self.end)
         if len(prefix) < _PREFIX_1_BYTES:
@@ -238,16 +270,6 @@ class EntryReader:
             raise RecordError(f"{self._here}: it does not agree with its checksum; it is damaged")
         self.end += _PREFIX_1_BYTES + size
         return self._decoded(data[:rest_bytes]), data[rest_bytes : rest_bytes + frame_bytes]
-
-    @staticmethod
-    def _agrees(line: bytes) -> bool:
-        """Whether a line agrees with its checksum."""
-        return line[:_PREFIX_BYTES] == MAGIC + b'%08x",' % zlib.crc32(line[_PREFIX_BYTES:])
-
-    def _require_changed(self, line: bytes, reason: str) -> None:
-        """`RecordError`, unless the writer has cut an unfinished entry off and writes another in its place."""
-        if os.pread(self.descriptor, len(line), self.end) == line:
-            raise RecordError(f"{self._here}: {reason}; it is damaged")
 
     @property
     def _here(self) -> str:

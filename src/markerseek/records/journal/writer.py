@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Self
 
 from markerseek.core import Failed, Finished, RecordError
-from markerseek.files import create_atomically, open_for_writing
 from markerseek.records.journal.entries import Configuration, Entry, Interrupted, JournalEvent
-from markerseek.records.journal.file import as_record_error, exists_error, flush, lock, open_for_reading
+from markerseek.records.journal.file import as_record_error, exists_error, open_for_reading
+from markerseek.records.journal.line_file import LineFile
 from markerseek.records.journal.lines import VERSION, EntryReader, entry_line, first_line
 from markerseek.records.journal.reader import RecordedRun
 
@@ -19,40 +19,28 @@ from markerseek.records.journal.reader import RecordedRun
 class Journal:
     """The journal of one run, open for writing; made by `create` or `reopen`."""
 
-    def __init__(
-        self, path: Path, configuration: Configuration, descriptor: int, last: Entry | None, *, end: int, kept: bool
-    ) -> None:
-        self.path = path
+    def __init__(self, lines: LineFile, configuration: Configuration, last: Entry | None) -> None:
+        self.path = lines.path
         self.configuration = configuration
-        self.kept = kept
-        """Whether it outlives the run; what is read by a program that follows the run, and then deleted, is not flushed
-        to the disk."""
-        self._descriptor = descriptor
-        self._open = True
-        self._last, self._end = last, end
+        self._lines = lines
+        self._last = last
         self._lost = False
 
     @classmethod
     def create(cls, path: Path, configuration: Configuration, *, kept: bool = True) -> Self:
         """New journal, with the configuration committed.
 
-        Raises `RecordError` if the file exists or cannot be written; nothing is left behind.
+        ``kept``: as of `LineFile`. Raises `RecordError` if the file exists or cannot be written; nothing is left
+        behind.
         """
         try:
             line = first_line(configuration)
         except RecordError as problem:
             raise RecordError(f"{path}: {problem}") from problem
-        with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
+        with as_record_error(path, verb="written"):
             if path.exists() or path.is_symlink():
                 raise exists_error(path)
-            # Under its own name only once it is complete, so that whoever follows it finds its first line.
-            with create_atomically(path) as part:
-                descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-                undo.callback(os.close, descriptor)
-                lock(descriptor)
-                _write(descriptor, line, at=0)
-            undo.pop_all()
-        return cls(path, configuration, descriptor, None, end=len(line), kept=kept)
+            return cls(LineFile.create(path, line, kept=kept), configuration, None)
 
     @classmethod
     def reopen(cls, path: Path) -> tuple[Self, RecordedRun]:
@@ -60,25 +48,29 @@ class Journal:
 
         An entry that was never finished, because its process died, is cut off.
         """
-        with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
-            os.close(open_for_reading(path))
-            descriptor = open_for_writing(path, os.O_RDWR)
-            undo.callback(os.close, descriptor)
-            lock(descriptor)
+        entries: list[Entry] = []
+
+        def read(descriptor: int) -> EntryReader:
             reader = EntryReader(path, descriptor)
             if reader.version != VERSION:
                 raise RecordError(
                     f"{path}: it was written by an older markerseek: 'markerseek journal show' and 'replay' read it, "
                     "but it cannot be resumed; begin a new search"
                 )
-            entries: list[Entry] = []
             while (entry := reader.next()) is not None:
                 entries.append(entry)
-            os.ftruncate(descriptor, reader.end)
-            undo.pop_all()
+            return reader
+
+        with as_record_error(path, verb="written"):
+            os.close(open_for_reading(path))
+            lines, reader = LineFile.reopen(path, read)
         recorded = RecordedRun(path=path, configuration=reader.configuration, entries=tuple(entries))
-        last = entries[-1] if entries else None
-        return cls(path, reader.configuration, descriptor, last, end=reader.end, kept=True), recorded
+        return cls(lines, reader.configuration, entries[-1] if entries else None), recorded
+
+    @property
+    def kept(self) -> bool:
+        """Whether it outlives the run."""
+        return self._lines.kept
 
     def commit(self, event: JournalEvent, *, clock_s: float) -> Entry:
         """Write an event to disk; once this returns, it survives the death of the process.
@@ -87,34 +79,27 @@ class Journal:
         changed.
         """
         self._require_present()
-        before, end = self._last, self._end
         entry = Entry(
-            number=1 if before is None else before.number + 1,
+            number=1 if self._last is None else self._last.number + 1,
             written=datetime.now(UTC).isoformat(),
             clock_s=clock_s,
             event=event,
         )
         data = entry_line(entry)
-        with as_record_error(self.path, verb="written"):
-            try:
-                self._last, self._end = entry, end + len(data)
-                _write(self._descriptor, data, at=end)
-                if self.kept:
-                    flush(self._descriptor)
-            except BaseException as problem:
-                with contextlib.suppress(OSError):
-                    # A signal can arrive when all of it is written: then it stays.
-                    if isinstance(problem, OSError) or os.fstat(self._descriptor).st_size < self._end:
-                        self._last, self._end = before, end
-                        os.ftruncate(self._descriptor, end)
-                raise
+        end = self._lines.end
+        try:
+            with as_record_error(self.path, verb="written"):
+                self._lines.append(data)
+        finally:
+            # A signal can arrive when all of it is written: then it stays.
+            if self._lines.end > end:
+                self._last = entry
         return entry
 
     def _require_present(self) -> None:
         """Raise a `RecordError` if the file was changed or deleted."""
         with as_record_error(self.path, verb="written"):
-            status = os.fstat(self._descriptor)
-        self._lost = status.st_size != self._end or (status.st_nlink == 0 and self.kept)
+            self._lost = self._lines.is_changed()
         if self._lost:
             raise RecordError(
                 f"{self.path}: it was changed, removed or replaced while the run was written; 'markerseek journal "
@@ -145,16 +130,15 @@ class Journal:
 
         Raises `RecordError` if the file was changed or deleted, as in `commit`.
         """
-        if not self._open:
+        if not self._lines.is_open:
             return
         try:
             # It was said before.
             if not self._lost:
                 self._require_present()
         finally:
-            self._open = False
             with as_record_error(self.path, verb="closed"):
-                os.close(self._descriptor)
+                self._lines.close()
 
     def __enter__(self) -> Self:
         """The journal itself."""
@@ -164,11 +148,3 @@ class Journal:
         """Close it; an error of closing does not replace one of the block."""
         with contextlib.suppress(*(() if kind is None else (RecordError,))):
             self.close()
-
-
-def _write(descriptor: int, data: bytes, *, at: int) -> None:
-    """Write all of it; a disk that fills up takes a part before it reports so."""
-    left = memoryview(data)
-    while left:
-        written = os.pwrite(descriptor, left, at)
-        left, at = left[written:], at + written

@@ -14,16 +14,17 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
-from markerseek.bridges.page.page_searches import ChildSearch, PageRig, PageSearches
+from markerseek.bridges.page.page_searches import ChildRegistration, ChildSearch, PageRig, PageSearches
 from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry, Interrupted
-from markerseek.registration import Ended, SessionRecord, Waiting
+from markerseek.registration import SPOT_IS_SET, Ended, MovedMarker, SessionRecord, Spot, SpotSeen, Waiting
 from markerseek.rigs import read_rig_file
 from markerseek.runs import STOPPED as STOPPED_LINE
 from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
-from tests.registration_sessions import BEGUN
+from tests.registration_sessions import BEGUN, begin
 
+SPOT = Spot(left_px=(600.0, 500.0), right_px=(560.0, 500.0), sigma_px=0.1)
 BROWSER = "a browser at 127.0.0.1"
 STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
 RESUMED = "Start begins a new search;"
@@ -383,7 +384,7 @@ def test_a_page_started_again_offers_the_session_that_was_interrupted_and_contin
     assert (offered.said.word, offered.can_go_on) == ("STOPPED", True)
     assert offered.said.reason.startswith("the program that ran this session has ended; the laser is disarmed")
     assert "Go on continues this one" in offered.said.next_step
-    assert (offered.asked.seed, offered.asked.markers) == (17, 5)
+    assert (offered.asked.simulation.seed, offered.asked.plan.markers) == (17, 5)
     shared.go_on(offered, asked_by="a browser at 10.0.0.7")
     *command, _, _, _ = begun
     assert asked == [[*command, "--continue", str(before.registration.journal), "--asked-by=a browser at 10.0.0.7"]]
@@ -408,6 +409,10 @@ def test_only_a_session_that_can_be_continued_here_is_offered(tmp_path, monkeypa
     (tmp_path / "markerseek" / "page.json").write_bytes(kept[:-9])
     assert offered() is None
     interrupted_session(tmp_path, monkeypatch, Ended(registered=False, said="over", rig_s=1.0))
+    assert offered() is None
+    # Nothing that is measured now makes a registration of it hold.
+    moved = MovedMarker(name="1", moved_m=4e-3, sigma_m=3e-4, moved=True, said="marker 1 has moved by 4.0 mm")
+    interrupted_session(tmp_path, monkeypatch, moved)
     assert offered() is None
 
 
@@ -439,3 +444,49 @@ def test_who_asked_for_a_session_of_devices_is_handed_on_also_by_go_on(tmp_path,
     assert asked[0][-1] == "--asked-by=a browser at 10.0.0.9"
     assert not any(each.startswith("--arm") for each in asked[0])
     assert before.registration.journal == shared.registration.journal
+
+
+class RunningSession(ScriptedChild):
+    """A session of devices that runs until it is stopped."""
+
+    @property
+    def running(self):
+        return not self.stopped.is_set()
+
+    def wait(self):
+        time.sleep(0.01)
+
+
+def test_the_page_says_that_the_spot_is_set_only_while_the_session_waits_in_the_dark_for_that(tmp_path):
+    folder = tmp_path / "session"
+    record = begin(folder)
+    live = ChildRegistration(
+        RunningSession(endless=True), asked=USUAL_REGISTRATION, journal=folder, goes_on=["register"], simulated=False
+    )
+    said = folder / SPOT_IS_SET
+
+    def asks(*, expected):
+        ends_s = time.monotonic() + 30
+        while live.asks_whether_set is not expected:
+            assert time.monotonic() < ends_s
+            time.sleep(0.01)
+        live.say_spot_is_set()
+        assert said.exists() is expected
+        said.unlink(missing_ok=True)
+
+    asks(expected=False)
+    record.add(Waiting(name="1", place=None, said="light a spot", dark=True))
+    asks(expected=True)
+    # Nothing is written through a link.
+    said.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="symbolic links"):
+        live.say_spot_is_set()
+    assert not (tmp_path / "elsewhere").exists()
+    said.unlink()
+    record.add(SpotSeen(name="1", spot=SPOT, camera_m=(0.0, 0.0, 0.1), prediction=None, journal=None, pulses=9))
+    asks(expected=False)
+    record.add(Waiting(name="1", place=None, said="light a spot"))
+    asks(expected=False)
+    live.stop()
+    live.end(30)
+    record.close()

@@ -201,7 +201,7 @@ def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
             journal = Journal.create(path, configuration())
             write_to(journal)
             data = entry_line(Entry(number=journal._last.number + 1, written="", clock_s=9.0, event=measured(9)))
-            os.pwrite(journal._descriptor, data[: len(data) // 2], journal._end)
+            os.pwrite(journal._lines._descriptor, data[: len(data) // 2], journal._lines.end)
             os.kill(os.getpid(), signal.SIGKILL)
         finally:
             # Only an error comes here.

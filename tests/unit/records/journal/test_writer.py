@@ -12,14 +12,22 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import Asked, Started
-from markerseek.records.journal import Interrupted, Journal, default_journal, make_folder, read_journal, salvage, writer
+from markerseek.records.journal import (
+    Interrupted,
+    Journal,
+    default_journal,
+    line_file,
+    make_folder,
+    read_journal,
+    salvage,
+)
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration
 
 
 @contextmanager
 def struck(monkeypatch: pytest.MonkeyPatch, *, behind: str) -> Iterator[None]:
     """A signal that strikes in the middle of the next write, behind it, or behind the flush."""
-    write = writer._write
+    write = line_file._write
 
     def cut(descriptor: int, data: bytes, *, at: int) -> None:
         write(descriptor, data[: len(data) // 2] if behind == "half" else data, at=at)
@@ -30,8 +38,8 @@ def struck(monkeypatch: pytest.MonkeyPatch, *, behind: str) -> Iterator[None]:
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(writer, "_write", cut)
-        patched.setattr(writer, "flush", flush)
+        patched.setattr(line_file, "_write", cut)
+        patched.setattr(line_file, "flush", flush)
         with pytest.raises(KeyboardInterrupt):
             yield
 

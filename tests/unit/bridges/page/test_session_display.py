@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from markerseek.bridges.page.session_state import SessionState
+from markerseek.bridges.page.session_display import session_marks, session_table, session_verdict
 from markerseek.core import MarkerCandidate, MarkerPosition
 from markerseek.registration import (
+    SessionView,
     Spot,
     SpotRefused,
     SpotSeen,
@@ -51,12 +52,12 @@ def marker(name: str) -> TakenMarker:
 
 
 def test_the_ellipse_of_the_target_is_that_of_95_percent():
-    state = SessionState().add(BEGUN).add(REGISTERED)
+    state = SessionView().after(BEGUN).after(REGISTERED)
     pixels = target_pixels(state.last.report, stereo=STEREO)
     for side, (pixel, covariance_px2) in zip(("left", "right"), pixels, strict=True):
         drawn = re.search(
             r"translate\((\S+) (\S+)\) rotate\((\S+)\)\"><ellipse class=\"ms-mark-target\" rx=\"(\S+)\" ry=\"(\S+)\"",
-            state.marks(side),
+            session_marks(state, side),
         )
         x, y, turn_deg, large, small = map(float, drawn.groups())
         assert (x, y) == pytest.approx(tuple(pixel), abs=0.06)
@@ -69,22 +70,48 @@ def test_the_ellipse_of_the_target_is_that_of_95_percent():
 
 def test_a_refused_spot_stays_said_until_one_is_seen():
     asked = Waiting(name="1", place=None, said="light a spot")
-    state = SessionState().add(BEGUN).add(asked).add(SpotRefused(name="1", reason="the spot moved")).add(asked)
-    verdict = state.verdict(next_step="")
+    state = SessionView().after(BEGUN).after(asked).after(SpotRefused(name="1", reason="the spot moved")).after(asked)
+    verdict = session_verdict(state, next_step="")
     assert (verdict.word, verdict.kind, verdict.problem) == ("LIGHT A SPOT", "unsure", "the spot moved")
-    seen = state.add(SpotSeen(name="1", spot=SPOT, camera_m=(0.0, 0.0, 0.1), prediction=None, journal=None))
-    assert (seen.verdict(next_step="").word, seen.verdict(next_step="").problem) == ("SEARCHING", "")
+    seen = state.after(SpotSeen(name="1", spot=SPOT, camera_m=(0.0, 0.0, 0.1), prediction=None, journal=None))
+    assert (session_verdict(seen, next_step="").word, session_verdict(seen, next_step="").problem) == ("SEARCHING", "")
 
 
 def test_what_a_registration_makes_of_each_marker_is_named_and_texts_are_no_html():
-    state = SessionState().add(BEGUN)
+    state = SessionView().after(BEGUN)
     candidate = MarkerCandidate(
         angle_deg=-3.0, probability=1.0, position=MarkerPosition(position_m=(0.0, 0.0, 0.06), sigma_m=(1e-4,) * 3)
     )
     for name in ("1", "2", "3", "4"):
-        state = state.add(structs.replace(marker(name), candidates=[] if name == "4" else [candidate]))
-    state = state.add(REGISTERED)
-    assert [state.use_of(each) for each in state.taken] == ["used", "left out", "open", "not found"]
-    assert re.findall(r"<td>([^<]*)</td></tr>", state.table()) == ["used", "left out", "open", "not found"]
-    assert 'title="&lt;noise&gt; alone"' in state.table()
-    assert (state.marks("left").count("ms-mark-marker"), state.marks("left").count("ms-mark-out")) == (1, 3)
+        state = state.after(structs.replace(marker(name), candidates=[] if name == "4" else [candidate]))
+    state = state.after(REGISTERED)
+    assert [state.use_of(each) for each in state.markers] == ["used", "left out", "open", "not found"]
+    assert re.findall(r"<td>([^<]*)</td></tr>", session_table(state)) == ["used", "left out", "open", "not found"]
+    assert 'title="&lt;noise&gt; alone"' in session_table(state)
+    assert (
+        session_marks(state, "left").count("ms-mark-marker"),
+        session_marks(state, "left").count("ms-mark-out"),
+    ) == (1, 3)
+
+
+def test_a_marker_that_has_moved_takes_the_word_and_the_expected_error_back():
+    view = SessionView()
+    for step in (BEGUN, sessions.registered(4), sessions.ENDED):
+        view = view.after(step)
+    held = session_verdict(view, next_step="")
+    assert (held.word, held.lead) == ("REGISTERED", "expected error")
+    for step in (sessions.MOVED, sessions.ENDED, sessions.registered(4)):
+        view = view.after(step)
+        verdict = session_verdict(view, next_step="")
+        assert (verdict.word, verdict.kind, verdict.angle) == ("NOT REGISTERED", "unsure", "")
+        assert "marker 1 has moved" in verdict.reason
+        assert "not reached" in verdict.turn
+        assert "ms-mark-target" not in session_marks(view, "left")
+
+
+def test_a_session_that_waits_in_the_dark_says_what_to_press():
+    view = SessionView().after(BEGUN)
+    lit = view.after(Waiting(name="1", place=None, said="light a spot"))
+    dark = view.after(Waiting(name="1", place=None, said="light a spot", dark=True))
+    assert "Spot is set" not in session_verdict(lit, next_step="").turn
+    assert "the laser is dark: press Spot is set once it is there" in session_verdict(dark, next_step="").turn

@@ -1,0 +1,160 @@
+"""How the page shows the view of a registration session: verdict, marks over the images, table, chart. No I/O."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from html import escape
+from typing import Literal, TypeAlias
+
+import msgspec
+import numpy as np
+
+from markerseek.core import ConfigError, counted
+from markerseek.records import errors_svg, with_minus
+from markerseek.registration import RegistrationReport, SessionView, StereoSettings, target_pixels
+from markerseek.runs import Verdict, VerdictKind
+
+Side: TypeAlias = Literal["left", "right"]
+
+_CHI95 = 5.991
+"""95 % quantile of chi squared with two degrees of freedom."""
+
+
+def session_verdict(view: SessionView, *, next_step: str) -> Verdict:
+    """Return the state in large letters: the expected error, and what the person has to do now."""
+    shown = Verdict(kind="busy", reason="" if view.last is None else view.said)
+    report = _report(view)
+    if view.errors and report is not None and report.registered:
+        error = view.errors[-1]
+        high = f"95 %: {1e3 * error.tre95_m:.2f} mm"
+        shown = replace(shown, lead="expected error", angle=f"{1e3 * error.tre_m:.2f} mm", sigma=high)
+    if view.ended is not None or view.moved:
+        return _end_verdict(view, shown, next_step=next_step)
+    if view.searched is not None:
+        turn = f"marker {view.searched.name} is searched: hold laser, tissue and camera still"
+        return replace(shown, word="SEARCHING", turn=turn)
+    if view.waiting is None:
+        # While the next place is computed.
+        return replace(shown, word="COMPUTING", reason="")
+    is_new = view.waiting.name == view.next_name
+    turn = f"light marker {view.waiting.name} in the circle" if view.waiting.place and is_new else view.waiting.said
+    if view.waiting.dark:
+        turn += "; the laser is dark: press Spot is set once it is there"
+    if view.refused is None:
+        return replace(shown, word="LIGHT A SPOT", turn=turn)
+    return replace(shown, word="LIGHT A SPOT", kind="unsure", turn=turn, problem=view.refused.reason)
+
+
+def _end_verdict(view: SessionView, shown: Verdict, *, next_step: str) -> Verdict:
+    """Return the verdict at the end, or once a marker has moved."""
+    is_below = view.registration is not None and view.registration.report.tre_m <= view.goal_m
+    goal = f"the goal of {1e3 * view.goal_m:g} mm is {'' if is_below else 'not '}reached"
+    turn = f"{counted(len(view.markers), 'marker')}; {goal}"
+    ended = "" if view.ended is None else view.ended.said
+    sentences = dict.fromkeys((*(each.said for each in view.measured_again), ended))
+    reason = "; ".join(filter(None, sentences))
+    word, kind = _END[view.registration is not None]
+    return replace(shown, word=word, kind=kind, turn=turn, reason=reason, next_step=next_step)
+
+
+_END: dict[bool, tuple[str, VerdictKind]] = {True: ("REGISTERED", "found"), False: ("NOT REGISTERED", "unsure")}
+"""Word and kind of the verdict at the end, by whether a registration holds."""
+
+
+def session_marks(view: SessionView, side: Side) -> str:
+    """Return what is drawn over the image of a camera, as SVG: target, markers, next place, spot."""
+    if view.begun is None:
+        return ""
+    stereo = _calibration(view.begun.cameras)
+    width, height = (stereo.left if side == "left" else stereo.right).size_px
+    parts = []
+    for marker in view.markers:
+        x, y = _pixel(marker.spot, side)
+        parts.append(_circle("out" if view.use_of(marker) != "used" else "marker", x, y, width / 80))
+        place = f'x="{x + width / 60:.1f}" y="{y - width / 60:.1f}" font-size="{width // 22}"'
+        parts.append(f"<text {place}>{marker.name}</text>")
+    parts.append(_target(_report(view), stereo, side))
+    if view.waiting is not None and view.waiting.place is not None:
+        parts.append(_circle("place", *_pixel(view.waiting.place, side), width / 18))
+    if view.searched is not None:
+        x, y = _pixel(view.searched.spot, side)
+        near, far = width / 60, width / 22
+        arms = "".join(
+            f"M{x + near * dx:.1f} {y + near * dy:.1f}L{x + far * dx:.1f} {y + far * dy:.1f}"
+            for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        )
+        parts.append(f'<path class="ms-mark-spot" d="{arms}"/>')
+    label = f"marks over the {side} image"
+    return f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
+
+
+def _report(view: SessionView) -> RegistrationReport | None:
+    """Return the registration of the markers so far, also before it is certain; None once a marker has moved."""
+    return None if view.last is None or view.moved else view.last.report
+
+
+@lru_cache(maxsize=4)
+def _calibration(text: str) -> StereoSettings:
+    """Return a calibration from the text in which a session holds it."""
+    return msgspec.json.decode(text, type=StereoSettings)
+
+
+def _target(report: RegistrationReport | None, stereo: StereoSettings, side: Side) -> str:
+    """Draw the target and its 95 % ellipse; empty before a registration, or if the target is behind the camera."""
+    if report is None or report.davinci_to_trus is None:
+        return ""
+    try:
+        pixel, covariance_px2 = target_pixels(report, stereo=stereo)[side == "right"]
+    except ConfigError:
+        return ""
+    squares, axes = np.linalg.eigh(covariance_px2)
+    small, large = np.sqrt(_CHI95 * squares)
+    turn_deg = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
+    x, y = pixel
+    width = stereo.left.size_px[0]
+    # The ellipse of a millimetre is small in the image: from two metres away, its label is easier to find.
+    label = f'x="{x:.1f}" y="{y + large + width / 20:.1f}" font-size="{width // 26}" text-anchor="middle"'
+    return (
+        f'<g transform="translate({x:.1f} {y:.1f}) rotate({turn_deg:.1f})">'
+        f'<ellipse class="ms-mark-target" rx="{large:.1f}" ry="{small:.1f}"/></g>'
+        f'<text class="ms-mark-name" {label}>target</text>'
+    )
+
+
+def session_table(view: SessionView) -> str:
+    """Return the markers as an HTML table."""
+    report = _report(view)
+    points = () if report is None else report.points
+    residuals = {point.name: f"{1e3 * point.residual_m:.2f}" for point in points}
+    chosen = {} if view.last is None else view.last.chosen
+    rows = ""
+    for marker in view.markers:
+        number = chosen.get(marker.name, 0)
+        angle = f"{marker.candidates[number].angle_deg:.2f}" if marker.candidates else "–"
+        use = view.use_of(marker)
+        cells = (marker.name, marker.answer, angle, str(marker.acquisitions), residuals.get(marker.name, "–"), use)
+        tip = escape(marker.reason or "")
+        rows += f'<tr class="ms-use-{use.replace(" ", "-")}" title="{tip}">{_cells("td", cells)}</tr>'
+    heads = ("marker", "answer", "angle [°]", "frames", "residual [mm]", "use")
+    return f"<table><thead><tr>{_cells('th', heads)}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def session_chart(view: SessionView) -> str:
+    """Return the expected error after each marker, as SVG."""
+    errors = [(each.markers, 1e3 * each.tre_m, 1e3 * each.tre95_m) for each in view.errors]
+    return errors_svg(errors, goal_mm=1e3 * view.goal_m)
+
+
+def _cells(tag: str, texts: tuple[str, ...]) -> str:
+    return "".join(f"<{tag}>{escape(with_minus(text))}</{tag}>" for text in texts)
+
+
+def _circle(name: str, x: float, y: float, radius: float) -> str:
+    return f'<circle class="ms-mark-{name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.0f}"/>'
+
+
+def _pixel(seen: object, side: Side) -> tuple[float, float]:
+    x, y = getattr(seen, f"{side}_px")
+    return x, y
