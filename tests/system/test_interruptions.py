@@ -127,3 +127,47 @@ def test_a_driver_that_hangs_is_named_and_cannot_hold_up_the_end(tmp_path: Path,
     place = f"read() of {tmp_path}/my_stage.py, line {line}"
     assert said.count(place) == 2, said
     assert said.index("stopping takes long") < said.index("the process was ended")
+
+
+HUNG_WHILE_MADE = """
+import time
+
+class Stage:
+    speed_deg_s = 20.0
+
+    def __init__(self):
+        said = False
+        while True:
+            try:
+                if not said:
+                    said = True
+                    print("it hangs", flush=True)
+                time.sleep(1)
+            except BaseException:
+                pass
+
+    def read(self):
+        pass
+
+    def go(self, angle_deg):
+        pass
+
+    def stop(self):
+        pass
+"""
+
+
+@pytest.mark.real_time
+def test_a_driver_that_hangs_while_it_is_made_is_named_and_cannot_hold_up_the_end(tmp_path: Path) -> None:
+    (tmp_path / "their_stage.py").write_text(HUNG_WHILE_MADE)
+    rig = tmp_path / "rig.toml"
+    simulated = '[laser]\ndriver = "simulated"\n[receiver]\ndriver = "simulated"\n'
+    rig.write_text(f'kind = "bench"\n[stage]\ndriver = "their_stage:Stage"\n{simulated}')
+    command = markerseek("bank", "scan", tmp_path / "bank.hdf5", "--rig", rig)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "it hangs\n"
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"__init__() of {tmp_path}/their_stage.py, line " in said, said

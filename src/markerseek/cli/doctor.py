@@ -68,8 +68,8 @@ def command(
 ) -> None:
     """Check the installation and a rig, and run two simulated searches (which compiles the kernels if necessary).
 
-    With --trace all that its devices say is written to a file, for a minute, at rest and without light; Ctrl-C ends it
-    earlier.
+    With --trace all that its devices say is written to a file: during the search of --source-deg, or without it for a
+    minute, at rest and without light; Ctrl-C ends that earlier.
 
     With --source-deg the rig moves and fires, once a person has armed it: a source that is placed at a known angle must
     be found there. A probe that is mounted the other way round finds it at the mirrored angle; no other check detects
@@ -95,7 +95,8 @@ def command(
         rigs.read_rig_file(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if rig is not None:
-        findings += _rig(rig, trace=trace)
+        # A search is traced as well, and Ctrl-C before it must not lead to it.
+        findings += _rig(rig, trace=trace, listen=trace is not None and source_deg is None)
         if source_deg is not None and all(finding.state == "ok" for finding in findings if finding.needed):
             right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json, trace=trace)
             findings.append(CheckResult(what="sense of rotation", state="ok" if right else "broken", detail=detail))
@@ -157,13 +158,13 @@ def _python_path() -> list[CheckResult]:
     return [CheckResult(what="PYTHONPATH", state="broken", detail=detail, needed=False)]
 
 
-def _rig(path: Path, *, trace: Path | None) -> list[CheckResult]:
+def _rig(path: Path, *, trace: Path | None, listen: bool) -> list[CheckResult]:
     """Whether the devices of a rig file answer and are fit for use, and what foreign drivers were tried by."""
     try:
         with open_rig(path, trace=trace) as (rig, stands_deg):
             detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
             checks = rig.checks
-            if trace is not None:
+            if listen:
                 _listen(rig)
     except DeviceError as error:
         return [CheckResult(what=str(path), state="broken", detail=str(error))]

@@ -24,7 +24,7 @@ ENDED_S = 8.0
 _STANDARD_ERROR = 2
 
 _END: list[Callable[[str, int], NoReturn]] = []
-"""How the process may be ended; empty if other things than one command run in it."""
+"""How the process may be ended; empty if other things than one command run in it, or it is watched already."""
 
 
 def may_end_by(end: Callable[[str, int], NoReturn]) -> None:
@@ -36,14 +36,15 @@ def may_end_by(end: Callable[[str, int], NoReturn]) -> None:
 
 
 def watch_stop() -> None:
-    """Begin to watch the process: from the first signal on, its end may take `ENDED_S`."""
+    """Begin to watch the process, once: from the first signal on, its end may take `ENDED_S`."""
     if not _END:
         return
+    end = _END.pop()
     signals, written = os.pipe()
     os.set_blocking(written, False)
     # Python's own handler waits until the main thread runs Python again; the number of the signal is written at once.
     signal.set_wakeup_fd(written, warn_on_full_buffer=False)
-    threading.Thread(target=_watch, args=(signals, _END[0]), name="watch a stop", daemon=True).start()
+    threading.Thread(target=_watch, args=(signals, end), name="watch a stop", daemon=True).start()
 
 
 def _watch(signals: int, end: Callable[[str, int], NoReturn]) -> None:

@@ -17,6 +17,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs
+from markerseek.cli.hung import watch_stop
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
 from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, MarkerseekError, SceneOptions, SimulationOptions
 
@@ -59,6 +60,8 @@ def open_rig(
                 "bench); leave it out, or name the rig file of a simulated rig"
             )
         settings = settings if trace is None else replace(settings, trace=str(trace))
+        # Before a run handles signals: a driver may hang while it is made, or while a person is asked.
+        watch_stop()
         with _naming(settings.trace), rigs.bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
@@ -75,7 +78,8 @@ def _naming(trace: str | None) -> Iterator[None]:
     try:
         yield
     except MarkerseekError:
-        if trace is not None and Path(trace).exists():
+        # Nothing is written through a link, or into what is no file.
+        if trace is not None and Path(trace).is_file() and not Path(trace).is_symlink():
             stderr.print(f"[dim]trace:[/] {escape(trace)}")
         raise
 

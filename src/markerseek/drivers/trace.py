@@ -10,8 +10,9 @@ import logging
 import os
 import platform
 import time
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -75,29 +76,59 @@ class _Lines(logging.Formatter):
         return f"{time.monotonic():14.6f}  {name:26} {message}"
 
 
+class _File(logging.Handler):
+    """Appends records to an open file; where that fails it says so, and writes no more: the run goes on."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        super().__init__()
+        self._path = path
+        self._descriptor = descriptor
+        self._failed = False
+        self.setFormatter(_Lines())
+
+    def write(self, line: str) -> None:
+        """Write a line; `OSError` if the system refuses it."""
+        data = f"{line}\n".encode("utf-8", "backslashreplace")
+        while data:
+            data = data[os.write(self._descriptor, data) :]
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write the line of a record."""
+        if self._failed:
+            return
+        try:
+            self.write(self.format(record))
+        except OSError as problem:
+            self._failed = True
+            warnings.warn(
+                f"{self._path}: the trace ends here, it cannot be written: {problem.strerror}; name a file on another "
+                "disk",
+                stacklevel=2,
+            )
+
+
 @contextmanager
 def trace_to(path: Path) -> Iterator[None]:
     """Append what the packages log to a file, until the end of the block.
 
     Raises `ConfigError` if the file cannot be written, `RecordError` if it is a link.
     """
-    try:
-        number = open_for_writing(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, mode=0o600)
-    except OSError as problem:
-        raise ConfigError(f"{path}: the trace cannot be written: {problem.strerror}; name another file") from problem
-    with os.fdopen(number, "a", encoding="utf-8", errors="backslashreplace") as file:
-        now = datetime.now(UTC).isoformat(timespec="milliseconds")
-        file.write(
-            f"# trace of markerseek {__version__}, Python {platform.python_version()}, {platform.platform()}; {now} is "
-            f"{time.monotonic():.6f} s of the monotonic clock\n"
-        )
-        handler = logging.StreamHandler(file)
-        handler.setFormatter(_Lines())
-        level = _ALL.level
-        _ALL.addHandler(handler)
-        _ALL.setLevel(logging.DEBUG)
+    now = datetime.now(UTC).isoformat(timespec="milliseconds")
+    with ExitStack() as stack:
         try:
-            yield
-        finally:
-            _ALL.setLevel(level)
-            _ALL.removeHandler(handler)
+            descriptor = open_for_writing(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, mode=0o600)
+            stack.callback(os.close, descriptor)
+            file = _File(path, descriptor)
+            file.write(
+                f"# trace of markerseek {__version__}, Python {platform.python_version()}, {platform.platform()}; "
+                f"{now} is {time.monotonic():.6f} s of the monotonic clock"
+            )
+        except OSError as problem:
+            raise ConfigError(
+                f"{path}: the trace cannot be written: {problem.strerror}; name another file"
+            ) from problem
+        stack.callback(_ALL.setLevel, _ALL.level)
+        stack.callback(_ALL.removeHandler, file)
+        _ALL.addHandler(file)
+        _ALL.setLevel(logging.DEBUG)
+        yield

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 from pathlib import Path
 
 import pytest
@@ -85,6 +86,32 @@ def test_a_link_is_not_followed_and_a_missing_folder_is_named(tmp_path: Path) ->
     ):
         pass
     assert theirs.read_text() == "of someone else"
+
+
+def _trace_to_full_disk(file: Path) -> None:
+    import resource
+
+    log = logging.getLogger("markerseek.anything")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with trace_to(file):
+        log.debug("in the file")
+        # A file of this size is as little able to grow as one on a full disk; Python ignores the signal of it.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size, limits[1]))
+        try:
+            log.debug("lost")
+            log.debug("lost too")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        log.debug("after the end")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit of the size of files")
+def test_a_full_disk_ends_the_trace_with_one_warning_and_not_the_run(tmp_path: Path) -> None:
+    file = tmp_path / "devices.txt"
+    with pytest.warns(UserWarning, match=r"devices\.txt: the trace ends here.*another disk") as said:
+        _trace_to_full_disk(file)
+    assert len(said) == 1
+    assert file.read_text(encoding="utf-8").splitlines()[-1].endswith("in the file")
 
 
 @pytest.mark.parametrize(
