@@ -19,7 +19,7 @@ from markerseek import vision
 from markerseek.cli.options import AngleField, AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, counted, require_range
-from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number
+from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number, places
 
 if TYPE_CHECKING:
     import numpy as np
@@ -163,17 +163,14 @@ def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float
 
 
 def _places(stems: Sequence[str]) -> list[int]:
-    """Place of each image in the scan: the number in its name if a few numbers are missing, else its place in order."""
-    parts = [re.fullmatch(r"(.*?)(\d+)(\D*)", stem, re.ASCII) for stem in stems]
-    numbers = [int(part[2]) for part in parts if part is not None]
-    around = {(part[1], part[3]) for part in parts if part is not None}
-    rising = len(around) == 1 and len(numbers) == len(stems) and all(one < two for one, two in pairwise(numbers))
-    # If as many numbers are missing as there are images, the names count in another way.
-    if not rising or not len(stems) <= numbers[-1] - numbers[0] < 2 * (len(stems) - 1):
-        return list(range(len(stems)))
-    missing = ", ".join(map(str, sorted(set(range(numbers[0], numbers[-1])) - set(numbers))))
-    warnings.warn(f"the images numbered {missing} are missing; the others keep their angles (--angles)", stacklevel=2)
-    return [number - numbers[0] for number in numbers]
+    """Place of each image in the scan; a warning names those that are missing."""
+    found, missing = places(stems)
+    if missing:
+        numbers = ", ".join(map(str, missing))
+        warnings.warn(
+            f"the images numbered {numbers} are missing; the others keep their angles (--angles)", stacklevel=2
+        )
+    return found
 
 
 def _steps(places: Sequence[int], first_deg: float, step_deg: float) -> list[float]:

@@ -7,6 +7,7 @@ sorts names by their numbers, and `angle_in` reads an angle from a name. `new_fi
 that `new_file` adds checks to.
 """
 
+from markerseek.files.angle_units import DEG_PER, AngleUnit, unit_in
 from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
 from markerseek.files.csv_rows import DECIMAL_COMMA, CsvRows, csv_rows, is_number, may_be_number
 from markerseek.files.inputs import (
@@ -20,16 +21,19 @@ from markerseek.files.inputs import (
     read_text,
     require_input,
 )
-from markerseek.files.names import angle_in, data_folder, in_natural_order, natural
+from markerseek.files.names import NamedAngle, angle_in, data_folder, in_natural_order, natural, places
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 
 __all__ = [
     "DECIMAL_COMMA",
+    "DEG_PER",
     "MIB",
     "SERIAL_ERRORS",
+    "AngleUnit",
     "CsvRows",
     "Line",
+    "NamedAngle",
     "Parity",
     "angle_in",
     "as_read_error",
@@ -45,6 +49,7 @@ __all__ = [
     "open_input",
     "open_serial",
     "os_reason",
+    "places",
     "pyserial",
     "quoted",
     "read_input",
@@ -58,4 +63,5 @@ __all__ = [
     "setting_from",
     "settings_from",
     "sync_folder",
+    "unit_in",
 ]
