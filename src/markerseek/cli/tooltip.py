@@ -185,6 +185,8 @@ def _steps(places: Sequence[int], first_deg: float, step_deg: float) -> list[flo
 
 def _angles(path: Path, series: ImageSeries) -> list[float]:
     """Angles from a file, by the names of the images or in their order."""
+    from markerseek.records.banks import deg_per_unit_of
+
     cure = "write a number a line, or lines of name,angle"
     rows = csv_rows(path, most_bytes=MIB, what="a text file of angles", cure=cure)
     if rows.names and is_number(rows.names[-1]):
@@ -193,8 +195,9 @@ def _angles(path: Path, series: ImageSeries) -> list[float]:
     # In a table with commas between the columns, a decimal comma adds a column.
     if rows.width > 2 or any(len(row) != rows.width for row in rows.cells.values()):
         raise RecordError(f"{path}: one or two columns are expected, the same in each line; {DECIMAL_COMMA}")
-    texts = rows.numbers(path, [rows.width - 1], most=[360])
-    numbers = [_number(path, text) for (text,) in texts.values()]
+    scale = deg_per_unit_of(path, rows.names[-1] if rows.names else "", cure="write them in degrees, or in one of")
+    texts = rows.numbers(path, [rows.width - 1], most=[360 / scale])
+    numbers = [_number(path, text, scale) for (text,) in texts.values()]
     if rows.width == 1:
         if len(numbers) != len(series.images):
             raise RecordError(f"{path}: {len(numbers)} angles for {len(series.images)} images; give one for each")
@@ -208,9 +211,9 @@ def _angles(path: Path, series: ImageSeries) -> list[float]:
     return [by_name[name] for name in series.names]
 
 
-def _number(path: Path, text: str) -> float:
+def _number(path: Path, text: str, deg_per_unit: float) -> float:
     try:
-        angle_deg = float(text)
+        angle_deg = float(text) * deg_per_unit
     except ValueError:
         angle_deg = math.nan
     # Written so that NaN fails the test, too.

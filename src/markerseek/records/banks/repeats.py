@@ -26,13 +26,16 @@ _LEAST_SHIFT_DEG = 0.1
 _LEAST_LIKENESS = 0.5
 """Least share of a pass's variance that another one explains: less is noise, which has no place."""
 
-_LEAST_SIGMAS = 4.0
+_LEAST_SIGMAS = 5.0
 """Least shift in standard deviations of its estimate."""
 
-_MOST_SHIFT = 0.25
+_MOST_SHIFT = 0.5
 """Largest shift that is tried, as a share of the range."""
 
 _MOST_TRIED = 400
+
+_LEAST_SHARE = 0.8
+"""Least share of the acquisitions of the longest pass that the one which is used has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,8 +70,8 @@ def merged(
 ) -> Merged:
     """Return the acquisitions by their angles, in rising order, without the jump of a full turn.
 
-    Passes that are shifted from the first one are left out (`of_one_direction`). A warning says what is averaged or
-    left out. Refused where a search cannot use the angles.
+    Passes that are shifted from the first long one are left out (`of_one_direction`). A warning says what is averaged
+    or left out. Refused where a search cannot use the angles.
 
     ``angles_deg``: in the order of the acquisitions. ``intensities``: called where passes are to be compared.
     """
@@ -105,7 +108,7 @@ class _Pass:
 def of_one_direction(
     path: Path, angles_deg: Float64[np.ndarray, " n"], intensities: Float64[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " n"]:
-    """Return which acquisitions are not shifted from the longest pass; a warning names those that are.
+    """Return which acquisitions are not shifted from the first long pass; a warning names those that are.
 
     ``angles_deg``: in the order of the acquisitions.
     """
@@ -114,7 +117,9 @@ def of_one_direction(
     kept = np.ones(angles_deg.size, dtype=bool)
     if len(passes) < 2:
         return kept
-    reference = max(passes, key=lambda each: int(each.chosen.sum()))
+    counts = [int(each.chosen.sum()) for each in passes]
+    # The first, unless it is a part only; at a turning point an acquisition more belongs to either.
+    reference = next(each for each, count in zip(passes, counts, strict=True) if count >= _LEAST_SHARE * max(counts))
     for each in passes:
         if each is reference:
             continue
@@ -124,12 +129,13 @@ def of_one_direction(
         if shift_deg is None:
             continue
         kept &= ~each.chosen
+        left_out = int(each.chosen.sum())
         warn(
             path,
             f"the scan has several passes that differ: {each.name} shows the same curve "
-            f"{abs(shift_deg):.2f} deg {'above' if shift_deg > 0 else 'below'} {reference.name}, as after a backlash "
-            f"or a late reading of the angle; {each.name} is left out ({int(each.chosen.sum())} of {angles_deg.size} "
-            f"acquisitions), and the answer is an angle of {reference.name}",
+            f"{abs(shift_deg):.2f} deg {'above' if shift_deg > 0 else 'below'} {reference.name}, as after a backlash, "
+            f"a late reading of the angle, or a marker that moved; {each.name} is left out ({left_out} of "
+            f"{angles_deg.size} acquisitions), and the answer is an angle of {reference.name}",
         )
     return kept
 

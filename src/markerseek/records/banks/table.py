@@ -146,6 +146,13 @@ def _columns(path: Path, rows: CsvRows, names: Sequence[str], table: TableFormat
             angle=_column_index(path, rows, angle_name) if angle_name else None,
             intensity=_column_index(path, rows, intensity_name),
         )
+    if not names and rows.width == 2 and table.states_angles:
+        raise ConfigError(
+            f"{path}: its columns have no names, and the first may hold the angles; leave --first-deg, --step-deg and "
+            "--angles out, or name the intensities alone, --columns 2"
+        )
+    if not names and rows.width == 1 and table.states_angles:
+        return _Columns(angle=None, intensity=0)
     if not names and rows.width == 2:
         warn(path, "its columns have no names; the first is taken as the angle, the second as the intensity")
         return _Columns(angle=0, intensity=1)
@@ -193,7 +200,8 @@ def _intensity_column(names: Sequence[str], angle: int | None, table: TableForma
     others = [
         index
         for plain_name, name in plain.items()
-        if (index := names.index(name)) != angle and not _ENERGY.fullmatch(plain_name)
+        # Programs write the numbers of the rows below no name.
+        if plain_name and (index := names.index(name)) != angle and not _ENERGY.fullmatch(plain_name)
     ]
     says_so = any(each.search(names[others[0]]) for each in (_INTENSITY_WORDS, _DECIBELS, _LINEAR)) if others else False
     return others[0] if len(others) == 1 and (angle is not None or table.states_angles) and says_so else None

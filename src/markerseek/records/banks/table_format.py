@@ -127,20 +127,28 @@ class TableFormat:
         """Return the degrees of one unit of a column or variable; refused if its name says another kind of unit."""
         if self.deg_per_unit is not None:
             return self.deg_per_unit
-        named = unit_in(name)
-        if self.unit is not None or named.unit is not None:
-            return DEG_PER[self.unit or named.unit or "deg"]
-        if named.other:
-            raise RecordError(
-                f"{path}: the angles are in {name!r}, and {named.other!r} is no unit of an angle; say how many degrees "
-                "one is, --deg-per-unit, and where the probe is at 0, --offset-deg; or name their unit, --unit "
-                f"{', '.join(DEG_PER)}"
-            )
-        return 1.0
+        if self.unit is not None:
+            return DEG_PER[self.unit]
+        cure = "say how many degrees one is, --deg-per-unit, and where the probe is at 0, --offset-deg; or --unit"
+        return deg_per_unit_of(path, name, cure=cure)
 
 
 DEFAULT_FORMAT = TableFormat()
 """The format of the tables that we write."""
+
+
+def deg_per_unit_of(path: Path, name: str, *, cure: str) -> float:
+    """Return the degrees of one unit of the numbers below a name; refused if it names another unit than one of angle.
+
+    ``cure``: advice, which the units that are known follow.
+    """
+    named = unit_in(name)
+    if named.other:
+        raise RecordError(
+            f"{path}: the angles are in {name!r}, and {named.other!r} is no unit of an angle; {cure} "
+            f"{', '.join(DEG_PER)}"
+        )
+    return DEG_PER[named.unit or "deg"]
 
 
 def angles_in(path: Path) -> tuple[float, ...]:
@@ -150,6 +158,9 @@ def angles_in(path: Path) -> tuple[float, ...]:
     # A comma can only be the sign of the decimals.
     texts = [line.strip().replace(",", ".").replace("\u2212", "-") for line in text.split("\n") if line.strip()]
     try:
-        return tuple(float(text) for text in texts[1 if texts and not is_number(texts[0]) else 0 :])
+        named = texts[:1] if texts and not is_number(texts[0]) else []
+        scale = deg_per_unit_of(path, "".join(named), cure="write them in degrees, or in one of")
+        angles = [float(text) for text in texts[len(named) :]]
+        return tuple(each if scale == 1 else round(each * scale, _DEG_DIGITS) for each in angles)
     except ValueError as problem:
         raise RecordError(f"{path}: {problem}; {cure}") from problem

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.records.banks import IntensityBank, TableFormat, read_bank
+from markerseek.records.banks import IntensityBank, TableFormat, angles_in, read_bank
 
 ANGLES_DEG = (-10.5, -2.0, 0.25, 7.0)
 INTENSITIES = (1.5, 20.0, 300.25, 4.0)
@@ -268,3 +268,30 @@ def test_intensities_by_frames_take_stated_angles(tmp_path: Path) -> None:
         read_bank(named, TableFormat(columns=("", "b"), angles_deg=(1.0, 5.0)))
     with pytest.raises(ConfigError, match="its column angle_deg has the angles; leave --first-deg"):
         read_bank(written(tmp_path, table("angle_deg,intensity", ",")), TableFormat(first_and_step_deg=(0.0, 1.0)))
+
+
+def test_intensities_without_names_take_stated_angles(tmp_path: Path) -> None:
+    steps = TableFormat(first_and_step_deg=(-2.0, 2.0))
+    assert read_bank(written(tmp_path, "5.5\n7\n9\n"), steps).angles_deg == (-2.0, 0.0, 2.0)
+    path = written(tmp_path, "1,5.5\n2,7\n3,9\n")
+    with pytest.raises(ConfigError, match=r"the first may hold the angles; .* --columns 2"):
+        read_bank(path, steps)
+    assert read_bank(path, TableFormat(first_and_step_deg=(-2.0, 2.0), columns=("", "2"))).intensities == (
+        5.5,
+        7.0,
+        9.0,
+    )
+
+
+def test_a_list_of_angles_has_the_unit_of_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "angles.txt"
+    path.write_text("angle [gon]\n-10\n0\n5.5\n", encoding="utf-8")
+    assert angles_in(path) == (-9.0, 0.0, 4.95)
+    path.write_text("stage [steps]\n-10\n0\n", encoding="utf-8")
+    with pytest.raises(RecordError, match="'steps' is no unit of an angle; write them in degrees, or in one of deg"):
+        angles_in(path)
+
+
+def test_the_numbers_of_the_rows_below_no_name_are_no_intensities(tmp_path: Path) -> None:
+    bank = read_bank(written(tmp_path, ",angle [gon],amplitude [mV]\n0,-10,3\n1,0,12\n2,10,5\n"))
+    assert (bank.angles_deg, bank.intensities) == ((-9.0, 0.0, 9.0), (3.0, 12.0, 5.0))
