@@ -2,7 +2,7 @@
 
 `open_input` opens a file that a user names, once its kind and size are checked; `read_text`, `read_json`, `read_toml`
 and `csv_rows` read what is in it; `as_read_error` turns errors of reading into a sentence. `natural`
-sorts names by their numbers, and `angle_in` reads an angle from a name. `new_file` and
+sorts names by their numbers, `angle_in` reads an angle from a name, and `unit_in` the unit of one. `new_file` and
 `replace_file` write a file under a temporary name and rename it when it is complete; `create_atomically` is the step
 that `new_file` adds checks to.
 """

@@ -106,6 +106,8 @@ def read_hdf5(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank 
     if arrays is not None:
         return bank_of_arrays(path, arrays, table, ordered=ordered, blanked=blanked)
     _require_usual(path, table, is_table=False)
+    if table.states_angles:
+        raise ConfigError(f"{path}: this recording has its angles; leave --first-deg, --step-deg and --angles out")
     return without_channels(read_probed(path), path, table.without_channels)
 
 

@@ -28,7 +28,7 @@ from markerseek.files import MIB, as_read_error, open_input, quoted
 from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, unwrapped, warn
 from markerseek.records.banks.repeats import merged
 from markerseek.records.banks.table import amplitudes
-from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
+from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat, deg_per_unit_of
 
 SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
 """Suffixes of sequences; those of PLUS end in ``.igs.mha`` or ``.igs.nrrd``."""
@@ -245,7 +245,11 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
     if not kept:
         raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: --angle-field")
     stacked = np.stack(list(kept.values()))
-    angles_deg = _twists(path, chosen, stacked.reshape(-1, 4, 4)[:, :3, :3]) if turns else stacked[:, 0].tolist()
+    if turns:
+        angles_deg = _twists(path, chosen, stacked.reshape(-1, 4, 4)[:, :3, :3])
+    else:
+        cure = "state the angles, --first-deg -35 --step-deg 0.5, or --angles FILE; or write them in one of"
+        angles_deg = (stacked[:, 0] * deg_per_unit_of(path, chosen, cure=cure)).tolist()
     return dict(zip(kept, unwrapped(path, np.array(angles_deg)).tolist(), strict=True))
 
 
@@ -273,6 +277,10 @@ def _stated_angles(sequence: ImageSequence, table: TableFormat) -> dict[int, flo
     """Angle that a person states for each frame with a valid image, by its number; a warning counts the others."""
     count = len(sequence.frame_fields)
     stated = table.stated_deg(sequence.path, count, what="frames").tolist()
+    held = {name for fields in sequence.frame_fields for name in fields}
+    own = [name for name in (*ANGLE_FIELDS, *(f"{each}Transform" for each in ANGLE_TRANSFORMS)) if name in held]
+    if own:
+        warn(sequence.path, f"the angles are those that are stated, and its {own[0]} is not read")
     valid = [number for number in range(count) if sequence.valid_image(number)]
     if len(valid) < count:
         warn(sequence.path, f"{count - len(valid)} of {count} frames are left out: their ImageStatus is not OK")

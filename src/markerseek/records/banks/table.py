@@ -16,7 +16,7 @@ from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file, unit_in
 from markerseek.records.banks.bank import IntensityBank, first_of, warn
 from markerseek.records.banks.repeats import merged
-from markerseek.records.banks.table_format import TableFormat
+from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
@@ -97,6 +97,12 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
         degrees = table.stated_deg(path, len(cells), what="rows")[np.isin(list(cells), kept)]
     else:
         degrees = table.degrees(path, names[columns.angle] if names else "", column[columns.angle])
+        if not names and table == DEFAULT_FORMAT and _counts(column[columns.angle]):
+            warn(
+                path,
+                "its first column counts in steps of 1, and is taken as degrees; if it only counts, state the angles: "
+                "--columns 2 --first-deg -35 --step-deg 0.5",
+            )
     scan = merged(path, degrees, lambda: read)
     return IntensityBank(angles_deg=scan.angles_deg, intensities=tuple(scan.mean(read).tolist()))
 
@@ -113,6 +119,11 @@ class _Columns:
     def indices(self) -> list[int]:
         """Those that there are."""
         return [each for each in (self.angle, self.intensity, self.energy) if each is not None]
+
+
+def _counts(values: Float64[np.ndarray, " n"]) -> bool:
+    """Whether numbers count from 0 or 1."""
+    return values.size > 0 and values[0] in (0, 1) and bool((np.diff(values) == 1).all())
 
 
 def _with_units(rows: CsvRows) -> tuple[CsvRows, tuple[str, ...]]:

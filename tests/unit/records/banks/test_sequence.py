@@ -396,8 +396,10 @@ def test_a_sequence_with_its_list_first_takes_stated_angles(tmp_path):
 def test_a_frame_without_an_image_has_its_place_among_stated_angles(tmp_path):
     lines, peaks = rf()
     path = write_mha(tmp_path / "a.mha", lines, fields(ImageStatus=["OK", "INVALID", "OK", "OK", "OK"]), **RF)
-    with pytest.warns(UserWarning, match="1 of 5 frames are left out"):
+    with pytest.warns(UserWarning) as said:  # noqa: PT030 - two warnings
         bank = read_bank(path, TableFormat(first_and_step_deg=(0.0, 1.0)))
+    assert "its ProbeRotation is not read" in str(said[0].message)
+    assert "1 of 5 frames are left out" in str(said[1].message)
     assert bank.angles_deg == (0.0, 2.0, 3.0, 4.0)
     np.testing.assert_allclose(bank.intensities, np.delete(peaks, 1), rtol=0.02)
     with pytest.raises(ConfigError, match="both give the angles; leave one out"):
@@ -415,3 +417,13 @@ def test_the_way_back_of_a_stepper_with_a_backlash_is_left_out(tmp_path):
         bank = read_bank(path)
     assert bank.angles_deg == tuple(angles.tolist())
     assert np.average(bank.angles_deg, weights=np.array(bank.intensities) ** 2) == pytest.approx(1.6, abs=0.2)
+
+
+def test_a_field_has_the_unit_of_its_name(tmp_path):
+    lines, _ = rf()
+    path = write_mha(
+        tmp_path / "a.mha", lines, fields(StageGon=["-10", "0", "5", "10", "20"], Steps=list("01234")), **RF
+    )
+    assert read_bank(path, TableFormat(angle_field="StageGon")).angles_deg == pytest.approx((-9, 0, 4.5, 9, 18))
+    with pytest.raises(RecordError, match=r"'steps' is no unit of an angle; state the angles, --first-deg"):
+        read_bank(path, TableFormat(angle_field="Steps"))

@@ -283,6 +283,15 @@ def test_intensities_without_names_take_stated_angles(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_first_column_without_a_name_that_counts_is_asked_about(tmp_path: Path, first: int) -> None:
+    path = written(tmp_path, "".join(f"{first + number};{value}\n" for number, value in enumerate(INTENSITIES)))
+    with pytest.warns(UserWarning) as said:  # noqa: PT030 - two warnings
+        read_bank(path)
+    assert "its columns have no names" in str(said[0].message)
+    assert "if it only counts, state the angles: --columns 2 --first-deg" in str(said[1].message)
+
+
 def test_a_list_of_angles_has_the_unit_of_its_name(tmp_path: Path) -> None:
     path = tmp_path / "angles.txt"
     path.write_text("angle [gon]\n-10\n0\n5.5\n", encoding="utf-8")
