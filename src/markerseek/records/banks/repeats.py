@@ -29,6 +29,12 @@ _LEAST_LIKENESS = 0.5
 _LEAST_SIGMAS = 5.0
 """Least shift in standard deviations of its estimate."""
 
+_DOUBTED_DEG = 0.3
+"""Least shift that is named where it is not proven: averaging would err by the least sigma of an answer."""
+
+_DOUBTED_SIGMAS = 3.0
+"""Least shift that is named where it is not proven, in standard deviations."""
+
 _MOST_SHIFT = 0.5
 """Largest shift that is tried, as a share of the range."""
 
@@ -123,10 +129,17 @@ def of_one_direction(
     for each in passes:
         if each is reference:
             continue
-        shift_deg = _shift_deg(
+        fit = _shifted(
             *_curve(angles_deg, intensities, reference.chosen), *_curve(angles_deg, intensities, each.chosen)
         )
-        if shift_deg is None:
+        shift_deg = fit.shift_deg
+        if not fit.is_proven:
+            if fit.is_doubted:
+                warn(
+                    path,
+                    f"{each.name} may show the curve {shift_deg:+.2f} ± {fit.sigma_deg:.2f} deg from {reference.name}, "
+                    "which their noise hides; they are used together, and the answer may be half of it off",
+                )
             continue
         kept &= ~each.chosen
         left_out = int(each.chosen.sum())
@@ -244,16 +257,31 @@ class _Fit:
     sigma_deg: float
     """Standard deviation of the shift, also where the scatter grows with the intensity."""
 
+    def _is(self, least_deg: float, least_sigmas: float) -> bool:
+        # Written so that NaN proves nothing.
+        least_deg = max(least_deg, least_sigmas * self.sigma_deg)
+        return self.likeness >= _LEAST_LIKENESS and abs(self.shift_deg) >= least_deg
 
-def _shift_deg(
+    @property
+    def is_proven(self) -> bool:
+        """Whether one of the two is to be left out."""
+        return self._is(_LEAST_SHIFT_DEG, _LEAST_SIGMAS)
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether the shift is to be named."""
+        return self._is(_DOUBTED_DEG, _DOUBTED_SIGMAS)
+
+
+def _shifted(
     angles_deg: Float64[np.ndarray, " n"],
     intensities: Float64[np.ndarray, " n"],
     others_deg: Float64[np.ndarray, " m"],
     others: Float64[np.ndarray, " m"],
-) -> float | None:
-    """Return by how much the curve of `others` lies above that of `intensities`; None where nothing proves a shift."""
+) -> _Fit:
+    """Return the shift at which the curve of `others` is best explained by that of `intensities`."""
     if min(angles_deg.size, others_deg.size) < _FEWEST:
-        return None
+        return _Fit(shift_deg=0.0, likeness=0.0, sigma_deg=np.inf)
     most_deg = _MOST_SHIFT * float(np.ptp(angles_deg))
     step_deg = max(float(np.median(np.diff(angles_deg))) / 2, 2 * most_deg / _MOST_TRIED)
 
@@ -262,10 +290,7 @@ def _shift_deg(
 
     coarse = max(map(fit, np.arange(-most_deg, most_deg + step_deg / 2, step_deg)), key=lambda each: each.likeness)
     about = coarse.shift_deg + np.linspace(-step_deg, step_deg, 41)
-    best = max([coarse, *map(fit, about)], key=lambda each: each.likeness)
-    least_deg = max(_LEAST_SHIFT_DEG, _LEAST_SIGMAS * best.sigma_deg)
-    # Written so that NaN proves nothing.
-    return best.shift_deg if best.likeness >= _LEAST_LIKENESS and abs(best.shift_deg) >= least_deg else None
+    return max([coarse, *map(fit, about)], key=lambda each: each.likeness)
 
 
 def _fit(
