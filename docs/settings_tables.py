@@ -15,7 +15,7 @@ from sphinx.errors import PycodeError
 from sphinx.pycode import ModuleAnalyzer
 
 from markerseek.core import ConfigError
-from markerseek.drivers import BenchProbe, BenchSupervisor
+from markerseek.drivers import BenchProbe, BenchSettings, BenchSupervisor
 from markerseek.drivers.entry import DRIVERS, entry_named
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim import SimulatedSettings
@@ -193,6 +193,10 @@ def bench_rig() -> str:
         for driver in drivers:
             table = tables_of(_example(entry_named(part, driver).settings))
             parts.append(f'### `[{part}]` `driver = "{driver}"`\n\n{table}')
+    trace = '| key | value | default | meaning |\n|---|---|---|---|\n| `trace` | text | `"none"` | ' + (
+        _meanings(BenchSettings)["trace"] + " |"
+    )
+    parts.append(f"### Above the tables\n\n{trace}")
     tables = {"probe": BenchProbe(), "limits": Limits(), "firing": FiringLimits(), "supervisor": BenchSupervisor()}
     return "\n\n".join([*parts, *(tables_of(settings, name=name) for name, settings in tables.items())])
 

@@ -39,7 +39,9 @@ def compiled(kernel: Kernel) -> Kernel:
     except RuntimeError:
         _warn_that_nothing_is_kept()
         machine_code = njit(fastmath=_REASSOCIATE, nogil=True)(kernel)
-    KERNELS.append(machine_code)
+    # With NUMBA_DISABLE_JIT it is the function itself.
+    if isinstance(machine_code, Dispatcher):
+        KERNELS.append(machine_code)
     return cast("Kernel", machine_code)
 
 

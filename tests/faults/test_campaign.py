@@ -19,6 +19,7 @@ import pytest
 
 from markerseek.core import Found, Interval, NotConnectedError, Sweep
 from markerseek.guard import Guard, State
+from markerseek.sim import GaussianCurve
 
 pytest.importorskip("serial", reason="the supervisor's lines need the extra devices")
 
@@ -252,13 +253,58 @@ def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
     for change in (
         {"angle_deg": max(permit.angle_deg, permit.to_deg) + 2.0},
         {"at_s": lights[index].at_s - late_s},
-        {"at_s": lights[index].at_s + late_s},
         {"at_s": lights[index + 1].at_s - permit.period_s / 2},
-        {"pulses": permit.pulses + 1},
+        {"pulses": 2},
         {"moving": True},
     ):
         trace.world.lights = [*lights[:index], replace(lights[index], **change), *lights[index + 1 :]]
         assert seen(trace) == {"P3"}, change
+
+
+def test_the_checker_sees_light_after_the_end_after_a_fault_and_on_a_probe_that_stands_or_runs(tmp_path: Path) -> None:
+    """By the truth alone: the guard's permits allow all of it."""
+    plan = next(sound_sweeps())
+    with HeldLines() as lines:
+        trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
+    assert seen(trace) == set()
+    world = trace.world
+    lights = world.lights
+    swept = [light for light in lights if light.sweeping]
+    world.lights = [*lights, replace(swept[-1], at_s=trace.ended_s + 0.05)]
+    assert "P2" in seen(trace)
+    # The laser cannot be told, and its lease ends the light.
+    unplugged = replace(FAULTS["laser", "unplugged"], from_step=1)
+    assert "P2" not in seen(replace(trace, acted=(unplugged,)))
+    world.lights = lights
+    fault_s = swept[-1].at_s - 0.4
+    assert sum(light.at_s > fault_s + 0.31 for light in swept) > 0
+    assert seen(replace(trace, fault_s=fault_s)) == {"P2"}
+    first = lights.index(swept[5])
+    for turn in (0.0, 3.0):
+        # For half a second it stands, or turns three times as fast as was asked for.
+        begins = lights[first]
+        held = [
+            replace(light, angle_deg=begins.angle_deg + turn * (light.angle_deg - begins.angle_deg))
+            if begins.at_s <= light.at_s < begins.at_s + 1.4
+            else light
+            for light in lights
+        ]
+        world.lights = held
+        assert seen(trace) == {"P3"}, turn
+
+
+def test_a_search_by_sweeps_answers_in_the_campaign_and_is_judged_by_the_marker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = next(plan for plan in sound_sweeps() if plan.readout_s < 0.1)
+    plan = replace(plan, answers=True, marker_deg=4.0, curve=GaussianCurve(fwhm_deg=6.0), peak_snr_db=45.0)
+    with HeldLines() as lines:
+        # A busy computer is held up for a second: the lease is tested elsewhere.
+        monkeypatch.setattr(lines, "hold", lambda: None)
+        trace = campaign_runs.Campaign(tmp_path, lines).perform(plan)
+    verdict = check(trace)
+    assert (verdict.found, verdict.off, verdict.broken) == (True, False, [])
+    assert check(replace(trace, plan=replace(plan, marker_deg=1.5))).off
 
 
 def test_the_checker_sees_a_wrong_angle(healthy: campaign_runs.Trace) -> None:

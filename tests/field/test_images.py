@@ -16,7 +16,7 @@ from pydicom.dataset import Dataset
 
 from markerseek.core import RecordError
 from markerseek.files import natural
-from markerseek.records import read_images
+from markerseek.records import ImageSeries, read_images
 from tests.tip_images import dicom, images_of_a_tip
 
 pytestmark = pytest.mark.usefixtures("no_child")
@@ -242,3 +242,101 @@ def test_a14_a_rectangle_in_no_region_or_in_two_that_differ_decides_nothing(tmp_
     for roi in ((30, 45, 10, 10), (12, 12, 5, 5)):
         with pytest.raises(RecordError, match="image regions of several scales"):
             size_mm(path, roi=roi)
+
+
+def ramp(count: int) -> Grey:
+    """Images that differ in all pixels, the first the darkest."""
+    return np.stack([np.full((20, 30), 10 + 20 * number, np.uint8) for number in range(count)])
+
+
+def levels(series: ImageSeries) -> list[int]:
+    return [int(image[0, 0]) for image in series.images]
+
+
+@pytest.mark.parametrize("name", ["1.2.840.{}.dcm", "{}.dcm"])
+def test_files_are_in_the_order_of_their_instance_numbers(tmp_path: Path, name: str) -> None:
+    """The names, as of an archive, say nothing of it."""
+    for number, other in enumerate((77, 12, 903, 41)):
+        dicom(tmp_path / name.format(other), ramp(4)[number][None], InstanceNumber=str(5 + number))
+    with pytest.warns(UserWarning, match="in the order of their InstanceNumber, which is not that of their names; the"):
+        assert levels(read_images(tmp_path)) == [10, 30, 50, 70]
+
+
+def test_missing_instance_numbers_are_named(tmp_path: Path) -> None:
+    for number, other in ((1, 9), (2, 3), (4, 8)):
+        dicom(tmp_path / f"{other}.dcm", ramp(4)[number - 1][None], InstanceNumber=str(number))
+    with pytest.warns(UserWarning, match="not that of their names; 3 are missing"):
+        assert levels(read_images(tmp_path)) == [10, 30, 70]
+
+
+@pytest.mark.parametrize("instances", [("1", "2", "3"), ("1", "1", "1"), (None, None, None), ("1", None, "3")])
+def test_instance_numbers_that_say_nothing_else_leave_the_order_of_the_names(
+    tmp_path: Path, instances: tuple[str | None, ...]
+) -> None:
+    for number, instance in enumerate(instances):
+        tags = {} if instance is None else {"InstanceNumber": instance}
+        dicom(tmp_path / f"frame{number + 8}.dcm", ramp(3)[number][None], **tags)
+    assert levels(read_images(tmp_path)) == [10, 30, 50]
+
+
+def test_names_that_are_angles_outweigh_instance_numbers(tmp_path: Path) -> None:
+    for number, angle_deg in enumerate((4.5, -2.0, 1.0)):
+        dicom(tmp_path / f"angle_{angle_deg}deg.dcm", ramp(3)[number][None], InstanceNumber=str(number))
+    assert set(read_images(tmp_path).names) == {"angle_4.5deg.dcm", "angle_-2.0deg.dcm", "angle_1.0deg.dcm"}
+
+
+def groups(name: str, *values: Dataset) -> list[Dataset]:
+    """Functional groups of some frames: each has a sequence of this name with one item."""
+    found = []
+    for value in values:
+        group = Dataset()
+        setattr(group, name, [value])
+        found.append(group)
+    return found
+
+
+def item(**tags: object) -> Dataset:
+    made = Dataset()
+    for name, value in tags.items():
+        setattr(made, name, value)
+    return made
+
+
+def test_frames_are_in_the_order_of_their_stack(tmp_path: Path) -> None:
+    order = (3, 1, 4, 2)
+    places = groups("FrameContentSequence", *(item(InStackPositionNumber=number) for number in order))
+    stored = np.stack([ramp(4)[number - 1] for number in order])
+    path = dicom(tmp_path / "scan.dcm", stored, PerFrameFunctionalGroupsSequence=places)
+    assert levels(read_images(path)) == [10, 30, 50, 70]
+    places[1].FrameContentSequence[0].InStackPositionNumber = 4
+    path = dicom(tmp_path / "scan.dcm", stored, PerFrameFunctionalGroupsSequence=places)
+    with pytest.raises(RecordError, match="InStackPositionNumber is 4 of several frames: it holds several stacks"):
+        read_images(path)
+
+
+def test_the_size_of_a_pixel_in_functional_groups_is_read(tmp_path: Path) -> None:
+    size = item(PixelSpacing=["0.21", "0.34"])
+    path = dicom(tmp_path / "scan.dcm", ramp(3), SharedFunctionalGroupsSequence=groups("PixelMeasuresSequence", size))
+    assert size_mm(path) == (0.21, 0.34)
+    each = groups("PixelMeasuresSequence", size, size, item(PixelSpacing=["0.3", "0.3"]))
+    path = dicom(tmp_path / "scan.dcm", ramp(3), PerFrameFunctionalGroupsSequence=each)
+    with pytest.raises(RecordError, match="PixelSpacing differs from frame to frame"):
+        read_images(path)
+    path = dicom(tmp_path / "scan.dcm", ramp(3), PerFrameFunctionalGroupsSequence=each[:2])
+    with pytest.raises(RecordError, match="PixelSpacing is stated for some of its frames only"):
+        read_images(path)
+
+
+def test_rescaled_grey_values_can_be_compared_from_file_to_file(tmp_path: Path) -> None:
+    for number, slope in enumerate((0.5, 1.0, 2.0)):
+        stored = np.rint((ramp(3)[number] - 4.0) / slope).astype(np.uint8)
+        dicom(tmp_path / f"{number}.dcm", stored[None], RescaleSlope=str(slope), RescaleIntercept="4")
+    assert levels(read_images(tmp_path)) == [10, 30, 50]
+    slopes = groups(
+        "PixelValueTransformationSequence", *(item(RescaleSlope=slope, RescaleIntercept=0) for slope in (1, 3, 0.5))
+    )
+    path = dicom(tmp_path / "frames.dcm", ramp(3), PerFrameFunctionalGroupsSequence=slopes)
+    assert levels(read_images(path)) == [10, 90, 25]
+    lut = item(LUTDescriptor=[256, 0, 8], ModalityLUTType="US", LUTData=bytes(256))
+    with pytest.raises(RecordError, match="it has a ModalityLUTSequence, which is not read"):
+        read_images(dicom(tmp_path / "frames.dcm", ramp(3), ModalityLUTSequence=[lut]))

@@ -165,6 +165,7 @@ HUNG = """
 import signal, time
 import markerseek.runs.session as session
 def hang(*_):
+    print("hangs", flush=True)
     # As a library of a vendor that returns to Python only once its device answers.
     signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals))
     time.sleep(60)
@@ -175,12 +176,15 @@ session.Session.events = hang
 @pytest.mark.real_time
 def test_b8_an_end_that_hangs_is_ended_after_a_second() -> None:
     beats, beating = os.pipe()
-    os.close(beating)
     words = (*QUICK, "--no-journal", "--heartbeat", f"/dev/fd/{beats}")
     process = subprocess.Popen(
-        markerseek(*words, before=HUNG), pass_fds=(beats,), stderr=subprocess.PIPE, stdout=subprocess.DEVNULL
+        markerseek(*words, before=HUNG), pass_fds=(beats,), stderr=subprocess.PIPE, stdout=subprocess.PIPE
     )
     os.close(beats)
+    while not select.select([process.stdout], [], [], 0.1)[0]:
+        assert process.poll() is None
+        os.write(beating, b".")
+    os.close(beating)
     began_s = time.monotonic()
     process.communicate(timeout=55)
     assert process.returncode == 128 + signal.SIGTERM

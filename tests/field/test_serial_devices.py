@@ -62,17 +62,23 @@ def answers(say: bytes) -> Callable[[bytes], bytes]:
     return Answering()  # type: ignore[return-value]
 
 
-def to_address_0x80(data: bytes) -> bytes:
-    return b"".join(
-        message.raw[:4] + bytes([0x80 | message.raw[4] & 0x7E]) + message.raw[5:] for message in AptFramer().feed(data)
-    )
+def to_address(address: int) -> Callable[[bytes], bytes]:
+    """Messages with data go to another address than the host's."""
+
+    def alter(data: bytes) -> bytes:
+        return b"".join(
+            each.raw[:4] + bytes([0x80 | address if each.data else each.raw[4]]) + each.raw[5:]
+            for each in AptFramer().feed(data)
+        )
+
+    return alter
 
 
-def longer_status(data: bytes) -> bytes:
-    """As a later firmware may send it, with six more bytes."""
+def longer_status(data: bytes, more: int = 6) -> bytes:
+    """As a later firmware may send it, with more bytes."""
     said = b""
     for each in AptFramer().feed(data):
-        longer = struct.pack("<HH", each.ident, len(each.data) + 6) + each.raw[4:] + bytes(6)
+        longer = struct.pack("<HH", each.ident, len(each.data) + more) + each.raw[4:] + bytes(more)
         said += longer if each.ident == apt.STATUS else each.raw
     return said
 
@@ -83,11 +89,15 @@ def emulated_stage(**settings: object) -> Kdc101Emulator:
 
 STAGE_LINES: dict[str, tuple[Callable[[], object], str]] = {
     "answers to another address": (
-        lambda: Altered(emulated_stage(), to_address_0x80),
-        r"bytes came .*: 06 00 54 00 80 ",
+        lambda: Altered(emulated_stage(), to_address(0x11)),
+        r"bytes came .*: 06 00 54 00 91 ",
     ),
-    "a longer status": (lambda: Altered(emulated_stage(), longer_status), r"bytes came .*: 91 04 14 00 81 50"),
-    "the laser box": (lambda: answers(b"ERR FORM*1234\n"), r"bytes came .*: 45 52 52 20 46 .*\('ERR FORM\*1234\.ER'"),
+    "a status of another form": (
+        lambda: Altered(emulated_stage(), lambda data: longer_status(data, more=7)),
+        r"bytes came .*: 91 04 15 00 81 50",
+    ),
+    "a damaged line": (lambda: answers(b"ERR FORM*1234\n"), r"bytes came .*: 45 52 52 20 46 .*\('ERR FORM\*1234\.ER'"),
+    "the laser box": (lambda: LaserBoxBench().box, "a laser box answers there: the ports of stage and laser are exch"),
     "text of a board": (lambda: answers(b"ets Jul 29 2019 12:21:46\r\n"), r"\('ets Jul 29 2019 '\)"),
     "half a message": (lambda: answers(bytes.fromhex("06 00 54 00 81 50 01")), r": 06 00 54 00 81 50 01"),
     "silence": (lambda: answers(b""), r"no byte came; check its cable and its power, and that stage\.port is its port"),
@@ -103,18 +113,26 @@ def test_c_bytes_of_a_stage_that_cannot_be_read_are_no_silence(line: str) -> Non
         kdc101_stage(port=port, clock=clock)
 
 
-def box_of(alter: Callable[[bytes], bytes]) -> Altered:
-    return Altered(LaserBoxBench().box, alter)
+@pytest.mark.parametrize("alter", [to_address(0), longer_status, lambda data: longer_status(data, more=14)])
+@pytest.mark.parametrize("model", ["KDC101", "TDC001"])
+def test_a_controller_that_answers_in_its_own_manner_is_understood(model: str, alter: Callable[[bytes], bytes]) -> None:
+    """To address 0, or with a longer status."""
+    clock = VirtualClock()
+    port = DirectPort(device=Altered(emulated_stage(model=model), alter), clock=clock)
+    assert kdc101_stage(port=port, clock=clock).move_to(7.3) == pytest.approx(7.3, abs=0.01)
+
+
+def test_a_box_whose_lines_end_with_cr_lf_is_understood() -> None:
+    it = LaserBoxBench()
+    port = DirectPort(device=Altered(it.box, lambda data: data.replace(b"\n", b"\r\n")), clock=it.clock)
+    assert LaserBox(port=port, clock=it.clock).fire(laser_permit("a")) == 16
 
 
 LASER_LINES: dict[str, tuple[Callable[[], object], str]] = {
-    "lines that end with CR LF": (
-        lambda: box_of(lambda data: data.replace(b"\n", b"\r\n")),
-        r"\('ERR CRC\*9C29\.\.OK'\)",
-    ),
     "boot text alone": (lambda: answers(b"rst:0x1 (POWERON_RESET)\r\n"), r"bytes came .*\('rst:0x1 \(POWERON'\)"),
     "a line that never ends": (lambda: answers(b"\xff"), r"bytes came that are no answer, the first: ff ff"),
-    "a stage": (
+    "the stage": (emulated_stage, "the KDC101 of a stage answers there: the ports of stage and laser are ex"),
+    "half a message of a stage": (
         lambda: answers(bytes.fromhex("64 04 0e 00 81 50")),
         r": 64 04 0e 00 81 50 .*stage and laser exchanged",
     ),
@@ -187,6 +205,8 @@ def test_c_a_channel_that_is_disabled_since_power_up_is_said_and_enabled_at_a_pe
     with pytest.raises(MoveError, match=r"did not begin to move .*channel is disabled, .*: arming the rig enables it"):
         stage.move_to(5.0)
     assert stage_bench.probe.angle_deg == 0.0
+    # Some controllers do not say whether it is enabled.
+    stage_bench.port.swallowed = 0x0211
     stage.logic.enable()
     assert stage.move_to(5.0) == pytest.approx(5.0, abs=0.02)
     assert "disabled" not in ENTRY.describe(Kdc101Settings(port="/dev/x", zero_deg=0.0), stage)

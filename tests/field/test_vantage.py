@@ -80,17 +80,46 @@ def test_a1_the_axes_of_a_workspace_are_not_exchanged(tmp_path: Path) -> None:
         )
 
 
-def test_a1_angles_for_each_frame_of_the_buffer_are_taken_so_and_that_is_said(tmp_path: Path) -> None:
-    angles_deg = FIRST_DEG + STEP_DEG * np.arange(12)
-
-    def change(held):
-        held.value(held.file, "angle_deg", np.roll(angles_deg, 5))
-
-    path = write_workspace(tmp_path / "run.mat", FRAMES, last=5, last_saved=False, change=change)
-    with pytest.warns(UserWarning, match=r"taken in the order of the buffer, frame 1 first"):
-        bank = read_arrays(path)
+@pytest.mark.parametrize("step_deg", [STEP_DEG, -STEP_DEG])
+@pytest.mark.parametrize("saved", [True, False])
+@pytest.mark.parametrize("turned", [3, 5, 11])
+def test_angles_that_begin_anew_are_in_the_order_of_the_buffer(
+    tmp_path: Path, turned: int, saved: bool, step_deg: float
+) -> None:
+    angles_deg = np.roll(FIRST_DEG + 12 * abs(step_deg) + step_deg * np.arange(12), turned)
+    path = write_workspace(
+        tmp_path / "run.mat", FRAMES, last=turned, last_saved=saved, change=angles_beside(angles_deg)
+    )
+    bank = read_arrays(path)
     assert isinstance(bank, ArrayBank)
-    require_true_angles(bank, list(range(12)))
+    places = [place_of(bank.frame(index).samples) for index in range(12)]
+    assert places == (list(range(12)) if step_deg > 0 else list(range(11, -1, -1)))
+
+
+def test_angles_that_begin_anew_elsewhere_than_the_ring_are_refused(tmp_path: Path) -> None:
+    angles_deg = np.roll(FIRST_DEG + STEP_DEG * np.arange(12), 4)
+    path = write_workspace(tmp_path / "run.mat", FRAMES, last=7, change=angles_beside(angles_deg))
+    with pytest.raises(
+        RecordError, match=r"the angles begin anew at frame 5, and the oldest frame is 8; name the fram"
+    ):
+        read_arrays(path)
+
+
+@pytest.mark.parametrize("step_deg", [STEP_DEG, -STEP_DEG])
+def test_angles_in_a_row_do_not_say_where_the_ring_begins(tmp_path: Path, step_deg: float) -> None:
+    angles_deg = step_deg * np.arange(12)
+    path = write_workspace(tmp_path / "run.mat", FRAMES, last=9, last_saved=False, change=angles_beside(angles_deg))
+    with pytest.raises(RecordError, match=r"lastFrame is missing.*--first-frame 1 if the ring has not gone round, or"):
+        read_arrays(path)
+    bank = read_arrays(path, TableFormat(first_frame=10))
+    assert place_of(bank.frame(0 if step_deg > 0 else 11).samples) == 0
+
+
+def angles_beside(angles_deg: np.ndarray):
+    def change(held):
+        held.value(held.file, "angle_deg", angles_deg)
+
+    return change
 
 
 @pytest.mark.parametrize("saved", [True, False])

@@ -169,6 +169,39 @@ def test_setting_that_cannot_be_used_is_said(opened):
     sync_api.expect(watched.tab.get_by_role("button", name="Start", exact=True)).to_be_enabled()
 
 
+@pytest.mark.parametrize(
+    ("path", "label", "typed", "said"),
+    [
+        ("/", "markers", "4.25", "markers is '4.25', it must be a whole number"),
+        ("/", "seed", "", "seed is empty, it needs a value, such as 1"),
+        ("/", "TRE [mm]", "31", "TRE [mm] is 31, it must lie between"),
+        ("/", "TRE [mm]", "", "TRE [mm] is empty"),
+        ("/search", "seed", "", "seed is empty"),
+        ("/search", "seed", "2.5", "seed is '2.5', it must be a whole number"),
+        ("/search", "acquisitions", "7.5", "acquisitions is '7.5', it must be a whole number"),
+        ("/search", "± [mm]", "0", "± [mm] is 0"),
+        ("/search", "SNR [dB]", "400", "SNR [dB]: noise: peak_snr_db is 400.0 dB, it must lie in"),
+    ],
+)
+def test_a_field_refuses_what_it_cannot_mean_and_names_itself_by_its_label(opened, path, label, typed, said):
+    watched = opened(path, "&pace=0.2" if path == "/" else "&method=posterior")
+    watched.unfold()
+    field = watched.tab.get_by_role("spinbutton", name=label, exact=True)
+    usual = field.input_value()
+    field.fill(typed)
+    watched.tab.wait_for_selector(f".ms-problem:visible >> text={said}")
+    start = watched.tab.get_by_role("button", name="Start", exact=True)
+    sync_api.expect(start).to_be_disabled()
+    # Another field that is right does not make this one right.
+    watched.tab.get_by_role("checkbox", name="sweep").click()
+    watched.tab.wait_for_timeout(600)
+    assert said in watched.text(".ms-problem:visible")
+    sync_api.expect(start).to_be_disabled()
+    field.fill(usual)
+    sync_api.expect(watched.tab.locator(".ms-problem:visible")).to_have_count(0)
+    sync_api.expect(start).to_be_enabled()
+
+
 def test_escape_stops(opened, page):
     watched = opened(query="&pace=1")
     watched.start()

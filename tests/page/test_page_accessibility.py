@@ -74,3 +74,70 @@ def test_keyboard_has_a_focus_that_is_seen(opened):
         watched.tab.keyboard.press("Tab")
         target.focus()
         assert "5px" in target.evaluate("each => getComputedStyle(each).boxShadow")
+
+
+SAID = {
+    "short": ("light marker 2", "", "", ""),
+    "usual": ("marker 12 is searched: hold laser, tissue and camera still", "", "registered: 0.91 mm", ""),
+    "refused": (
+        "light marker 5 in the circle",
+        "no bright spot is in the left image; light it, or dim the room",
+        "",
+        "",
+    ),
+    "long": (
+        "light marker 5 in the circle " * 3,
+        "the spot moved by 3.2 px while it was measured " * 3,
+        "so " * 90,
+        "/a" * 99,
+    ),
+}
+"""Sentences of different lengths: what to do, what went wrong, why, and what next."""
+
+PARTS = (".ms-turn", ".ms-fault", ".ms-answer", ".ms-next")
+
+LAYOUT = """([parts, said]) => {
+    parts.forEach((css, i) => { document.querySelector(css).innerText = said[i]; });
+    return [".ms-verdict", ".ms-panel-fan", ".ms-panel-curve"].map((css) => {
+        const { top, height } = document.querySelector(css).getBoundingClientRect();
+        return [Math.round(top), Math.round(height)];
+    }); }"""
+"""Says other sentences, and returns where the verdict and the panels are."""
+
+
+@pytest.mark.parametrize("path", ["/", "/search"])
+def test_nothing_moves_with_the_length_of_a_sentence(opened, path):
+    watched = opened(path)
+    for width in (1900, 1280, 900, 390):
+        watched.tab.set_viewport_size({"width": width, "height": 900})
+        watched.tab.wait_for_timeout(300)
+        layouts = [watched.tab.evaluate(LAYOUT, [PARTS, said]) for said in SAID.values()]
+        assert all(each == layouts[0] for each in layouts), (width, layouts)
+        # What has no room is scrolled, and is not cut off.
+        hidden = watched.tab.locator(".ms-where").evaluate("each => getComputedStyle(each).overflowY")
+        assert hidden == "auto"
+
+
+@pytest.mark.parametrize("path", ["/", "/search"])
+def test_the_reason_and_the_table_grow_with_the_window(opened, path):
+    watched = opened(path)
+    parts = [".ms-answer", ".ms-next", *([".ms-table"] if path == "/" else [])]
+    sizes = []
+    for width in (1000, 1400, 1900):
+        watched.tab.set_viewport_size({"width": width, "height": 1000})
+        script = "parts => parts.map(css => parseFloat(getComputedStyle(document.querySelector(css)).fontSize))"
+        sizes.append(watched.tab.evaluate(script, parts))
+    for narrow, middle, wide in zip(*sizes, strict=True):
+        assert 15 <= narrow <= middle < wide
+        # 6 mm of a usual screen: read from two metres.
+        assert wide >= 22
+
+
+@pytest.mark.parametrize("path", ["/", "/search"])
+def test_what_to_do_and_what_went_wrong_are_read_aloud(opened, path):
+    watched = opened(path)
+    for css, how in ((".ms-turn", "polite"), (".ms-fault", "assertive")):
+        part = watched.tab.locator(css)
+        assert part.get_attribute("aria-live") == how
+        # It is there before it says anything: a reader hears changes only of what it knows.
+        assert part.evaluate("each => getComputedStyle(each).display") == "block"

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.bridges.page import Address
-from markerseek.bridges.page.application import UNWATCHED_S
+from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.core import ConfigError
 from markerseek.records.journal import Interrupted, read_journal
 from tests.emulated import ran
@@ -66,10 +66,11 @@ def test_no_browser():
     ("host", "said"),
     [
         *((host, "name the one address") for host in ("0", "0x0", "00.0", "")),
-        *((host, "name an IPv4 address") for host in ("::", "::1", "a" * 64)),
+        *((host, "name the one address") for host in ("::", "[::]", "0::0", "::ffff:0.0.0.0", "::ffff:0:0")),
+        *((host, "name an address") for host in ("a" * 64, "::g", "[::1", "1::2::3")),
     ],
 )
-def test_26_10_all_addresses_and_unknown_ones_are_refused_however_they_are_spelt(tmp_path, host, said):
+def test_all_addresses_and_unknown_ones_are_refused_however_they_are_spelt(tmp_path, host, said):
     _, certificate, _, key = certified(tmp_path)
     with pytest.raises(ConfigError, match=said):
         Address(host=host, certificate=Path(certificate), key=Path(key))
@@ -119,11 +120,13 @@ def test_search_that_nobody_watches_is_stopped(opened, page):
     other = opened("/search")
     watched.tab.goto("about:blank")
     # The other tab still watches.
-    other.tab.wait_for_timeout(1000 * (UNWATCHED_S + 2))
+    other.tab.wait_for_timeout(1000 * (ChildSearch.unwatched_s + 2))
     assert len(page.children()) == 1
     other.tab.goto("about:blank")
     until(lambda: not page.children(), page, other.tab)
-    assert isinstance(read_journal(page.journals()[-1]).entries[-1].event, Interrupted)
+    assert read_journal(page.journals()[-1]).entries[-1].event == Interrupted(reason="another program (SIGTERM)")
+    again = opened("/search")
+    again.wait_for(".ms-answer", "^nobody had the page open for 5 s; the laser is disarmed")
 
 
 @pytest.mark.long

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import select
 import signal
 from pathlib import Path
 
@@ -143,3 +144,33 @@ def test_stop_in_a_session_ends_it_and_a_killed_one_is_said(browser, tmp_path):
         assert watched.problems == []
         for each in (watched, search):
             each.tab.context.close()
+
+
+def test_a_page_that_is_started_again_continues_the_session_of_one_that_was_killed(browser, tmp_path):
+    with served(tmp_path) as page:
+        watched = open_tab(browser, page, "/", "&pace=1&seed=6")
+        watched.start()
+        watched.wait_for(BADGE, "^SEARCHING$")
+        watched.tab.wait_for_selector(".ms-panel-curve svg circle")
+        folder = folder_of(page)
+        (child,) = page.children()
+        page.process.kill()
+        # It ends within 5 s; the others are for a busy computer.
+        ended = os.pidfd_open(child)
+        assert select.select([ended], [], [], 15)[0]
+        os.close(ended)
+        watched.tab.context.close()
+    with served(tmp_path) as page:
+        watched = open_tab(browser, page, "/")
+        watched.wait_for(BADGE, "^STOPPED$")
+        watched.wait_for(".ms-answer", "^the program that ran this session has ended; the laser is disarmed")
+        assert watched.tab.get_by_role("spinbutton", name="seed").input_value() == "6"
+        watched.tab.evaluate(RECORDED)
+        watched.press("Go on")
+        watched.wait_for(BADGE, "^SEARCHING$")
+        assert folder_of(page) == folder
+        # While the command starts, the page does not say that it searches.
+        badges = watched.tab.evaluate("window.badges")
+        assert badges.index("STARTING") < badges.index("SEARCHING")
+        assert watched.problems == []
+        watched.tab.context.close()

@@ -22,7 +22,7 @@ from tests.ros2.ros_processes import MARKERSEEK, Start, answer_of, sockets_of
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
 from markerseek import rigs
-from markerseek.core import Interval
+from markerseek.core import ConfigError, DeviceTimeoutError, Interval, NotConnectedError
 from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
 from markerseek.ros import RosNode, reach, require_middleware, topics
 from markerseek.ros.node import Once
@@ -136,6 +136,61 @@ def test_b1_a_stage_with_the_qos_of_sensors_is_driven(peer: Any, state_topic: st
             node.spin(0.02)
         assert not stage._busy
         assert 2.0 < stage.angle_deg < 25.0
+
+
+ARM = {"command_topic": "/arm/move_jp", "reached_topic": "/arm/measured_js", "state_topic": "/arm/state"}
+TRAVEL = Interval(low_deg=-36.5, high_deg=36.5)
+
+
+@pytest.mark.filterwarnings("ignore:.*so far:UserWarning")
+@pytest.mark.parametrize("state", ["latched", "on-change"])
+def test_a_stage_that_publishes_its_state_when_it_changes_is_driven(peer: Any, state: str) -> None:
+    assert peer("sensor_stage.py", "--state", state).stdout.readline() == "ready\n"
+    # What a latched topic keeps was said long before.
+    time.sleep(1.0)
+    with RosNode("markerseek_rig") as node:
+        stage = Ros2Stage(node=node, clock=SystemClock(), settings=Ros2StageSettings(**ARM), travel=TRAVEL)
+        for angle_deg in (1.5, -0.5):
+            assert stage.move_to(angle_deg) == pytest.approx(angle_deg, abs=0.05)
+
+
+@pytest.mark.filterwarnings("ignore:.*so far:UserWarning")
+def test_the_joints_that_came_are_named_and_the_right_one_is_a_key(peer: Any) -> None:
+    assert peer("sensor_stage.py", "--joint", "rotary_axis").stdout.readline() == "ready\n"
+    with RosNode("markerseek_rig") as node:
+        with pytest.raises(NotConnectedError, match=r"the joints rotary_axis, .*'trus_roll'.*stage.joint"):
+            Ros2Stage(node=node, clock=SystemClock(), settings=Ros2StageSettings(**ARM), travel=TRAVEL)
+        settings = Ros2StageSettings(**ARM, joint="rotary_axis")
+        stage = Ros2Stage(node=node, clock=SystemClock(), settings=settings, travel=TRAVEL)
+        assert stage.move_to(2.5) == pytest.approx(2.5, abs=0.05)
+
+
+@pytest.mark.filterwarnings("ignore:.*so far:UserWarning")
+@pytest.mark.parametrize(("stamp", "said"), [("zero", "stamped 0.000 s"), ("simulated", r"stamped \d\.000 s")])
+def test_angles_with_stamps_of_another_clock_are_named(peer: Any, stamp: str, said: str) -> None:
+    assert peer("sensor_stage.py", "--stamp", stamp).stdout.readline() == "ready\n"
+    with RosNode("markerseek_rig") as node:
+        settings = Ros2StageSettings(**ARM, timeout_s=3.0)
+        stage = Ros2Stage(node=node, clock=SystemClock(), settings=settings, travel=TRAVEL)
+        with pytest.raises(DeviceTimeoutError, match=f"busy and is idle again, .*{said}.*simulation time"):
+            stage.move_to(2.0)
+
+
+@pytest.mark.parametrize("domain", ["233", "300", "-1", "7.5", "lab"])
+def test_a_domain_that_does_not_exist_is_refused_with_the_range(monkeypatch: pytest.MonkeyPatch, domain: str) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID is '{domain}', .* from 0 to 232"):
+        RosNode("markerseek_rig")
+
+
+@pytest.mark.parametrize("home", [{}, {"HOME": ""}])
+def test_without_a_home_folder_a_node_starts(home: dict[str, str]) -> None:
+    program = "from markerseek.ros import RosNode\nwith RosNode('markerseek_rig'): print('started')"
+    environment = {key: value for key, value in os.environ.items() if key not in ("HOME", "ROS_LOG_DIR")} | home
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.stdout == "started\n", done.stderr
 
 
 def test_b1_a_latched_topic_is_heard_from_a_publisher_that_keeps_nothing(peer: Any) -> None:

@@ -160,6 +160,10 @@ def test_a_frame_reports_its_source_as_text_and_as_json(shell: Shell, scan_folde
         (("search", "--tissue", "beef"), "the simulated ones are"),
         (("ros2", "sim", "--write-rig", "/none/a.toml"), "/none/a.toml: the rig file cannot be written: No such file"),
         (("search", "--colour", "red"), "no such option: --colour"),
+        # What a bridge uses is not in the help, and is not proposed.
+        (("search", "--heartbeet", "x"), "no such option: --heartbeet; see"),
+        (("register", "--aksed-by", "x"), "no such option: --aksed-by"),
+        (("search", "--sead", "1"), "--seed"),
         (("search", "--tolerance-mm", 0), "--tolerance-mm is 0.0, it must be a positive number"),
         (("search", "--others", 0.1, "--single"), "--others is 0.1, and --single states that it is 0"),
         (("search", "--out", "pictures"), "--out pictures: only pictures go there, and none is asked for; add --plot"),

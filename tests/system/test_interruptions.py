@@ -80,3 +80,50 @@ sys.meta_path.insert(0, CtrlC())
 def test_ctrl_c_during_an_import_gives_one_sentence() -> None:
     ended = ran("search", "--seed", 1, "--no-journal", before=INTERRUPTED)
     assert (ended.returncode, ended.stderr) == (130, "error: stopped by the user\n")
+
+
+HUNG_STAGE = """
+import time
+from markerseek.drivers import StageStatus
+
+class Stage:
+    speed_deg_s, resolution_deg, emulated = 20.0, 0.01, True
+    hangs = False
+
+    def read(self):
+        while self.hangs:
+            try:
+                time.sleep(1)
+            except BaseException:
+                pass
+        return StageStatus(angle_deg=0.0, moving=False)
+
+    def go(self, angle_deg):
+        self.hangs = True
+        print("it hangs", flush=True)
+
+    def stop(self):
+        pass
+"""
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_driver_that_hangs_is_named_and_cannot_hold_up_the_end(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "my_stage.py").write_text(HUNG_STAGE)
+    rig = tmp_path / "rig.toml"
+    simulated = '[laser]\ndriver = "simulated"\n[receiver]\ndriver = "simulated"\n'
+    rig.write_text(f'kind = "bench"\n[stage]\ndriver = "my_stage:Stage"\n{simulated}')
+    command = markerseek("search", "--rig", rig, "--arm", "--no-journal")
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "it hangs\n"
+    # The second is ignored, as while a sound rig is stopped.
+    process.send_signal(number)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 128 + number
+    line = HUNG_STAGE.splitlines().index("                time.sleep(1)") + 1
+    place = f"read() of {tmp_path}/my_stage.py, line {line}"
+    assert said.count(place) == 2, said
+    assert said.index("stopping takes long") < said.index("the process was ended")

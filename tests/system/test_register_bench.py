@@ -35,6 +35,9 @@ def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices
                     devices.process.stdin.write(f"{place[1]} {place[2]}\n")
                     devices.process.stdin.flush()
         assert process.returncode == 0, "".join(said)
+        assert f"images: folders {bench / 'left'} (left) and {bench / 'right'} (right)" in "".join(said).replace(
+            "\n", " "
+        )
         truth = devices.ended().split("davinci_to_trus is")[1]
     true = np.array([[float(value) for value in row.split()] for row in truth.strip().splitlines()[:4]])
     report = json.loads((kept / "registration.json").read_bytes())

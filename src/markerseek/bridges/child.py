@@ -128,6 +128,7 @@ class ChildRun:
             journal = Path(self._folder.name) / "events"
             watched += ["--events", str(journal)]
         self._journal = journal
+        self._before = _sizes(journal)
         self._beat_s = -math.inf
         # A child that is stopped reads no beats: then they are lost, and nobody waits.
         os.set_blocking(beating, False)
@@ -175,16 +176,18 @@ class ChildRun:
             with suppress(BlockingIOError, BrokenPipeError):
                 self._heartbeat.write(b".")
 
-    def stop(self) -> None:
+    def stop(self, number: signal.Signals = signal.SIGINT) -> None:
         """Stop the run; returns at once, and may be called again, and by any thread.
 
-        The child stops the rig, and ends. After `TERMINATE_S` it is sent SIGTERM as well.
+        The child stops the rig, and ends. After `TERMINATE_S` it is sent SIGTERM as well. ``number``: SIGINT for a
+        person, SIGTERM for a program, which the record tells apart.
         """
         with self._lock:
-            again, self._stopped = self._stopped, True
+            again = self._stopped
+            self._stopped = True
         # Once: a second signal would only disturb how it ends.
         if not again and self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
+            self._process.send_signal(number)
             timer = threading.Timer(TERMINATE_S, self._process.terminate)
             timer.daemon = True
             timer.start()
@@ -199,13 +202,22 @@ class ChildRun:
         return self._process.poll() is None
 
     @property
+    def has_written(self) -> bool:
+        """Whether it has written anything: a command that continues a record finds one that others have written."""
+        return _sizes(self._journal) != self._before
+
+    @property
     def process_id(self) -> int:
         """Its process id."""
         return self._process.pid
 
     def outcome(self) -> Outcome:
-        """How it ended; waits for its end."""
-        code = self._process.wait()
+        """How it ended; waits for its end, and sends the heartbeat meanwhile."""
+        code = self._process.poll()
+        while code is None:
+            self._beat()
+            with suppress(subprocess.TimeoutExpired):
+                code = self._process.wait(BEAT_S)
         with self._lock:
             if self._outcome is None:
                 self._answer.seek(0)
@@ -216,6 +228,47 @@ class ChildRun:
                     self._folder.cleanup()
                 self._outcome = Outcome.of(code if code >= 0 else 128 - code, text)
             return self._outcome
+
+
+class EndedRun(ChildRun):
+    """A command that ended before this program was started; only its record can be read."""
+
+    def __init__(self) -> None:
+        """Make one that was stopped by the end of the program that ran it."""
+        self._ended = Outcome(exit_code=128 + signal.SIGTERM, answer=None)
+
+    @property
+    def running(self) -> bool:
+        """Whether it lives: it does not."""
+        return False
+
+    @property
+    def has_written(self) -> bool:
+        """Whether its record is of its own."""
+        return True
+
+    def beating(self, items: Iterable[_Item]) -> Iterator[_Item]:
+        """Return the items of its record."""
+        return iter(items)
+
+    def wait(self) -> None:
+        """Return at once: nothing more comes."""
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> None:
+        """Do nothing: it has ended."""
+
+    def kill(self) -> None:
+        """Do nothing: it has ended."""
+
+    def outcome(self) -> Outcome:
+        """Return how it ended."""
+        return self._ended
+
+
+def _sizes(path: Path) -> dict[str, int]:
+    """Return the size of a file, or of each file in a folder, by their names; empty if there is none."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    return {each.name: each.stat().st_size for each in files if each.is_file()}
 
 
 class FollowedChild:

@@ -37,6 +37,19 @@ STOPPED_BY_USER = 130
 _OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of standard output, which names no file: a closed pipe, a full disk, a terminal that has gone."""
 
+NO_MACHINE_CODE = (
+    "this system forbids memory that a program writes and then executes, which the compiled kernels need; allow it for "
+    "markerseek (systemd: MemoryDenyWriteExecute=no; SELinux: setsebool deny_execmem off). Simulations and recordings "
+    "also run with NUMBA_DISABLE_JIT=1 in the environment, some 80 times slower"
+)
+"""What to do where `without_machine_code`."""
+
+
+def without_machine_code(problem: OSError) -> bool:
+    """Return whether this is Numba's error for a system that grants no memory for machine code."""
+    return "executable memory" in str(problem)
+
+
 SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 """Environment variable that makes the command print the traceback of an unexpected error."""
 
@@ -55,32 +68,25 @@ def main() -> NoReturn:
     try:
         # What blocked them is inherited; a bridge blocks SIGINT until here, so that a stop finds its handler.
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
+        if any(word.startswith("--heartbeat") for word in sys.argv):
+            # Not above: it is for the commands that a bridge runs.
+            from markerseek.cli.heartbeat import watch_heartbeat
+
+            watch_heartbeat(sys.argv[1:])
         if sys.argv[1:] == ["--version"]:
             # For scripts that ask often: typer alone takes longer to import than this takes.
             sys.stdout.write(f"{__version__}\n")
             sys.exit(0)
         # Imported here, so that Ctrl-C during the import is handled below.
+        from markerseek.cli import hung
         from markerseek.cli.app import run
 
+        hung.may_end_by(_end_now)
         run()
     except KeyboardInterrupt:
         _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
     except OSError as problem:
-        if problem.filename is None and problem.errno in _OUTPUT:
-            # What Python still holds for it would fail again at the end.
-            sys.stdout = io.StringIO()
-            if problem.errno == errno.EPIPE:
-                # Its reader has read enough: markerseek --help | head.
-                sys.exit(NO_OUTPUT)
-            _end(
-                f"the output cannot be written: {problem.strerror}; a journal, if one is kept, holds the answer",
-                kind="OSError",
-                code=NO_OUTPUT,
-            )
-        if problem.filename is None:
-            _end(f"reading or writing failed: {problem.strerror or problem}", kind="OSError", code=1)
-        # Path.exists() itself fails for a name that is too long, or in a folder without permission.
-        _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
+        _end_of_os_error(problem)
     except MemoryError as problem:
         message = str(problem) or "the system grants no more"
         _end(f"not enough memory: {message}; close other programs, or ask for less", kind="MemoryError", code=1)
@@ -137,6 +143,27 @@ class _Progress(io.FileIO):
         return memoryview(data).nbytes
 
 
+def _end_of_os_error(problem: OSError) -> NoReturn:
+    """Report what the operating system refused: output, machine code, a file by its name, or something without one."""
+    if problem.filename is None and problem.errno in _OUTPUT:
+        # What Python still holds for it would fail again at the end.
+        sys.stdout = io.StringIO()
+        if problem.errno == errno.EPIPE:
+            # Its reader has read enough: markerseek --help | head.
+            sys.exit(NO_OUTPUT)
+        _end(
+            f"the output cannot be written: {problem.strerror}; a journal, if one is kept, holds the answer",
+            kind="OSError",
+            code=NO_OUTPUT,
+        )
+    if problem.filename is None:
+        if without_machine_code(problem):
+            _end(NO_MACHINE_CODE, kind="OSError", code=1)
+        _end(f"reading or writing failed: {problem.strerror or problem}", kind="OSError", code=1)
+    # Path.exists() itself fails for a name that is too long, or in a folder without permission.
+    _end(f"{problem.filename}: {problem.strerror}; check the name and the rights", kind="OSError", code=2)
+
+
 def _end_of_defect(problem: Exception) -> NoReturn:
     """Report an unexpected error, and how to print its traceback."""
     kind = type(problem).__name__
@@ -151,6 +178,14 @@ def _end_of_defect(problem: Exception) -> NoReturn:
         kind=kind,
         code=DEFECT,
     )
+
+
+def _end_now(message: str, code: int) -> NoReturn:
+    """End the process although its main thread hangs."""
+    try:
+        _end(message, kind="Stopped", code=code)
+    finally:
+        os._exit(code)
 
 
 def _end(message: str, *, kind: str, code: int) -> NoReturn:

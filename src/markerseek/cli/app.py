@@ -142,7 +142,7 @@ def _built() -> Any:
 FIRST = (
     *("--method", "--rig", "--arm", "--sweep", "--single", "--tolerance-mm", "--seed"),
     # Of other commands than search.
-    *("--probe", "--number", "--angles", "--first-deg", "--step-deg", "--reference-deg", "--cameras", "--frames"),
+    *("--probe", "--number", "--angles", "--first-deg", "--step-deg", "--reference-deg"),
     *("--simulate", "--continue", "--once"),
     *("--journal", "--plot", "--json"),
 )
@@ -151,8 +151,9 @@ FIRST = (
 PANELS = {
     "Search": (*(each.flag for each in options_of(SearchPlan)), "--prior", "--compare", "--registration"),
     "Rig": ("--wavelength-nm", "--pulse-energy-mj"),
-    "Session": ("--images", "--tre-mm", "--markers", "--again", "--record", "--wait-s"),
-    "Points": ("--target-mm", "--without", "--calibration-sigma-px"),
+    "Endoscope": ("--cameras", "--calibration-sigma-px", "--images", "--frames"),
+    "Session": ("--tre-mm", "--markers", "--again", "--record", "--wait-s"),
+    "Points": ("--target-mm", "--without"),
     "Arrays and sequences": (
         *("--axes", "--first-frame", "--without-channel", "--angle-field", "--sampling-mhz"),
         "--face-radius-mm",
@@ -160,7 +161,7 @@ PANELS = {
     "Images": ("--roi", "--pixel-mm"),
     "Tables": ("--columns", "--unit", "--deg-per-unit", "--offset-deg", "--db", "--skip-invalid"),
     "Simulation": (*(each.flag for each in options_of(SimulationOptions)),),
-    "Output": ("--out", "--force", "--no-journal", "--events"),
+    "Output": ("--out", "--force", "--no-journal", "--events", "--trace"),
 }
 """Panels of the other options; "More" has those that no panel names."""
 
@@ -252,7 +253,7 @@ _WORDS = {
 
 def _in_words(problem: Any) -> str:
     """What is wrong with the arguments: option, value, limit, and where to read on."""
-    text = problem.format_message().rstrip(".")
+    text = _without_hidden(problem).rstrip(".")
     option = getattr(getattr(problem, "param", None), "opts", [""])[-1]
     for begin in ("Input should be ", "is not "):
         _, wrong, limit = problem.message.partition(begin)
@@ -262,6 +263,15 @@ def _in_words(problem: Any) -> str:
             text = f"{option} is {_given(option)}, it must be {limit.partition(', unable')[0].rstrip('.')}"
     path = problem.ctx.command_path if problem.ctx is not None else "markerseek"
     return f"{text[:1].lower()}{text[1:]}; see '{path} --help'"
+
+
+def _without_hidden(problem: Any) -> str:
+    """Message of the problem, in which no option is proposed that the help does not show."""
+    if getattr(problem, "possibilities", None) and problem.ctx is not None:
+        hidden = {name for each in problem.ctx.command.params if getattr(each, "hidden", False) for name in each.opts}
+        problem.possibilities = [name for name in problem.possibilities if name not in hidden]
+    text: str = problem.format_message()
+    return text
 
 
 def _given(option: str) -> str:

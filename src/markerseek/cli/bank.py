@@ -17,7 +17,17 @@ from rich.markup import escape
 
 from markerseek import rigs, runs
 from markerseek.cli.open_rig import arm_rig, open_rig, person
-from markerseek.cli.options import Arm, AsJson, Out, ProbeName, RigFile, TableOptions, require_frames, with_values
+from markerseek.cli.options import (
+    Arm,
+    AsJson,
+    Out,
+    ProbeName,
+    RigFile,
+    TableOptions,
+    Trace,
+    require_frames,
+    with_values,
+)
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
@@ -42,6 +52,7 @@ def scan(
         typer.Option("--continue", help="Go on with a scan that was killed: only the missing angles are measured."),
     ] = False,
     arm: Arm = False,
+    trace: Trace = None,
     wavelength_nm: Annotated[float | None, typer.Option(help="Wavelength of the laser, stored in the bank.")] = None,
     pulse_energy_mj: Annotated[
         float | None, typer.Option(help="Energy of one laser pulse, stored in the bank.")
@@ -66,7 +77,7 @@ def scan(
     announce_compilation()
     taken = 0
     stopped: StoppedBySignal | None = None
-    with open_rig(rig, SimulationOptions(seed=seed)) as (assembled, _start_deg):
+    with open_rig(rig, SimulationOptions(seed=seed), trace=trace) as (assembled, _start_deg):
         angles = runs.scan_angles(assembled, step_deg=step_deg)
         view = runs.RunView(plan=SearchPlan(method="exhaustive"), facts=assembled.facts)
         arm_rig(assembled, file=rig, arm=arm, what="scan", as_json=as_json)

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
+import os
 import platform
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs, ros, runs
+from markerseek.cli import NO_MACHINE_CODE, without_machine_code
 from markerseek.cli.open_rig import arm_rig, open_rig
-from markerseek.cli.options import AsJson
+from markerseek.cli.options import AsJson, Trace
 from markerseek.cli.report import Output, Report
+from markerseek.cli.terminal import progress_bar
 from markerseek.core import ConfigError, DeviceError, Finished, Measured, SearchPlan, described, is_absent
 from markerseek.testing import RuleCheck
+
+if TYPE_CHECKING:
+    from markerseek.records import SearchResult
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {
@@ -56,9 +63,13 @@ def command(
         typer.Option(help="True angle of a point source, in degrees: search for it, to test the sense of rotation."),
     ] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Arm the rig for --source-deg without being asked.")] = False,
+    trace: Trace = None,
     as_json: AsJson = False,
 ) -> None:
     """Check the installation and a rig, and run two simulated searches (which compiles the kernels if necessary).
+
+    With --trace all that its devices say is written to a file, for a minute, at rest and without light; Ctrl-C ends it
+    earlier.
 
     With --source-deg the rig moves and fires, once a person has armed it: a source that is placed at a known angle must
     be found there. A probe that is mounted the other way round finds it at the mirrored angle; no other check detects
@@ -70,7 +81,10 @@ def command(
     markerseek doctor --json
     markerseek doctor --rig examples/rigs/bench.toml
     markerseek doctor --rig examples/rigs/bench.toml --source-deg 12.5 --arm
+    markerseek doctor --rig examples/rigs/bench.toml --trace devices.txt
     """
+    if trace is not None and rig is None:
+        raise ConfigError(f"--trace is {trace}, and no rig is named; name one with --rig RIG.toml")
     if rig is None and source_deg is not None:
         raise ConfigError(f"--source-deg is {source_deg:g} deg, and no rig is named; name one with --rig RIG.toml")
     if source_deg is None and arm:
@@ -81,9 +95,9 @@ def command(
         rigs.read_rig_file(rig)
     findings = [*_packages(), _search("weighted-average"), _search("posterior")]
     if rig is not None:
-        findings += _rig(rig)
+        findings += _rig(rig, trace=trace)
         if source_deg is not None and all(finding.state == "ok" for finding in findings if finding.needed):
-            right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json)
+            right, detail = prove_direction(rig, source_deg=source_deg, arm=arm, as_json=as_json, trace=trace)
             findings.append(CheckResult(what="sense of rotation", state="ok" if right else "broken", detail=detail))
     ok = all(finding.state == "ok" for finding in findings if finding.needed)
     shown = (f"{_STATES[each.state, each.needed]}  {escape(f'{each.what}: {each.detail}')}" for each in findings)
@@ -104,7 +118,7 @@ def _packages() -> list[CheckResult]:
     """Python, the packages that are needed, and those of the extras."""
     import importlib.metadata
 
-    found = [CheckResult(what="Python", state="ok", detail=platform.python_version())]
+    found = [CheckResult(what="Python", state="ok", detail=platform.python_version()), *_python_path()]
     # Installed in any case: without them this command would not have started.
     found += [CheckResult(what=name, state="ok", detail=importlib.metadata.version(name)) for name in REQUIRED]
     # A module may come from a package of another name, as cv2 does, or of a system, as rclpy.
@@ -130,18 +144,46 @@ def _packages() -> list[CheckResult]:
     return found
 
 
-def _rig(path: Path) -> list[CheckResult]:
+def _python_path() -> list[CheckResult]:
+    """Whether PYTHONPATH has an empty element, which stands for the current folder; nothing if it has none."""
+    # If the variable is empty as a whole, Python takes it as not set.
+    named = os.environ.get("PYTHONPATH", "")
+    if not named or all(named.split(os.pathsep)):
+        return []
+    detail = (
+        f"{named!r} has an empty element, so a file of the current folder is imported in place of a library of its "
+        f"name; remove the {os.pathsep!r} too many"
+    )
+    return [CheckResult(what="PYTHONPATH", state="broken", detail=detail, needed=False)]
+
+
+def _rig(path: Path, *, trace: Path | None) -> list[CheckResult]:
     """Whether the devices of a rig file answer and are fit for use, and what foreign drivers were tried by."""
     try:
-        with open_rig(path) as (rig, stands_deg):
+        with open_rig(path, trace=trace) as (rig, stands_deg):
             detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
             checks = rig.checks
+            if trace is not None:
+                _listen(rig)
     except DeviceError as error:
         return [CheckResult(what=str(path), state="broken", detail=str(error))]
     found = [
         CheckResult(what=f"contract of {device}", state="ok", detail=_kept(each)) for device, each in checks.items()
     ]
     return [*found, CheckResult(what=str(path), state="ok", detail=detail)]
+
+
+_LISTENED_S = 60
+"""Time for which devices at rest are traced, in seconds."""
+
+
+def _listen(rig: rigs.Rig) -> None:
+    """Read the stage once a second, so that a trace shows what the devices say at rest; Ctrl-C ends it."""
+    with suppress(KeyboardInterrupt), progress_bar(_LISTENED_S, what="listening") as progress:
+        for _ in range(_LISTENED_S):
+            rig.scanner.clock.wait(1.0)
+            _ = rig.stage.angle_deg
+            progress.advance(progress.task_ids[0])
 
 
 def _kept(checks: tuple[RuleCheck, ...]) -> str:
@@ -151,30 +193,41 @@ def _kept(checks: tuple[RuleCheck, ...]) -> str:
 
 def _search(method: str) -> CheckResult:
     """One search on the simulated rig, which leaves the compiled kernels on disk."""
-    from markerseek.scan import run
-    from markerseek.search import build
-
+    what = f"simulated search, {method}"
     began_s = time.perf_counter()
     # A warning of NumPy or Numba here hints at a broken installation: it is printed with the result.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        rig = rigs.simulated(seed=1, marker_deg=_MARKER_DEG)
-        policy = build(SearchPlan(method=method, start_deg=rig.stage.angle_deg), limits=rig.limits.search)
-        found_deg = math.nan
-        for event in run(policy, rig.scanner, rig.run_plan):
-            if isinstance(event, Measured) and event.role == "confirmation" and rig.imaging and event.sample.frame:
-                # Compiles the kernels of `markerseek frame`, too, which a search does not use.
-                rig.imaging.findings(event.sample.frame)
-            elif isinstance(event, Finished):
-                found_deg = event.estimate.mean_deg
+        try:
+            found_deg = _found_deg(method)
+        except OSError as problem:
+            if not without_machine_code(problem):
+                raise
+            return CheckResult(what=what, state="broken", detail=NO_MACHINE_CODE)
     took_s = time.perf_counter() - began_s
-    what = f"simulated search, {method}"
     if not abs(found_deg - _MARKER_DEG) < 1:
         return CheckResult(what=what, state="broken", detail=f"found {found_deg:.2f} deg for {_MARKER_DEG:g} deg")
     remarks = "".join(f"; {warning.message}" for warning in caught)
     return CheckResult(
         what=what, state="ok", detail=f"found {found_deg:.2f} deg for {_MARKER_DEG:g} deg in {took_s:.1f} s{remarks}"
     )
+
+
+def _found_deg(method: str) -> float:
+    """Search the marker of a simulated rig, and return its angle in degrees."""
+    from markerseek.scan import run
+    from markerseek.search import build
+
+    rig = rigs.simulated(seed=1, marker_deg=_MARKER_DEG)
+    policy = build(SearchPlan(method=method, start_deg=rig.stage.angle_deg), limits=rig.limits.search)
+    found_deg = math.nan
+    for event in run(policy, rig.scanner, rig.run_plan):
+        if isinstance(event, Measured) and event.role == "confirmation" and rig.imaging and event.sample.frame:
+            # Compiles the kernels of `markerseek frame`, too, which a search does not use.
+            rig.imaging.findings(event.sample.frame)
+        elif isinstance(event, Finished):
+            found_deg = event.estimate.mean_deg
+    return found_deg
 
 
 MIN_DEG = 5.0
@@ -219,7 +272,21 @@ def require_source_deg(source_deg: float) -> None:
         )
 
 
-def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) -> tuple[bool, str]:
+def _not_found(result: SearchResult, source_deg: float) -> str:
+    """Why a search that has not found the source proves nothing, and that it is mirrored where it looks so."""
+    why = f"no source was found ({result.answer}: {result.reason})"
+    mirrored = result.answer != "not found" and verdict_of(result.angle_deg, source_deg) == "mirrored"
+    if not mirrored:
+        return f"{why}; place one point source, and no other"
+    return (
+        f"{why}, but there is something at {result.angle_deg:.2f} deg, the mirrored angle of {source_deg:g} deg: the "
+        "stage seems to turn the other way round; change stage.direction, and search again"
+    )
+
+
+def prove_direction(
+    path: Path, *, source_deg: float, arm: bool, as_json: bool, trace: Path | None = None
+) -> tuple[bool, str]:
     """Search a source at a known angle, and return whether the stage turns the right way, with what was found in words.
 
     ``source_deg``: true angle of the source on the probe's scale; see `require_source_deg`. ``arm``: whether the user
@@ -229,7 +296,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
     from markerseek.cli.session import run_new_session
     from markerseek.search.posterior import energy_spread
 
-    with open_rig(path) as (rig, start_deg):
+    with open_rig(path, trace=trace) as (rig, start_deg):
         search = rig.limits.search
         if source_deg not in search or -source_deg not in search:
             raise ConfigError(
@@ -241,7 +308,7 @@ def prove_direction(path: Path, *, source_deg: float, arm: bool, as_json: bool) 
         session = run_new_session(session, as_json=as_json, rig_file=path)
     result = session.result()
     if not result.found:
-        return False, f"no source was found ({result.answer}: {result.reason}); place one point source, and no other"
+        return False, _not_found(result, source_deg)
     spread = energy_spread(session.view.samples, limits=search)
     usual = _usual_energy(rig)
     found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}{usual}"

@@ -18,7 +18,7 @@ from rich.markup import escape
 
 from markerseek import drivers, rigs
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
-from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, SimulationOptions
+from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, MarkerseekError, SimulationOptions
 
 if TYPE_CHECKING:
     from markerseek.sim import SimulatedSettings
@@ -36,13 +36,13 @@ NO_OPTIONS = SimulationOptions()
 
 @contextmanager
 def open_rig(
-    path: Path | None, options: SimulationOptions = NO_OPTIONS, *, sweeps: bool = False
+    path: Path | None, options: SimulationOptions = NO_OPTIONS, *, sweeps: bool = False, trace: Path | None = None
 ) -> Iterator[tuple[rigs.Rig, float]]:
     """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     ``path``: None for the simulated rig with its defaults. ``sweeps``: whether it is to sweep: the one without a file
-    then streams its frames, and the gain of a simulated one leaves room for the noise of single pulses. Raises
-    `DeviceError` if a device does not answer, or is not ready.
+    then streams its frames, and the gain of a simulated one leaves room for the noise of single pulses. ``trace``: file
+    of the trace; None for that of the rig file. Raises `DeviceError` if a device does not answer, or is not ready.
     """
     from markerseek.sim import STREAMING
 
@@ -58,12 +58,26 @@ def open_rig(
                 f"{' and '.join(options.given())}: only for a simulated rig, and {path} is one of devices (kind "
                 "bench); leave it out, or name the rig file of a simulated rig"
             )
-        with rigs.bench(settings) as rig:
+        settings = settings if trace is None else replace(settings, trace=str(trace))
+        with _naming(settings.trace), rigs.bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
+    if trace is not None:
+        raise ConfigError("--trace is for a rig of devices, a simulated one has no lines; leave it out")
     settings = simulated_settings(settings, options, sweeps=sweeps)
     seed = USUAL_SEED if options.seed is None else options.seed
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
+
+
+@contextmanager
+def _naming(trace: str | None) -> Iterator[None]:
+    """Name the file of the trace after an error, where there is one."""
+    try:
+        yield
+    except MarkerseekError:
+        if trace is not None and Path(trace).exists():
+            stderr.print(f"[dim]trace:[/] {escape(trace)}")
+        raise
 
 
 def simulated_settings(

@@ -28,6 +28,13 @@ Out: TypeAlias = Annotated[
 RigFile: TypeAlias = Annotated[
     Path | None, typer.Option(help="Rig file (TOML); without one, the simulated rig with its defaults.")
 ]
+Trace: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="Append to this file all that devices say and are told, a line each with its time: to send to those who "
+        "help with a fault."
+    ),
+]
 Arm: TypeAlias = Annotated[
     bool, typer.Option("--arm", help="Arm a rig of devices without being asked; not needed for a simulated rig.")
 ]

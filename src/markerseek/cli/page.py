@@ -28,7 +28,9 @@ def command(
     public_url: Annotated[
         str | None,
         typer.Option(
-            metavar="URL", help="Address in the browser behind a tunnel (ssh -L, VS Code): http://localhost:9000."
+            metavar="URL",
+            help="Address in the browser behind a tunnel (ssh -L, VS Code) or a proxy: http://localhost:9000, "
+            "http://localhost:8888/proxy/8765/.",
         ),
     ] = None,
     cameras: Annotated[
@@ -45,8 +47,9 @@ def command(
 
     The link holds a token: who has it can start searches. The page holds no device. It starts `markerseek register` and
     `markerseek search` as children, so that its results are those of the commands. A rig of devices is armed here in
-    the terminal, never in the browser. When this program ends, or nobody has the page open for 5 seconds, a search that
-    runs is stopped.
+    the terminal, never in the browser. What runs is stopped when this program ends, or when nobody has the page open: a
+    search after 5 seconds, a session after 60. A session that was interrupted is offered when the page is started
+    again with the same rig.
 
     Examples
     --------

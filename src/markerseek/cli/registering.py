@@ -19,7 +19,7 @@ from markerseek import drivers, registration, rigs
 from markerseek.cli.open_rig import arm_rig, open_rig, person, simulated_settings
 from markerseek.cli.options import Arm
 from markerseek.cli.report import file_line
-from markerseek.cli.signals import Heartbeat, StoppedBySignal, WatchOptions, end_stopped, stopped_by_signals
+from markerseek.cli.signals import Heartbeat, StoppedBySignal, end_stopped, require_pipe, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_warning, progress_bar, show_view, stderr
 from markerseek.core import (
     ConfigError,
@@ -76,6 +76,7 @@ class SessionOptions:
         float, typer.Option(help="Real seconds per second of the simulated rig; 1 is real time, 0 does not wait.")
     ] = 0.0
     arm: Arm = False
+    asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this session.")] = None
     heartbeat: Heartbeat = None
 
     @property
@@ -94,6 +95,7 @@ class SessionOptions:
     def __post_init__(self) -> None:
         require_range("wait_s", self.wait_s, low=1, high=3600, unit="s")
         require_pace(self.pace)
+        require_pipe(self.heartbeat)
 
     def plan(self, target_trus_m: tuple[float, float, float] | None) -> registration.SessionPlan:
         """What the session is to reach."""
@@ -145,10 +147,12 @@ def run_session(
     ):
         if not as_json:
             stderr.print(file_line("session", record.folder))
+            if isinstance(room, registration.DeviceRoom):
+                stderr.print(f"images: {escape(room.images.name)}")
         if isinstance(room, registration.SimulatedRoom):
             room.skip(record.taken)
         session = registration.RegistrationSession(room, plan=plan, record=record)
-        _watch(session, options.heartbeat, record.folder, as_json=as_json)
+        _watch(session, record.folder, as_json=as_json)
         truth = None
         if isinstance(room, registration.SimulatedRoom):
             truth = room.truth(session.last, session.taken, rig_s=session.rig_s)
@@ -191,7 +195,7 @@ def _room(
                 f"{options.rig}: face_radius_m is not known, so that no marker has a position; scan a point and "
                 "calibrate: markerseek bank scan point.hdf5 --rig RIG.toml, then markerseek calibrate point.hdf5"
             )
-        arm_rig(rig, file=options.rig, arm=options.arm, what="register", as_json=as_json)
+        arm_rig(rig, file=options.rig, arm=options.arm, what="register", as_json=as_json, asked_by=options.asked_by)
         yield registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person(), wait_s=options.wait_s)
 
 
@@ -235,12 +239,12 @@ def _record(options: SessionOptions, begun: registration.Begun) -> registration.
     return record
 
 
-def _watch(session: registration.RegistrationSession, heartbeat: Path | None, folder: Path, *, as_json: bool) -> None:
+def _watch(session: registration.RegistrationSession, folder: Path, *, as_json: bool) -> None:
     """Print each step of a session; a signal stops the rig and ends the command."""
-    watch, again = WatchOptions(heartbeat=heartbeat), _continue_command(folder)
+    again = _continue_command(folder)
     with stopped_by_signals():
         try:
-            with watch.stopping(), closing(session.steps()) as steps:
+            with closing(session.steps()) as steps:
                 _show(steps)
         except StoppedBySignal as stop:
             end_stopped(stop, as_json=as_json, kept=folder, resume=again)
@@ -276,7 +280,8 @@ def _line(step: registration.Step) -> str:
                 prior = step.prediction.prior
                 guess = f"; expected at {prior.mean_deg:.1f} ± {prior.sigma_deg:.1f} deg"
             at = f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the left camera, ± {step.spot.sigma_px:.2f} px"
-            return f"  [dim]spot at {at}{guess}[/]"
+            late = "" if step.spot.late_s is None else f"; light appears {step.spot.late_s:.1f} s after firing began"
+            return f"  [dim]spot at {at}{late}{guess}[/]"
         case registration.TakenMarker():
             where = f" at {step.candidates[0].angle_deg:.2f} deg" if step.candidates else ""
             why = f": {step.reason}" if step.reason is not None else ""
@@ -292,8 +297,8 @@ def _line(step: registration.Step) -> str:
             return escape(step.view.line)
 
 
-_OF_COMMAND = ("--record", "--continue", "--heartbeat")
-"""Options that are of the command and not of the session: its folder, and what watches it."""
+_OF_COMMAND = ("--record", "--continue", "--heartbeat", "--asked-by")
+"""Options that are of the command and not of the session: its folder, who asked, and what watches it."""
 
 
 def _continue_command(folder: Path) -> str:

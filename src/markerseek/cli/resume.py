@@ -12,7 +12,7 @@ from markerseek import drivers, rigs, runs
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.options import AsJson, Out
 from markerseek.cli.report import Output
-from markerseek.cli.signals import Heartbeat, WatchOptions
+from markerseek.cli.signals import Heartbeat, require_pipe
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.core import ConfigError, counted
 
@@ -53,7 +53,7 @@ def command(
     from markerseek.records.journal import read_journal, since_started
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    watch = WatchOptions(heartbeat=heartbeat)
+    require_pipe(heartbeat)
     # Frames are needed for the picture only, and have half a megabyte each.
     recorded = read_journal(journal, frames=plot)
     view = runs.RunView.of(recorded)
@@ -69,7 +69,7 @@ def command(
         announce_compilation()
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, watch=watch)
+        session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json)
         view, imaging, policy = session.view, session.rig.imaging, session.policy
     conclude(view, output, name="resume", imaging=imaging, policy=policy)
 
@@ -113,7 +113,6 @@ def _resume(
     *,
     reset_fault: bool,
     as_json: bool,
-    watch: WatchOptions,
 ) -> runs.Session:
     """Lock the journal, rebuild rig and policy, and continue the run."""
     from markerseek.cli.session import closed_at_end, run_session
@@ -123,7 +122,7 @@ def _resume(
     kept, recorded = Journal.reopen(journal)
     with closed_at_end(kept), runs.rebuild_rig(recorded, bench_settings=bench) as rig:
         session = runs.resumed_session(rig, kept, recorded, by=person(), reset_fault=reset_fault)
-        run_session(session, as_json=as_json, rig_file=rig_file, watch=watch)
+        run_session(session, as_json=as_json, rig_file=rig_file)
     return session
 
 

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from markerseek import rigs, runs
 from markerseek.cli.open_rig import announce_sweeps, arm_rig, open_rig
-from markerseek.cli.options import Arm, AsJson, Out, RigFile, Single, single_source, with_values
+from markerseek.cli.options import Arm, AsJson, Out, RigFile, Single, Trace, single_source, with_values
 from markerseek.cli.report import Output, Report, drawn, table
 from markerseek.cli.signals import WatchOptions
 from markerseek.cli.terminal import announce_compilation
@@ -45,6 +45,7 @@ def command(
     ] = None,
     rig: RigFile = None,
     arm: Arm = False,
+    trace: Trace = None,
     simulation: SimulationOptions,
     journal: Annotated[
         Path | None,
@@ -90,7 +91,7 @@ def command(
             raise ConfigError("--compare writes no --events and listens to no --heartbeat; leave them out")
         _compare(compare, rig, simulation, plan, output)
     require_journal_options(journal, keep=not no_journal, watch=watch)
-    with open_rig(rig, simulation, sweeps=plan.sweep) as (assembled, start_deg):
+    with open_rig(rig, simulation, sweeps=plan.sweep, trace=trace) as (assembled, start_deg):
         session = runs.new_session(assembled, runs.plan_on(assembled, plan))
         if plan.sweep:
             announce_sweeps(assembled, session.policy, start_deg=start_deg, stay=session.configuration.plan.stay)

@@ -37,21 +37,18 @@ _UNWATCHED = WatchOptions()
 """No program follows the run."""
 
 
-def run_session(
-    session: Session, *, as_json: bool, rig_file: Path | None = None, watch: WatchOptions = _UNWATCHED
-) -> None:
+def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None) -> None:
     """Run a search to its end with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
 
     ``as_json``: whether to print an interruption as JSON. ``rig_file``: rig file of the search; for a rig of devices,
-    the command that resumes it names this file. ``watch``: whether another program must be there.
+    the command that resumes it names this file.
     """
     journal = session.journal if session.journal is not None and session.journal.kept else None
     # A journal describes a simulated rig in full: `resume` takes no rig file for it.
     rig_file = rig_file if session.configuration.facts.kind == "bench" else None
     with stopped_by_signals():
         try:
-            with watch.stopping():
-                _watch(session)
+            _watch(session)
         except StoppedBySignal as stop:
             # Further signals are still ignored here, while the journal is written.
             try:
@@ -94,7 +91,7 @@ def run_new_session(
     if watch.events is not None:
         session = replace(session, journal=Journal.create(watch.events, session.configuration, kept=False))
     with closed_at_end(session.journal):
-        run_session(session, as_json=as_json, rig_file=rig_file, watch=watch)
+        run_session(session, as_json=as_json, rig_file=rig_file)
     return session
 
 

@@ -1,17 +1,13 @@
-"""What ends a command from outside: SIGINT, SIGTERM and SIGHUP, and the heartbeat of the program that runs it.
+"""What ends a command from outside: SIGINT, SIGTERM and SIGHUP.
 
-The rig is stopped, the laser disarmed, the journal closed.
+The rig is stopped, the laser disarmed, the journal closed. The heartbeat (`markerseek.cli.heartbeat`) sends SIGTERM.
 """
 
 from __future__ import annotations
 
 import io
-import os
-import select
 import signal
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,6 +17,7 @@ from typing import Annotated, NoReturn, TypeAlias
 
 import typer
 
+from markerseek.cli import hung
 from markerseek.cli.terminal import print_json, print_warning
 from markerseek.core import ConfigError
 
@@ -100,7 +97,9 @@ def stopped_by_signals() -> Iterator[None]:
         signal.signal(signal.SIGALRM, lambda _alarm, frame: stop(number, frame))
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
-    hook, sys.unraisablehook = sys.unraisablehook, lost
+    hung.watch_stop()
+    hook = sys.unraisablehook
+    sys.unraisablehook = lost
     before = {each: signal.getsignal(each) for each in (*STOPPING, signal.SIGALRM)}
     for each in heeded():
         signal.signal(each, stop)
@@ -135,12 +134,13 @@ Heartbeat: TypeAlias = Annotated[
         "writer ends.",
     ),
 ]
+"""Option of the commands that bridges run; `markerseek.cli.heartbeat` watches the pipe from the first line on."""
 
-SILENT_S = 4.0
-"""Longest time without a beat, in seconds: a search then has one more to stop (decision 44)."""
 
-ORDERLY_S = 1.0
-"""Time for an orderly end, in seconds; what hangs then is ended all the same."""
+def require_pipe(heartbeat: Path | None) -> None:
+    """Refuse a heartbeat that is no pipe."""
+    if heartbeat is not None and not heartbeat.is_fifo():
+        raise ConfigError(f"--heartbeat {heartbeat}: it is no pipe; name one that is open, /dev/fd/N")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,45 +157,4 @@ class WatchOptions:
     heartbeat: Heartbeat = None
 
     def __post_init__(self) -> None:
-        if self.heartbeat is not None and not self.heartbeat.is_fifo():
-            raise ConfigError(f"--heartbeat {self.heartbeat}: it is no pipe; name one that is open, /dev/fd/N")
-
-    @contextmanager
-    def stopping(self) -> Iterator[None]:
-        """Send this process SIGTERM when the heartbeat is late or ends, where there is one; end it if that hangs."""
-        if self.heartbeat is None:
-            yield
-            return
-        over = threading.Event()
-        beats = os.open(self.heartbeat, os.O_RDONLY | os.O_NONBLOCK)
-        # A signal, so that the run is stopped in one way only; the thread does nothing but wait.
-        thread = threading.Thread(target=_terminate_without_beats, args=(beats, over), daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            over.set()
-            thread.join()
-            os.close(beats)
-
-
-_LOOK_S = 0.05
-"""Longest time until the waiting thread sees that the run is over, in seconds; the writer's end wakes it at once."""
-
-
-def _terminate_without_beats(beats: int, over: threading.Event) -> None:
-    poller = select.poll()
-    poller.register(beats, select.POLLIN)
-    beat_s = time.monotonic()
-    while not over.is_set():
-        arrived = bool(poller.poll(_LOOK_S * 1e3))
-        # A pipe without a writer can be read, and holds nothing.
-        if arrived and os.read(beats, 4096):
-            beat_s = time.monotonic()
-        elif arrived or time.monotonic() - beat_s > SILENT_S:
-            # Whatever hangs: the supervisor makes laser and stage safe, as after any death of a search.
-            ending = threading.Timer(ORDERLY_S, os._exit, [128 + signal.SIGTERM])
-            ending.daemon = True
-            ending.start()
-            os.kill(os.getpid(), signal.SIGTERM)
-            return
+        require_pipe(self.heartbeat)

@@ -84,6 +84,7 @@ from markerseek.core.protocols import (
     SweepingPolicy,
     SweepingReceiver,
     SweepingStage,
+    estimate_of,
 )
 from markerseek.core.reading import (
     MAX_ACQUISITIONS,
@@ -223,6 +224,7 @@ __all__ = [
     "as_text",
     "counted",
     "described",
+    "estimate_of",
     "is_absent",
     "is_finite",
     "is_whole",

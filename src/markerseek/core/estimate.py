@@ -1,7 +1,8 @@
 """The possible answers of a search. Each has ``mean_deg``; only `Found` claims a marker.
 
 Each also says what else the search has seen: ``others`` are further sources, and ``surveyed`` is the share of the range
-in which a second source as strong as the marker would have been detected (None if not known).
+in which a second source as strong as the marker would have been detected (None if not known). ``outliers_deg`` are the
+angles of samples that were left out: far stronger than those beside them, which no curve is.
 """
 
 from __future__ import annotations
@@ -35,10 +36,13 @@ class Floor:
         Threshold, in the unit of the intensities; None if the floor is unknown.
     source
         Data from which it was computed.
+    background
+        Intensity that lies below all samples, with laser and marker or without; None if noise explains the lowest ones.
     """
 
     level: float | None
     source: Literal["dark frames", "noise of the frames", "lower quartile", "unknown"]
+    background: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,6 +86,8 @@ class Found:
         Further sources, the strongest first.
     surveyed
         Share of the range in which a second source as strong would have been detected, 0 to 1; None if not known.
+    outliers_deg
+        Angles of samples that were left out, because they are far stronger than those beside them.
     curve
         Width and height of the marker's intensity curve; None if the method does not know them.
     other_probability
@@ -98,6 +104,7 @@ class Found:
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    outliers_deg: tuple[float, ...] = ()
     other_probability: float | None = None
     curve: MarkerCurve | None = None
     half_width_m: float | None = None
@@ -117,6 +124,7 @@ class NotFound:
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    outliers_deg: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,6 +140,7 @@ class Ambiguous:
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    outliers_deg: tuple[float, ...] = ()
     sigma_deg: float | None = None
     interval95_deg: Interval | None = None
     interval_kind: IntervalKind | None = None
@@ -149,6 +158,7 @@ class AtBound:
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    outliers_deg: tuple[float, ...] = ()
     sigma_deg: float | None = None
     interval95_deg: Interval | None = None
     interval_kind: IntervalKind | None = None
@@ -170,6 +180,7 @@ class Unsure:
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
+    outliers_deg: tuple[float, ...] = ()
     other_probability: float | None = None
     half_width_m: float | None = None
 

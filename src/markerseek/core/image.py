@@ -161,7 +161,7 @@ class StereoImages(Protocol):
 
     @property
     def name(self) -> str:
-        """What the pairs come from, for messages: "folders left and right"."""
+        """What the pairs come from, for messages: "folders a (left) and b (right)"."""
 
     def newest(self) -> list[StereoPair]:
         """Pairs that came since the last call, the oldest first, at most `MAX_PAIRS`; returns soon, also without any.

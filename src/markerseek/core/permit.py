@@ -116,6 +116,15 @@ class SweepPermit(Permit):
         """Longest time for which the probe may be lit where it turns back, in seconds."""
         return _TURN_S
 
+    @property
+    def words(self) -> str:
+        """What it permits, in words."""
+        back = "" if self.back_deg is None else f" and back to {self.back_deg:.2f} deg"
+        return (
+            f"the permitted sweep from {self.angle_deg:.2f} to {self.to_deg:.2f} deg{back}, at most "
+            f"{self.fastest_deg_s:.4g} deg/s, with a reading every {SWEEP_READING_S:g} s until {self.expires_s:.1f} s"
+        )
+
     def turns_at(self, angle_deg: float, *, within_deg: float) -> bool:
         """Whether it may turn back at an angle, in degrees."""
         return self.back_deg is not None and abs(angle_deg - self.to_deg) <= within_deg

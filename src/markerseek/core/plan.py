@@ -8,12 +8,15 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal, TypeAlias
 
 from markerseek.core.angle_prior import AnglePrior
-from markerseek.core.checks import Within, is_finite, is_whole, require_fields
+from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
 from markerseek.core.errors import ConfigError
 from markerseek.core.estimate import MarkerCurve
 from markerseek.core.interval import Interval
 from markerseek.core.options import arguments_of, option
 from markerseek.core.reading import MAX_ACQUISITIONS
+
+_FARTHEST_DEG = 360.0
+"""Largest angle of a range that is searched, as of a bank: in a far larger one, no grid of angles has an end."""
 
 MAX_DARK_FRAMES = 100
 """Most dark frames before a search."""
@@ -247,7 +250,7 @@ class RigFacts:
     Raises
     ------
     ConfigError
-        If an angle is not finite.
+        If an angle is not finite, or an end of the range is more than a turn away.
     """
 
     kind: RigKind
@@ -271,6 +274,8 @@ class RigFacts:
             angle_deg = getattr(self, name)
             if angle_deg is not None and not is_finite(angle_deg):
                 raise ConfigError(f"{name} is {angle_deg} deg, it must be a finite number")
+        for end_deg in (self.search.low_deg, self.search.high_deg):
+            require_range("search: an end", end_deg, low=-_FARTHEST_DEG, high=_FARTHEST_DEG, unit="deg")
 
     @property
     def rig_name(self) -> str:

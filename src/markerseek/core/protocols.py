@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Protocol, TypeAlias, runtime_checkable
 
-from markerseek.core.estimate import Estimate
+from markerseek.core.errors import SearchError
+from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Found, NotFound, Unsure
 from markerseek.core.events import Searched, Turning
 from markerseek.core.interval import Interval
 from markerseek.core.permit import Permit, SweepPermit
@@ -57,6 +58,18 @@ class SweepingPolicy(Protocol):
 
 AnyPolicy: TypeAlias = Policy | SweepingPolicy
 """What a run takes."""
+
+
+def estimate_of(policy: AnyPolicy) -> Estimate:
+    """Return the present answer of a policy; `SearchError` if it returns none, for example without ``return``."""
+    estimate: object = policy.estimate()
+    if isinstance(estimate, Found | NotFound | Ambiguous | AtBound | Unsure):
+        return estimate
+    kind = type(policy)
+    raise SearchError(
+        f"policy {kind.__module__}.{kind.__qualname__}: estimate() returned {estimate!r:.80}, it must return a Found, "
+        "NotFound, Ambiguous, AtBound or Unsure of markerseek.core, also before the first sample"
+    )
 
 
 @runtime_checkable
@@ -174,6 +187,9 @@ class SweepingLaser(Laser, Protocol):
     @property
     def stamp_delay_s(self) -> float:
         """Time from the stamp of a pulse to its light as far as it is known, the same for all, in seconds."""
+
+    def prepare_sweep(self) -> None:
+        """Get ready, as far as that takes time: the probe does not turn yet."""
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire the permitted pulses, one every ``permit.period_s``, and return at once."""

@@ -139,8 +139,9 @@ class Arrival:
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if value is not None and not is_finite(value):
-                raise ConfigError(f"arrival: {each.name} is {value}, it must be finite")
+            low, high = _POSSIBLE[each.name]
+            if value is not None and not (is_finite(value) and low <= value <= high):
+                raise ConfigError(f"arrival: {each.name} is {value}, it must lie between {low:g} and {high:g}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -328,7 +329,8 @@ class Reading:
     Raises
     ------
     ReadingError
-        If the intensity is not a finite number of at least 0, or another feature is neither None nor finite.
+        If the intensity is not a finite number of at least 0, or another feature is neither None nor a number that it
+        can be.
     """
 
     intensity: float
@@ -358,7 +360,25 @@ class Reading:
             value = getattr(self, name)
             if value is not None and not is_finite(value):
                 raise ReadingError(f"{name} is {value!r}, it must be a finite number, or None if not known")
+            # Wide: what lies outside was damaged, or is in another unit, and its square or exponential may overflow.
+            low, high = _POSSIBLE[name]
+            if value is not None and not low <= value <= high:
+                raise ReadingError(f"{name} is {value!r}, it must lie between {low:g} and {high:g}")
 
+
+_POSSIBLE: dict[str, tuple[float, float]] = {
+    "intensity": (0.0, MAX_INTENSITY),
+    "lateral_m": (-10.0, 10.0),
+    "depth_m": (-10.0, 10.0),
+    "arrival_s": (-1.0, 1.0),
+    "centroid_s": (-1.0, 1.0),
+    "spread_s": (0.0, 1.0),
+    "noise_sigma": (0.0, MAX_INTENSITY),
+    "cells": (0, 1e12),
+    # Shares, with room for rounding.
+    **dict.fromkeys(("coherence", "focused_coherence", "saturated_fraction"), (-1e-6, 1 + 1e-6)),
+}
+"""Limits of the features of a frame, and of its arrivals."""
 
 _OPTIONAL = tuple(
     name for name in Reading.__slots__ if name not in ("intensity", "spot", "dead_channels", "arrivals", "local_maxima")
@@ -388,10 +408,10 @@ class Sample:
     Raises
     ------
     ConfigError
-        If ``angle_sigma_deg`` is negative or no number.
+        If ``angle_deg`` or ``angle_sigma_deg`` is no number that it can be.
     """
 
-    angle_deg: float
+    angle_deg: Annotated[float, Within(-1e4, 1e4, "deg")]
     reading: Reading
     dark: bool = False
     angle_sigma_deg: Annotated[float, Within(0, 10, "deg")] = 0.0

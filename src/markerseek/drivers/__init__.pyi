@@ -29,6 +29,7 @@ from .standard_laser import LaserLogic, StandardLaser
 from .standard_receiver import Messages, StandardReceiver
 from .standard_stage import StandardStage
 from .stereo_images import open_stereo_images
+from .trace import trace_to, traced
 from .vantage import VantageReceiver, VantageSettings, await_sender
 from .video_images import VideoImages
 from .ximc import XimcSettings, XimcStage
@@ -92,4 +93,6 @@ __all__ = [
     "is_emulated",
     "metered",
     "open_stereo_images",
+    "trace_to",
+    "traced",
 ]

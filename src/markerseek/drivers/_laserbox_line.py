@@ -7,25 +7,29 @@ of question and answer, what it showed then; many of them bound it more closely 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TypeGuard, TypeVar
 
 from markerseek.core import Clock, DeviceTimeoutError, LaserError, NotConnectedError, Pulse
-from markerseek.drivers.serial_port import Unread
+from markerseek.drivers._even import Even
+from markerseek.drivers._exchanged import stage_at
+from markerseek.drivers.serial_port import ANOTHER_PROGRAM, Unread
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
 
-DRIFT = 100e-6
-"""Most by which the box's clock is fast or slow against the computer's: of two crystals, each 50 ppm off."""
+RATE_ERROR = 0.01
+"""Most by which the box's clock may be fast or slow against the computer's: a crystal is 1e-4 off, an RC oscillator as
+much as this."""
 
 STAMP_S = 1e-3
 """Most that the time of a pulse may be off, in seconds: 0.01 deg at the fastest speed of a sweep."""
 
+PATIENCE_S = 1.0
+"""Time within which the time of a pulse must be known that well: each question for the clock bounds it more closely."""
+
 _TURN_US = wire.MAX_COUNT + 1
 _ROUND_S = 1e-6
-_KEPT = 256
 
 
 class BoxClock:
@@ -33,37 +37,47 @@ class BoxClock:
 
     def __init__(self) -> None:
         self._first_us: int | None = None
-        self._trips: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
+        self._even = Even()
 
     def add(self, clock_us: int, *, asked_s: float, answered_s: float) -> None:
-        """Add a round trip; only the last of many are kept."""
+        """Add a round trip.
+
+        Raises `LaserError` if no rate of the clock explains it beside those before: the clock jumped.
+        """
         if self._first_us is None:
             self._first_us = clock_us
-        self._trips.append((self._since_first_s(clock_us), asked_s, answered_s))
+        clock_s = self._since_first_s(clock_us)
+        earliest_s = asked_s - _ROUND_S
+        latest_s = answered_s + _ROUND_S
+        jump_s = self._even.jump_s(clock_s, earliest_s=earliest_s, latest_s=latest_s)
+        if jump_s > 0:
+            raise LaserError(
+                f"laser box: its clock jumped by {1e3 * jump_s:.1f} ms or more in mid-sweep; look for a restart of the "
+                "box, or a loose cable"
+            )
+        self._even.add(clock_s, earliest_s=earliest_s, latest_s=latest_s)
 
-    def pulse(self, stamp_us: int) -> Pulse:
-        """The pulse of that stamp, at a time that every round trip allows.
+    def bounds_s(self, stamp_us: int) -> tuple[float, float]:
+        """Earliest and latest time at which it showed that stamp, by every round trip.
 
-        Raises `LaserError` if no time is allowed, because the clock jumped, or if they differ by too much.
+        Raises `LaserError` if its rate is too far off.
         """
-        at_s = self._since_first_s(stamp_us)
-        earliest_s, latest_s = -math.inf, math.inf
-        for clock_s, asked_s, answered_s in self._trips:
-            since_s, drift_s = at_s - clock_s, DRIFT * abs(at_s - clock_s) + _ROUND_S
-            earliest_s = max(earliest_s, asked_s + since_s - drift_s)
-            latest_s = min(latest_s, answered_s + since_s + drift_s)
-        width_s = latest_s - earliest_s
-        if width_s < 0:
-            raise LaserError(
-                f"laser box: its clock jumped by {-1e3 * width_s:.1f} ms or more in mid-sweep; look for a restart of "
-                "the box, or a loose cable"
-            )
-        if not width_s / 2 <= STAMP_S:
-            raise LaserError(
-                f"laser box: the time of a pulse is known to {1e3 * width_s / 2:.1f} ms only, the limit is "
-                f"{1e3 * STAMP_S:g} ms; close other programs, or give the box a port of its own"
-            )
-        return Pulse(at_s=(earliest_s + latest_s) / 2, sigma_s=width_s / math.sqrt(12))
+        self._require_rate()
+        slowest = max(self._even.slowest, 1 - RATE_ERROR)
+        fastest = min(self._even.fastest, 1 + RATE_ERROR)
+        return self._even.bounds_s(self._since_first_s(stamp_us), slowest=slowest, fastest=fastest)
+
+    def _require_rate(self) -> None:
+        """Refuse a clock that is too fast or too slow."""
+        slowest = self._even.slowest
+        fastest = self._even.fastest
+        if slowest <= 1 + RATE_ERROR and fastest >= 1 - RATE_ERROR:
+            return
+        error = 2 / (slowest + fastest) - 1
+        raise LaserError(
+            f"laser box: its clock is {abs(error):.1%} {'fast' if error > 0 else 'slow'} against this computer's, the "
+            f"limit is {RATE_ERROR:.0%}; give the box a crystal, or check the clock frequency in its firmware"
+        )
 
     def _since_first_s(self, clock_us: int) -> float:
         """Seconds from the first round trip to what the clock shows; that starts at 0 again every 36 minutes."""
@@ -90,6 +104,8 @@ class BoxSweep:
     """Pulses, in order."""
     returned: int = 0
     """Number of pulses that `new_pulses` has returned."""
+    unknown_s: float | None = None
+    """Time since which the next pulse waits for round trips that bound its time; None: none waits."""
     ending: bool = False
     """Whether the command to end the light was sent."""
     disarmed: bool = False
@@ -136,15 +152,34 @@ class BoxSweep:
             )
         return dark.sent
 
-    def new_pulses(self) -> list[Pulse]:
-        """Pulses since the last call, with their times on the rig's clock."""
-        new = [self._pulse(stamped) for stamped in self.stamped[self.returned :]]
-        self.returned = len(self.stamped)
+    def new_pulses(self, *, now_s: float) -> list[Pulse]:
+        """Pulses since the last call whose times on the rig's clock are known.
+
+        Raises `LaserError` if that of one is not known in time.
+        """
+        new: list[Pulse] = []
+        for stamped in self.stamped[self.returned :]:
+            earliest_s, latest_s = self.clock.bounds_s(stamped.stamp_us)
+            error_s = (latest_s - earliest_s) / 2
+            if not error_s <= STAMP_S:
+                self._require_patience(error_s, now_s=now_s)
+                break
+            energy = None if self.usual_light is None else stamped.light / self.usual_light
+            at_s = (earliest_s + latest_s) / 2
+            new.append(Pulse(at_s=at_s, sigma_s=error_s / math.sqrt(3), energy=energy))
+            self.unknown_s = None
+        self.returned += len(new)
         return new
 
-    def _pulse(self, stamped: wire.Stamped) -> Pulse:
-        energy = None if self.usual_light is None else stamped.light / self.usual_light
-        return replace(self.clock.pulse(stamped.stamp_us), energy=energy)
+    def _require_patience(self, error_s: float, *, now_s: float) -> None:
+        """Let a pulse wait for its time, but not for long."""
+        if self.unknown_s is None:
+            self.unknown_s = now_s
+        if not now_s - self.unknown_s <= PATIENCE_S:
+            raise LaserError(
+                f"laser box: the time of a pulse is known to {1e3 * error_s:.1f} ms only, the limit is "
+                f"{1e3 * STAMP_S:g} ms; close other programs, or give the box a port of its own"
+            )
 
 
 _BEAT_S = 0.02
@@ -162,8 +197,8 @@ _MAX_TOKENS = wire.MAX_COUNT - 1_000_000
 """Highest token that a box may have used before: enough are left for a session."""
 
 _CURES = {
-    "CRC": "a line was damaged on its way: check cable and earthing",
-    "FORM": "it does not know the command: check its firmware's version",
+    "CRC": f"a line was damaged on its way: {ANOTHER_PROGRAM}; else check cable and earthing",
+    "FORM": f"it does not know the command: check its firmware's version, or {ANOTHER_PROGRAM}",
     "TOKEN": "the permit is gone, by a lapsed lease or a restart of the box: arm and start again",
     "STEP": "a beat came twice: does another program use it?",
     "INTERLOCK": "the interlock is open: close it, then arm again",
@@ -231,6 +266,10 @@ class BoxLine:
             self._step = 0
         return answer
 
+    def stage_at(self) -> str:
+        """End of an error that names the stage that answers instead of a box; empty if none does."""
+        return stage_at(self._port, self._clock)
+
     def await_disarmed(self) -> None:
         """Wait for the answer to DISARM."""
         self._skip_to(_answers_disarm, after="DISARM", within_s=self._answer_s)
@@ -258,9 +297,11 @@ class BoxLine:
     def hear(self, sweep: BoxSweep, *, within_s: float) -> None:
         """Take all that the box says of a sweep until it pauses; the first of it may take that long."""
         # A single byte, because a port waits for as many as it is asked for.
-        first = self._port.read(1, timeout_s=within_s)
+        data = self._port.read(1, timeout_s=within_s)
+        data += self._port.read(4096, timeout_s=0.0)
+        # After both: what comes between them must not seem to be answered before it came.
         now_s = self._clock.now_s()
-        for line in self._lines.feed(first + self._port.read(4096, timeout_s=0.0)):
+        for line in self._lines.feed(data):
             sweep.hear(wire.decode_reply(line), now_s=now_s)
 
     def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str, within_s: float) -> _Kind:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
+import logging
 import threading
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from typing import TypeAlias
@@ -16,6 +19,8 @@ import numpy as np
 from markerseek._closing import Closing
 from markerseek.core import MAX_PAIRS, AcquisitionError, NotConnectedError, StereoPair, UInt8
 from markerseek.geometry import Camera
+
+_LOG = logging.getLogger(__name__)
 
 WAIT_S = 1.0
 """Time for which an image waits for that of the other camera, in seconds."""
@@ -119,15 +124,23 @@ SILENT_S = 2.0
 _FIRST_S = 10.0
 """Longest time until its first image, in seconds."""
 
-_ALONE_S, _ALONE_IMAGES = 5.0, 10
+ALONE_S, ALONE_IMAGES = 5.0, 10
 """Images without a partner, and seconds without a pair, from which it is said that nothing pairs."""
 
 _JOIN_S = 1.0
-"""Longest wait for a thread at the end, in seconds; one that a camera's driver holds up ends by itself later."""
+"""Longest wait for a thread at the end, in seconds; one that a file system holds up ends by itself later."""
+
+
+class ClosedError(Exception):
+    """The source is closed, and its thread ends."""
 
 
 class PairSource(Closing):
     """A `StereoImages` whose images come in threads of its own.
+
+    A thread works in a library such as OpenCV within `_in_library` only: Python ends a thread where it comes back from
+    a library, which C++ answers by aborting the whole program. `close` therefore waits until none is in one, and is
+    also called when Python ends.
 
     ``name``: of the source, for messages. ``sources``: names of both cameras' sources. ``cameras``: their calibrations.
     ``cure``: what to do where nothing pairs. ``silent_cure``: what to do if a camera sends nothing any more; None:
@@ -153,6 +166,7 @@ class PairSource(Closing):
         self._problem: Exception | None = None
         self._over = threading.Event()
         self._threads: list[threading.Thread] = []
+        self._libraries = threading.Lock(), threading.Lock()
         now_s = time.monotonic()
         self._last_s, self._patience_s = [now_s, now_s], [_FIRST_S, _FIRST_S]
         self._unpaired_from_s = now_s
@@ -179,6 +193,10 @@ class PairSource(Closing):
         self._over.set()
         for thread in self._threads:
             thread.join(_JOIN_S)
+        for library in self._libraries:
+            with library:
+                pass
+        atexit.unregister(self.close)
 
     def _require_well(self, now_s: float, dropped: tuple[int, ...]) -> None:
         """Raise what keeps pairs from coming."""
@@ -187,7 +205,7 @@ class PairSource(Closing):
         for source, last_s, patience_s in zip(self._sources, self._last_s, self._patience_s, strict=True):
             if self._silent_cure and now_s - last_s > patience_s:
                 raise NotConnectedError(f"{source}: no image for {now_s - last_s:.0f} s; {self._silent_cure}")
-        if now_s - self._unpaired_from_s > _ALONE_S and max(dropped) >= _ALONE_IMAGES:
+        if now_s - self._unpaired_from_s > ALONE_S and max(dropped) >= ALONE_IMAGES:
             left, right = dropped
             self._unpaired_from_s = now_s
             raise AcquisitionError(
@@ -197,6 +215,7 @@ class PairSource(Closing):
 
     def _start(self, *works: Callable[[], None]) -> None:
         """Begin threads, each with one function."""
+        atexit.register(self.close)
         for work in works:
             thread = threading.Thread(target=self._run, args=(work,), name=f"images: {self.name}", daemon=True)
             self._threads.append(thread)
@@ -205,8 +224,18 @@ class PairSource(Closing):
     def _run(self, work: Callable[[], None]) -> None:
         try:
             work()
+        except ClosedError:
+            pass
         except Exception as problem:  # noqa: BLE001  raised by `newest`, in the thread of the caller
             self._problem = problem
+
+    @contextmanager
+    def _in_library(self, side: int) -> Iterator[None]:
+        """Work in a library, for one camera or, as 0, for both; `ClosedError` once the source is closed."""
+        with self._libraries[side]:
+            if self._over.is_set():
+                raise ClosedError
+            yield
 
     def _take(
         self,
@@ -221,6 +250,7 @@ class PairSource(Closing):
         require_size(pixels, self._cameras[side], self._sources[side])
         with self._lock:
             now_s = time.monotonic()
+            _LOG.debug("%s < %s image %s, its time %.6f s", self.name, SIDES[side], key, time_s)
             self._last_s[side], self._patience_s[side] = now_s, SILENT_S
             self._pairing.add(side, CameraImage(pixels, time_s=time_s, at_s=at_s, since_s=now_s, key=key))
             self._ready.extend(self._pairing.pairs(now_s))

@@ -24,11 +24,33 @@ from markerseek.core import (
     Within,
     require_fields,
 )
+from markerseek.drivers._even import Even
+
+_SCALES = (
+    (1.0, ""),
+    (math.pi / 180, "one of read() and go() is in radians"),
+    (180 / math.pi, "go() is in radians"),
+    (1000 * math.pi / 180, "read() is in mrad"),
+    (1000.0, "one of read() and go() is in thousandths of a degree"),
+    (1e-3, "one of read() and go() is in thousands of degrees"),
+    (60.0, "read() is in arcminutes"),
+    (3600.0, "read() is in arcseconds"),
+    (1 / 360, "read() is in turns"),
+)
+"""Ratios of a reading to what was asked, and the unit that explains each."""
+
+_SAME_SCALE = 0.02
+"""Share by which a ratio may differ from that of a unit."""
+
+_OFF_SCALE = 5.0
+"""Ratio of a way to the longest possible one from which on its unit is doubted."""
 
 _RENEW_S = 0.1
 """How often a target is renewed, in seconds."""
 _POLL_S, _NEAR_POLL_S = 0.05, 0.02
 _STABLE_READS = 3
+_SETTLES_S = 0.5
+"""Time in which a servo settles at the end of a move, in seconds."""
 _TICK_S = 1e-6
 _MAX_TIMES = 5
 """Multiple of its usual longest time that a move may take on a computer that is held up."""
@@ -92,6 +114,8 @@ class StageRules:
     """Largest distance from where it should be on its way, and at rest."""
     unsteady_deg: float = 0.0105
     """How far a servo may be ahead of its set point, at any speed."""
+    settle_deg: float = 0.0
+    """How far a servo may be off the angle at which it comes to rest, until it has settled."""
     begin_s: Annotated[float, Within(0, 60, "s", open_low=True)] = 0.5
     """Time without motion after which it counts as stuck, in seconds."""
     brake_s: float = 0.0
@@ -126,6 +150,18 @@ class StageRules:
         return _TOO_FAST * (ramp_deg + self.speed_deg_s * (duration_s - ramp_s))
 
 
+def unit_doubt(asked_deg: float, reading_deg: float) -> str:
+    """End of an error of a stage that reads this where it was asked to be there: the unit or sign that explains it."""
+    ratio = reading_deg / asked_deg if asked_deg else 0.0
+    for scale, unit in _SCALES:
+        if ratio and abs(abs(ratio) / scale - 1) <= _SAME_SCALE and not (ratio > 0 and scale == 1):
+            times = f"{scale:.4g}" if scale >= 1 else f"1/{1 / scale:.4g}"
+            whys = [unit, "the signs of read() and go() differ" if ratio < 0 else ""]
+            why = " and ".join(filter(None, whys))
+            return f"; the reading is {'-' if ratio < 0 else ''}{times} x what was asked: {why}"
+    return ""
+
+
 class Course:
     """The readings of one move from rest, in one direction.
 
@@ -135,15 +171,33 @@ class Course:
 
     ``start_deg``: where it stands. ``heading``: 1 for upwards, -1 for downwards. ``acceleration_deg_s2``: largest
     acceleration, with what a motor may exceed its setting by. ``unsteady_deg``: how far a servo may be off the way that
-    it was set: noise of the encoder, and settling at the end.
+    it was set: noise of the encoder. ``settle_deg``: the same where it comes to rest: it swings there until it settles.
+
+    ``speed_deg_s``: speed at which it turns evenly between its ramps; None: it is given one target after the other.
+    ``brakes``: whether it comes to rest anywhere from now on.
     """
 
     def __init__(
-        self, *, start_deg: float, heading: int, now_s: float, acceleration_deg_s2: float, unsteady_deg: float
+        self,
+        *,
+        start_deg: float,
+        target_deg: float,
+        now_s: float,
+        acceleration_deg_s2: float,
+        unsteady_deg: float,
+        settle_deg: float,
+        speed_deg_s: float | None = None,
     ) -> None:
-        self._heading = heading
+        self._heading = 1 if target_deg > start_deg else -1
+        # Ends of the way, and targets at which it may stand in between, if the next one is late.
+        self._ends_deg = (start_deg, target_deg)
+        self._aims_deg: deque[float] = deque(maxlen=_KEPT)
         self._acceleration = acceleration_deg_s2
-        self._unsteady_deg = unsteady_deg
+        self._least_unsteady_deg = unsteady_deg
+        self._settle_deg = settle_deg
+        self.brakes = False
+        self._speed_deg_s = speed_deg_s
+        self._even = Even() if speed_deg_s is None else Even(slowest=1 / (_TOO_FAST * speed_deg_s))
         self._farthest_deg = start_deg
         first = StageReading(angle_deg=start_deg, asked_s=now_s, answered_s=now_s)
         self._last: deque[StageReading] = deque([first], maxlen=_KEPT)
@@ -151,8 +205,9 @@ class Course:
     def objection(self, reading: StageReading) -> str:
         """Why a stage on this course cannot be there; empty if it can."""
         back_deg = self._heading * (self._farthest_deg - reading.angle_deg)
+        unsteady_deg = self._unsteady_deg(reading.angle_deg)
         cure = "switch it off and on, home it with the probe outside the patient"
-        if back_deg > self._unsteady_deg:
+        if back_deg > unsteady_deg:
             return (
                 f"the stage fell back by {back_deg:.3f} deg on its way, to {reading.angle_deg:.3f} deg; its encoder or "
                 f"its coupling slips: {cure}"
@@ -160,29 +215,75 @@ class Course:
         if len(self._last) < 2:
             return ""
         *earlier, last = self._last
-        bounds = [self._advances(first, last, reading) for first in earlier]
+        bounds = [self._advances(first, last, reading, unsteady_deg=unsteady_deg) for first in earlier]
         low_deg, high_deg = max(low for low, _ in bounds), min(high for _, high in bounds)
         advance_deg = self._heading * (reading.angle_deg - last.angle_deg)
         if low_deg <= advance_deg <= high_deg:
-            return ""
+            return self._uneven(reading, cure)
         return (
             f"the stage advanced by {advance_deg:.3f} deg where its acceleration allows {low_deg:.3f} to "
             f"{high_deg:.3f} deg; its encoder jumped, or its motor slips: {cure}"
         )
 
-    def _advances(self, first: StageReading, second: StageReading, third: StageReading) -> tuple[float, float]:
+    def _uneven(self, reading: StageReading, cure: str) -> str:
+        """Why a stage that turned evenly so far cannot be there; empty if it can."""
+        moments_s = self._even_moments_s(reading)
+        if moments_s is None or self._speed_deg_s is None:
+            return ""
+        earliest_s, latest_s = moments_s
+        jump_s = self._even.jump_s(self._heading * reading.angle_deg, earliest_s=earliest_s, latest_s=latest_s)
+        if not jump_s > 0:
+            return ""
+        return (
+            f"the stage turned evenly, and is {jump_s * self._speed_deg_s:.3f} deg or more off its way at "
+            f"{reading.angle_deg:.3f} deg; its encoder jumped, or its coupling slips: {cure}"
+        )
+
+    def _even_moments_s(self, reading: StageReading) -> tuple[float, float] | None:
+        """Earliest and latest moment of a reading between the ramps; None of another one."""
+        if self._speed_deg_s is None or self.brakes:
+            return None
+        ramp_deg = _TOO_FAST**2 * self._speed_deg_s**2 / (2 * self._acceleration) + self._settle_deg
+        if min(abs(reading.angle_deg - end_deg) for end_deg in self._ends_deg) < ramp_deg:
+            return None
+        spare_s = self._least_unsteady_deg / self._speed_deg_s
+        return reading.asked_s - spare_s, reading.answered_s + spare_s
+
+    def swing_deg(self, *angles_deg: float) -> float:
+        """How far apart two readings of a servo that settles may be, if it settles at these angles; 0 if not."""
+        # It swings to both sides of its rest.
+        rests_deg = (*self._ends_deg, *self._aims_deg)
+        rests = self.brakes or any(
+            max(abs(angle_deg - rest_deg) for angle_deg in angles_deg) <= self._settle_deg for rest_deg in rests_deg
+        )
+        return 2 * self._settle_deg if rests else 0.0
+
+    def _unsteady_deg(self, angle_deg: float) -> float:
+        """How far a servo may be off its way at an angle."""
+        return max(self._least_unsteady_deg, self.swing_deg(angle_deg))
+
+    def _advances(
+        self, first: StageReading, second: StageReading, third: StageReading, *, unsteady_deg: float
+    ) -> tuple[float, float]:
         """Least and largest advance from the second reading to the third, by the speed between the first two."""
-        advance_deg, unsteady_deg = self._heading * (second.angle_deg - first.angle_deg), self._unsteady_deg
+        advance_deg = self._heading * (second.angle_deg - first.angle_deg)
         change = self._acceleration * (third.answered_s - first.asked_s)
         slowest = (advance_deg - unsteady_deg) / (second.answered_s - first.asked_s) - change
         fastest = (advance_deg + unsteady_deg) / max(second.asked_s - first.answered_s, 1e-3) + change
         low_deg = max(slowest, 0.0) * max(third.asked_s - second.answered_s, 0.0) - unsteady_deg
         return low_deg, max(fastest, 0.0) * (third.answered_s - second.asked_s) + unsteady_deg
 
+    def aim(self, angle_deg: float) -> None:
+        """Note a target at which it may come to rest."""
+        self._aims_deg.append(angle_deg)
+
     def add(self, reading: StageReading) -> None:
         """Add a reading that has passed all checks."""
         if self._heading * (reading.angle_deg - self._farthest_deg) > 0:
             self._farthest_deg = reading.angle_deg
+        if (moments_s := self._even_moments_s(reading)) is not None:
+            earliest_s, latest_s = moments_s
+            self._even.add(self._heading * reading.angle_deg, earliest_s=earliest_s, latest_s=latest_s)
         if reading.asked_s - self._last[-1].answered_s >= _APART_S:
             self._last.append(reading)
 
@@ -204,6 +305,7 @@ class Move:
         self._course: Course | None = None
         self._from_deg: float | None = None
         self._begun_s: float | None = None
+        self._aim_deg: float | None = None
 
     def look(self) -> StageStatus:
         """Status that is what it can be; a suspicious one is asked for again, since a garbled one does not come twice.
@@ -260,8 +362,10 @@ class Move:
             if sent_s is not None and reading.asked_s >= sent_s:
                 # Only now has it surely received its target: both may have waited in one place on their way.
                 sent_s, advanced_s = None, reading.answered_s
-            if sent_s is None and not settled and not reading.asked_s - advanced_s < rules.begin_s:
-                raise self._stuck(status, target_deg, began=farthest_deg != start_deg)
+            near = abs(target_deg - status.angle_deg) <= rules.settle_deg
+            patience_s = rules.begin_s + (_SETTLES_S if near else 0.0)
+            if sent_s is None and not settled and not reading.asked_s - advanced_s < patience_s:
+                raise self._stuck(status, target_deg, began=farthest_deg != start_deg, aim_deg=aim_deg)
             if not now_s < ends_s:
                 raise MoveError(f"the stage has not arrived in {now_s - began_s:.1f} s; it is too slow")
             if now_s - aimed_s >= _RENEW_S - _TICK_S or aim_deg is None:
@@ -277,19 +381,29 @@ class Move:
             pause_s = self._pause_s(abs(target_deg - status.angle_deg))
             self._clock.wait(pause_s)
 
-    def begin(self, target_deg: float, start_deg: float) -> None:
-        """Take every reading from now on as one on the way from one angle to another; nothing moves yet."""
+    def begin(self, target_deg: float, start_deg: float, *, evenly: bool = False) -> None:
+        """Take every reading from now on as one on the way from one angle to another; nothing moves yet.
+
+        ``evenly``: whether it will get this one target only, and so turns evenly between its ramps.
+        """
         self._corridor = (min(start_deg, target_deg), max(start_deg, target_deg))
         self._asked_s, self.seen_deg = self._clock.now_s(), start_deg
         self._from_deg, self._begun_s = start_deg, None
         if self._rules.acceleration_deg_s2 is not None:
             self._course = Course(
                 start_deg=start_deg,
-                heading=1 if target_deg > start_deg else -1,
+                target_deg=target_deg,
                 now_s=self._clock.now_s(),
                 acceleration_deg_s2=_TOO_FAST * self._rules.acceleration_deg_s2,
                 unsteady_deg=self._rules.unsteady_deg,
+                settle_deg=self._rules.settle_deg,
+                speed_deg_s=self._rules.speed_deg_s if evenly else None,
             )
+
+    def brake(self) -> None:
+        """Take every reading from now on as one of a stage that may come to rest."""
+        if self._course is not None:
+            self._course.brakes = True
 
     def ahead_deg(self, target_deg: float, here_deg: float, heading: int) -> float:
         """The target, or the angle as far ahead as allowed."""
@@ -300,6 +414,9 @@ class Move:
     def aim(self, angle_deg: float) -> None:
         """Give a target."""
         asked_s = self._clock.now_s()
+        self._aim_deg = angle_deg
+        if self._course is not None:
+            self._course.aim(angle_deg)
         sent_at_s = self._logic.go(angle_deg)
         if self._begun_s is None:
             self._begun_s = asked_s if sent_at_s is None else sent_at_s
@@ -323,12 +440,13 @@ class Move:
         if not self._travel.low_deg - spare_deg <= angle_deg <= self._travel.high_deg + spare_deg:
             return LimitError(
                 f"the stage has left its travel range {self._travel}, by its reading of {angle_deg:.3f} deg"
+                f"{self._doubt(angle_deg)}"
             )
         low_deg, high_deg = self._corridor
         if not low_deg - spare_deg <= angle_deg <= high_deg + spare_deg:
             return MoveError(
                 f"the stage is at {angle_deg:.3f} deg, which is not on its way from {low_deg:.3f} to {high_deg:.3f} "
-                "deg; did somebody turn its wheel, or does another program use it?"
+                f"deg; did somebody turn its wheel, or does another program use it?{self._doubt(angle_deg)}"
             )
         said = self._too_fast(angle_deg) or ("" if self._course is None else self._course.objection(reading))
         return MoveError(said) if said else None
@@ -343,7 +461,8 @@ class Move:
         ways: list[tuple[float, float, float]] = []
         if self.seen_deg is not None:
             turned_s = now_s - self._asked_s
-            ways.append((self.seen_deg, turned_s, _TOO_FAST * rules.speed_deg_s * turned_s))
+            swing_deg = 0.0 if self._course is None else self._course.swing_deg(self.seen_deg, angle_deg)
+            ways.append((self.seen_deg, turned_s, max(_TOO_FAST * rules.speed_deg_s * turned_s, swing_deg)))
         if self._from_deg is not None:
             turned_s = 0.0 if self._begun_s is None else now_s - self._begun_s
             ways.append((self._from_deg, turned_s, rules.reach_deg(turned_s)))
@@ -352,13 +471,34 @@ class Move:
                 return (
                     f"the stage went from {start_deg:.3f} to {angle_deg:.3f} deg in {turned_s:.3f} s, faster than it "
                     "was set to; switch it off and on, home it with the probe outside the patient"
+                    f"{self._doubt(angle_deg)}"
                 )
         return ""
 
+    def _doubt(self, angle_deg: float) -> str:
+        """End of an error of a stage that is where it cannot be: its unit or sign, where one explains that."""
+        if self._from_deg is None or self._aim_deg is None:
+            return ""
+        doubt = unit_doubt(self._aim_deg, angle_deg)
+        if doubt:
+            return doubt
+        turned_deg = angle_deg - self._from_deg
+        asked_deg = self._aim_deg - self._from_deg
+        if turned_deg * asked_deg < 0:
+            return "; it turned the other way: if it does so again, the signs of read() and go() differ (-1 x)"
+        turned_s = self._clock.now_s() - (self._clock.now_s() if self._begun_s is None else self._begun_s)
+        times = abs(turned_deg) / max(min(abs(asked_deg), self._rules.reach_deg(turned_s)), self._rules.same_deg)
+        if times < _OFF_SCALE:
+            return ""
+        return f"; the reading grows {times:.0f} x or more as fast as was asked: are read() and go() in degrees?"
+
     @staticmethod
-    def _stuck(status: StageStatus, target_deg: float, *, began: bool) -> MoveError:
+    def _stuck(status: StageStatus, target_deg: float, *, began: bool, aim_deg: float | None) -> MoveError:
         what = "came to rest" if began else "did not begin to move"
+        doubt = unit_doubt(aim_deg or 0.0, status.angle_deg)
+        if began and aim_deg and not doubt and not 0.9 < status.angle_deg / aim_deg < 1.1:
+            doubt = f", or for another unit: the reading is {status.angle_deg / aim_deg:.3g} x what was asked"
         return MoveError(
             f"the stage {what} at {status.angle_deg:.3f} deg, {abs(target_deg - status.angle_deg):.3f} deg from its "
-            f"target; {status.cure}"
+            f"target; {status.cure}{doubt}"
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from collections import deque
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -12,8 +13,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from markerseek.core import MAX_PAIRS, AcquisitionError, ConfigError, NotConnectedError, RecordError, UInt8
-from markerseek.drivers._pair_source import Key, Pairing, PairSource
-from markerseek.files import MIB, os_reason, read_input
+from markerseek.drivers._pair_source import ALONE_IMAGES, ALONE_S, Key, Pairing, PairSource
+from markerseek.files import MIB, endings, os_reason, read_input
 from markerseek.geometry import Camera
 from markerseek.vision import SUFFIXES, decoded_image, says_its_end
 
@@ -26,6 +27,21 @@ INCOMPLETE_S = 2.0
 _EVERY_S, _SHARE = 0.04, 0.2
 """Time between two looks into the folders, and the largest share of a processor that looking may take: 1,000 files take
 5 ms."""
+
+_TURN_S = 0.25
+"""Time after which the folders are looked into again though not all new images are read, in seconds."""
+
+BEHIND_S = 1.0
+"""Time after which an image that could not be read yet is left out, in seconds: so that the newest pairs are read, and
+whole pairs are left out."""
+
+_RATE_S = 5.0
+"""Time over which images that are read, and that are left out, are counted, in seconds."""
+
+_INCOMPLETE = "is not complete, or no image,"
+
+_MOST_COUNTED = 10_000
+"""Most images that are counted."""
 
 _MOST_BYTES = 64 * MIB
 """Largest image file: 16 megapixels of 4 bytes."""
@@ -64,7 +80,7 @@ class FolderImages(PairSource):
         if folders[0].samefile(folders[1]):
             raise ConfigError(f"{folders[0]}: it is given for both cameras; give each camera a folder of its own")
         super().__init__(
-            f"folders {folders[0]} and {folders[1]}",
+            f"folders {folders[0]} (left) and {folders[1]} (right)",
             (str(folders[0]), str(folders[1])),
             cameras,
             pairing=Pairing(near_s=NEAR_S, named_s=NAMED_S),
@@ -74,30 +90,81 @@ class FolderImages(PairSource):
             ),
         )
         self._watched = tuple(_Folder(folder) for folder in folders)
+        self._read_at_s: deque[float] = deque(maxlen=_MOST_COUNTED)
+        self._left_out_at_s: deque[float] = deque(maxlen=_MOST_COUNTED)
+        self._first_at_s: float | None = None
+        self._is_slow = False
         self._start(self._watch)
 
     def _watch(self) -> None:
         pause_s = 0.0
         while not self._over.wait(pause_s):
-            spent_s = 0.0
-            for side, folder in enumerate(self._watched):
-                began_s = time.thread_time()
-                came = folder.look()
-                spent_s += time.thread_time() - began_s
-                for file in came:
-                    self._read(side, folder, file)
+            began_s = time.thread_time()
+            came = [(file, side) for side, folder in enumerate(self._watched) for file in folder.look()]
+            spent_s = time.thread_time() - began_s
+            if came and self._first_at_s is None:
+                self._first_at_s = time.monotonic()
+            self._read_for_a_turn(sorted(came, key=lambda each: each[0].time_s))
+            for folder in self._watched:
+                self._left_out_at_s.extend([time.monotonic()] * folder.left_out())
                 for sentence in folder.unfinished():
                     self._say(sentence)
+            self._say_if_slow()
             pause_s = max(_EVERY_S, spent_s / _SHARE)
 
-    def _read(self, side: int, folder: _Folder, file: _File) -> None:
-        pixels = folder.read(file)
-        if pixels is not None:
-            self._take(side, pixels, time_s=file.time_s, at_s=folder.monotonic_s(file), key=folder.key(file))
+    def _read_for_a_turn(self, came: list[tuple[_File, int]]) -> None:
+        """Read images of both cameras in the order of their times: all, or until the turn is over."""
+        ends_s = time.monotonic() + _TURN_S
+        sides = {side for _, side in came}
+        for file, side in came:
+            # Of each camera at least one, however long it takes: the other would wait for its partner in vain.
+            if not sides and time.monotonic() > ends_s:
+                break
+            if self._read(side, self._watched[side], file):
+                sides.discard(side)
+                self._read_at_s.append(time.monotonic())
+
+    def _read(self, side: int, folder: _Folder, file: _File) -> bool:
+        """Read an image; returns whether it was complete."""
+        data = folder.read(file)
+        if data is None:
+            return False
+        with self._in_library(0):
+            pixels = folder.decode(file, data)
+        if pixels is None:
+            return False
+        self._take(side, pixels, time_s=file.time_s, at_s=folder.monotonic_s(file), key=folder.key(file))
+        return True
+
+    def _slow(self) -> str | None:
+        """Say that images are read more slowly than they come; None if hardly one was left out lately."""
+        since_s = time.monotonic() - _RATE_S
+        if self._first_at_s is None or self._first_at_s > since_s:
+            return None
+        read, left_out = (
+            sum(at_s >= since_s for at_s in tuple(each)) for each in (self._read_at_s, self._left_out_at_s)
+        )
+        if left_out < ALONE_IMAGES:
+            return None
+        return (
+            f"{self.name}: images are read more slowly than they come ({read / _RATE_S:.1f} of "
+            f"{(read + left_out) / _RATE_S:.1f} a second); save BMP or JPEG, which are read faster than PNG, smaller "
+            "images or fewer, or end other programs on this computer"
+        )
+
+    def _say_if_slow(self) -> None:
+        """Have it said once."""
+        if not self._is_slow and (slow := self._slow()) is not None:
+            self._is_slow = True
+            self._say(slow)
 
     def _require_well(self, now_s: float, dropped: tuple[int, ...]) -> None:
         for folder in self._watched:
             folder.require_readable(now_s)
+            folder.require_images(now_s)
+        if now_s - self._unpaired_from_s > ALONE_S and (slow := self._slow()) is not None:
+            self._unpaired_from_s = now_s
+            raise AcquisitionError(slow)
         super()._require_well(now_s, dropped)
 
 
@@ -111,12 +178,20 @@ class _Folder:
         self._done: set[_Id] = set()
         # Since when it is as it is, in monotonic seconds, its name, and why it could not be read.
         self._waiting: dict[_Id, tuple[float, str, str]] = {}
+        # Since when it is there and not read.
+        self._first_s: dict[_Id, float] = {}
+        self._left_out = 0
         self._unreadable: tuple[float, str] | None = None
         self._last_key: Key | None = None
+        # Names of files that are no images by their endings, and since when such files come instead of images.
+        self._others: set[str] = set()
+        self._no_images: tuple[float, str] | None = None
         self._done.update(file.id for file in self._files())
+        self._others_before = self._others
+        self._has_images = False
 
     def look(self) -> list[_File]:
-        """Files that are new or not read yet, the oldest first; of many the newest."""
+        """Files that are new or not read yet, the oldest first; those that could not be read in time are left out."""
         now_s = time.monotonic()
         try:
             files = self._files()
@@ -129,39 +204,86 @@ class _Folder:
         self._done &= ids
         self._waiting = {id_: why for id_, why in self._waiting.items() if id_ in ids}
         came = sorted((file for file in files if file.id not in self._done), key=lambda file: (file.time_s, file.name))
-        self._done.update(file.id for file in came[:-MAX_PAIRS])
-        return came[-MAX_PAIRS:]
+        self._first_s = {file.id: self._first_s.get(file.id, now_s) for file in came}
+        self._note_others(now_s, images=bool(came))
+        late = [file.id for number, file in enumerate(came, start=1) if self._is_late(file, now_s, len(came) - number)]
+        self._done.update(late)
+        self._left_out += len(late)
+        return [file for file in came if file.id not in self._done]
+
+    def _is_late(self, file: _File, now_s: float, newer: int) -> bool:
+        """Whether an image has waited too long to be read; one that is not complete is awaited."""
+        waited_s = now_s - self._first_s[file.id]
+        return file.id not in self._waiting and (waited_s > BEHIND_S or newer >= MAX_PAIRS)
+
+    def left_out(self) -> int:
+        """Return how many images were left out since the last call."""
+        number, self._left_out = self._left_out, 0
+        return number
+
+    def _note_others(self, now_s: float, *, images: bool) -> None:
+        """Note whether files with other endings come, and no images."""
+        self._has_images |= images
+        others = self._others - self._others_before
+        if self._has_images or not others:
+            self._no_images = None
+        else:
+            since_s = now_s if self._no_images is None else self._no_images[0]
+            self._no_images = since_s, endings(map(Path, others))
+
+    def require_images(self, now_s: float) -> None:
+        """Raise `AcquisitionError` if files come, for longer than `INCOMPLETE_S`, and none of them is an image."""
+        if self._no_images is not None and now_s - self._no_images[0] > INCOMPLETE_S:
+            raise AcquisitionError(
+                f"{self._path}: no images come, but files that end with {self._no_images[1]}; "
+                f"{', '.join(SUFFIXES)} are read: have the program save one of these"
+            )
 
     def _files(self) -> list[_File]:
         """All image files."""
         files: list[_File] = []
+        others: set[str] = set()
         with os.scandir(self._path) as entries:
             for entry in entries:
                 name = entry.name
                 # One that was renamed or deleted since it was listed, or cannot be looked at now, comes later.
                 with suppress(OSError):
-                    if not name.startswith(".") and name.lower().endswith(SUFFIXES) and entry.is_file():
+                    if name.startswith(".") or not entry.is_file():
+                        continue
+                    if name.lower().endswith(SUFFIXES):
                         files.append(_File(id=_id(entry.stat()), name=name, since_s=self._looked_s))
+                    else:
+                        others.add(name)
+        self._others = others
         return files
 
-    def read(self, file: _File) -> UInt8[np.ndarray, "rows columns"] | None:
-        """Pixels of a file; None if it is not complete or cannot be opened yet, or has been deleted."""
+    def read(self, file: _File) -> bytes | None:
+        """Bytes of a file; None if it is being written or cannot be opened yet, or has been deleted."""
         path = self._path / file.name
         try:
             data = read_input(path, most_bytes=_MOST_BYTES)
             unchanged = file.id == _id(path.stat())
-            # A file whose format has no end mark must not have changed since the last look.
-            settled = says_its_end(data) or file.id in self._waiting
-            pixels = decoded_image(data) if unchanged and settled else None
         except FileNotFoundError:
             return None
         except OSError as problem:
             self._wait(file, f"cannot be opened ({os_reason(problem)})")
             return None
-        except (ConfigError, RecordError) as problem:
+        except RecordError as problem:
             raise AcquisitionError(f"{path}: {problem}") from problem
+        # A file whose format has no end mark must not have changed since the last look.
+        if unchanged and (says_its_end(data) or file.id in self._waiting):
+            return data
+        self._wait(file, _INCOMPLETE)
+        return None
+
+    def decode(self, file: _File, data: bytes) -> UInt8[np.ndarray, "rows columns"] | None:
+        """Pixels of a file; None if it is not complete."""
+        try:
+            pixels = decoded_image(data)
+        except ConfigError as problem:
+            raise AcquisitionError(f"{self._path / file.name}: {problem}") from problem
         if pixels is None:
-            self._wait(file, "is not complete, or no image,")
+            self._wait(file, _INCOMPLETE)
             return None
         self._waiting.pop(file.id, None)
         self._done.add(file.id)

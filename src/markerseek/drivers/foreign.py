@@ -16,7 +16,9 @@ import sys
 import typing
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from functools import cache
+from numbers import Integral
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -354,7 +356,7 @@ class OwnDevice:
             value = getattr(self.device, name, default)
         if value is not default and not (is_finite(value) and value > 0):
             raise NotConnectedError(f"{self.driver}: {name} is {value!r}, it must be a number above 0; correct it")
-        return value
+        return None if value is None else float(value)
 
     @property
     def emulated(self) -> bool:
@@ -385,7 +387,17 @@ class OwnStage(OwnDevice):
             raise MoveError(
                 f"{self.driver}: read() says {status.angle_deg!r} deg, which is no angle; correct that driver"
             )
-        return status
+        if not (status.since_s is None or is_finite(status.since_s)):
+            raise MoveError(
+                f"{self.driver}: read() says since_s {status.since_s!r}, which is no time; correct that driver"
+            )
+        # Numbers of Python: those of NumPy, which drivers return too, have no place in a journal.
+        return replace(
+            status,
+            angle_deg=float(status.angle_deg),
+            moving=bool(status.moving),
+            since_s=None if status.since_s is None else float(status.since_s),
+        )
 
     def go(self, angle_deg: float) -> None:
         """As of the class."""
@@ -432,8 +444,10 @@ class OwnLaser(OwnDevice):
     def fired(self) -> int | None:
         """As of the class."""
         fired = self.call("fired")
-        self.require(fired, int, type(None), verb="fired", wanted="the number of pulses, or None while they go on")
-        return None if fired is None else int(fired)
+        if fired is None:
+            return None
+        self.require(fired, Integral, verb="fired", wanted="the number of pulses, or None while they go on")
+        return int(fired)
 
     def off(self) -> None:
         """As of the class."""

@@ -34,7 +34,7 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.drivers.entry import Entry, Opening, StageSettings
-from markerseek.drivers.plus import VERSION_CURE, IgtlMessages, connect_plus
+from markerseek.drivers.plus import VERSION_CURE, IgtlMessages, connect_plus, require_device
 from markerseek.drivers.standard_stage import require_inside
 from markerseek.guard import Limits
 from markerseek.ros import RosNode, joint_angle_deg, messages, reach, topics
@@ -73,9 +73,12 @@ class GuidedStageSettings(StageSettings, frozen=True, kw_only=True, tag="guided"
     port: Annotated[int, Within(1, 65535)] = 18944
     """``device``, ``host`` and ``port``: name of the TRANSFORM, and where its server is."""
     require_status: bool = True
-    """Whether a TRANSFORM must state by ``TransformStatus`` in its metadata that it is valid, as those of PLUS do;
-    False for a server that never does, where a tracker that sees nothing looks like a probe at rest."""
+    """Whether a TRANSFORM must state by ``TransformStatus`` in its metadata, or by ``TransformValid`` of older servers,
+    that it is valid, as those of PLUS do; False for a server that never does, where a tracker that sees nothing looks
+    like a probe at rest. What a transform does state counts always."""
     topic: str = topics.MEASURED_JS
+    joint: str = messages.JOINT
+    """Name of the joint in a ``joint_state``; other joints of the same message are not read."""
     message: Literal["joint_state", "transform"] = "joint_state"
     """``topic`` and ``message``: where the angle is published in ROS 2, and whether as sensor_msgs/JointState, in
     radians, or as geometry_msgs/TransformStamped."""
@@ -108,8 +111,7 @@ class GuidedStageSettings(StageSettings, frozen=True, kw_only=True, tag="guided"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.device.isascii() and 0 < len(self.device) <= 20):
-            raise ConfigError(f"stage: device is {self.device!r}, it must have 1 to 20 characters of ASCII")
+        require_device(self.device, part="stage")
         if self.steady_deg >= self.by_hand.reach_deg:
             raise ConfigError(
                 f"stage: steady_deg is {self.steady_deg} deg and reach_deg {self.reach_deg} deg; what is at rest must "
@@ -234,7 +236,7 @@ class IgtlEncoder(IgtlMessages):
     @property
     def unused(self) -> str:
         """Why the last message was not used; empty if it was."""
-        return self._said or self._stamps.unused
+        return self._said or self._stamps.unused or self.other_devices.removeprefix("; ")
 
     def read(self) -> float | None:
         """Newest angle since the last call, in degrees; None if there is none.
@@ -255,14 +257,16 @@ class IgtlEncoder(IgtlMessages):
 
     def _objection(self, transform: igtl.Message) -> str:
         """Why a transform is rejected; empty if it is not. A server may repeat its last matrix as INVALID."""
-        status = transform.metadata.get("TransformStatus")
-        if status is None and self._states:
+        status, valid = (transform.metadata.get(f"Transform{name}") for name in ("Status", "Valid"))
+        if status is None and valid is None and self._states:
             said = "its transform does not state by TransformStatus in its metadata that it is valid"
             if transform.version == 1:
-                return f"{said}: it came in header version 1; {VERSION_CURE}, or set stage.require_status = false"
-            return f"{said}; let the server send it, or set stage.require_status = false if it never can"
+                return f"{said}: it came in header version 1; {VERSION_CURE}"
+            return f"{said}; let the server send it, as PLUS does"
         if status not in (None, "OK"):
             return f"it says that its transform is {status[:20]!r}"
+        if valid is not None and valid.strip().lower() not in ("1", "true"):
+            return f"it says that its transform is not valid: TransformValid is {valid[:20]!r}"
         known = isinstance(transform.content, igtl.Transform) and transform.content.matrix is not None
         return "" if known else "its transform is NaN"
 
@@ -272,6 +276,7 @@ class Ros2Encoder:
 
     def __init__(self, *, node: RosNode, settings: GuidedStageSettings) -> None:
         self._node, self._topic = node, settings.topic
+        self._joint, self._joints = settings.joint, ""
         self._transforms = _Transforms(settings.axis) if settings.message == "transform" else None
         self._stamps = _Stamps(settings.age_s)
         self._newest: Any = None
@@ -292,7 +297,7 @@ class Ros2Encoder:
     def unused(self) -> str:
         """Why the last message was not used; empty if it was."""
         if self._node.publishes(self._topic):
-            return self._stamps.unused
+            return self._stamps.unused or self._joints
         return f"nobody publishes {self._topic}; its node is looked for in {reach()}"
 
     def read(self) -> float | None:
@@ -302,8 +307,11 @@ class Ros2Encoder:
         if message is None or not self._stamps.is_used(messages.stamp_ns(message) * 1e-9, self._node.now_s()):
             return None
         if self._transforms is None:
-            angle_deg = joint_angle_deg(message)
-            return math.nan if angle_deg is None else angle_deg
+            angle_deg = joint_angle_deg(message, joint=self._joint)
+            if angle_deg is not None:
+                return angle_deg
+            self._joints = f"its message has the joints {', '.join(message.name)}, and no number of {self._joint!r}"
+            return math.nan
         return self._transforms.angle_deg(_matrix(message.transform))
 
 
@@ -460,7 +468,9 @@ class GuidedStage(TurnedByHand):
         if read_deg is None:
             return False
         if not is_finite(read_deg):
-            raise MoveError(f"stage: its encoder reports {read_deg} deg, which is no angle; look at the encoder")
+            raise MoveError(
+                f"stage: its encoder reports {read_deg} deg, which is no angle{self._why}; look at the encoder"
+            )
         settings = self._settings
         sign = 1.0 if settings.direction == "forward" else -1.0
         # The encoder's zero may be anywhere on the circle.

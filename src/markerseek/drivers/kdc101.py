@@ -19,6 +19,7 @@ from markerseek.core import (
     NotConnectedError,
     Within,
 )
+from markerseek.drivers._exchanged import box_at
 from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, MotorSettings, Opening
 from markerseek.drivers.serial_port import Unread
@@ -26,6 +27,9 @@ from markerseek.drivers.standard_stage import StandardSweepingStage, require_wid
 from markerseek.files import Line
 from markerseek.guard import Limits
 from markerseek.wire import Port, apt
+
+_SETTLE_DEG = 0.05
+"""How far the servo of a PRM1Z8 swings at the end of a move: 0.02 to 0.05 deg."""
 
 _TRIES = 3
 _WITH_PORTS = ("KDC101",)
@@ -104,6 +108,13 @@ class AptLine:
             + self._unread.said(cure="check its cable and its power, and that stage.port is its port")
         )
 
+    def greet(self) -> apt.Info:
+        """Identity of the controller; an error names the other device that answers at its port."""
+        try:
+            return self.ask(apt.ask(apt.INFO), apt.INFO, apt.Info)
+        except DeviceTimeoutError as error:
+            raise DeviceTimeoutError(f"{error}{box_at(self._port, self._clock)}") from None
+
     def close(self) -> None:
         """Close the line; allowed twice."""
         self._port.close()
@@ -152,7 +163,7 @@ class Kdc101Logic:
         self._line, self._settings, self._sense = line, settings, settings.sense
         # Another program may have left the controller sending its status unasked, which would pass for answers.
         line.send(apt.stop_updates())
-        self.identity = line.ask(apt.ask(apt.INFO), apt.INFO, apt.Info)
+        self.identity = line.greet()
         self._require_device()
         status = self._status()
         _require_ready(status)
@@ -225,9 +236,15 @@ class Kdc101Logic:
 
         Raises `MoveError` if the controller stays disabled. Raises `DeviceTimeoutError` if it does not answer.
         """
-        if not self._status().enabled:
-            self._keep("channel enabled", apt.Channel(enabled=True), apt.enable_channel(), apt.CHANNEL_STATE)
-        self.enabled = True
+        # Its status says so, and not the answer to 0x0211: some controllers give none.
+        for _ in range(_TRIES):
+            self.enabled = self._status().enabled
+            if self.enabled:
+                return
+            self._line.send(apt.enable_channel())
+        self.enabled = self._status().enabled
+        if not self.enabled:
+            raise MoveError("the stage does not keep its channel enabled; enable it by the controller's menu")
 
     def set_speed(self, speed_deg_s: float | None) -> float:
         """Write the speed of what follows, and read it back; None: that of moves. The next start sets that again."""
@@ -321,6 +338,7 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
             speed_deg_s=logic.velocity.speed / apt.SPEED_WORD,
             acceleration_deg_s2=logic.velocity.acceleration / apt.ACCELERATION_WORD,
             resolution_deg=1 / apt.COUNTS_PER_DEG,
+            settle_deg=_SETTLE_DEG,
             begin_s=settings.begin_s,
             approach_from=settings.approach_from,
             approach_deg=settings.approach_deg,

@@ -43,11 +43,12 @@ _BOOT_S = 3.0
 _LONGEST_TRAIN_S = wire.MAX_EXPIRY_MS / 1e3 + 1
 """Longest time for which a box completes the triggers of an earlier firing, in seconds."""
 
-_TIME_S = 0.03
-"""Longest wait for the time of the box's clock in a sweep, in seconds."""
+_LAST_WAIT_S = 0.03
+"""Time for which a box that seems silent is waited for once more in a sweep, in seconds."""
 
-_ROUND_TRIPS = 6
-"""Number of times that the driver asks for the box's clock before a sweep."""
+_TIME_S = 0.01
+"""Longest wait for the time of the box's clock in a sweep, in seconds: a later answer bounds nothing closely enough,
+and the stage must be read in time."""
 
 
 class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox"):
@@ -143,16 +144,21 @@ class LaserBox:
         """Time from the stamp of a pulse to its light, in seconds."""
         return self._settings.stamp_delay_s
 
-    def begin_sweep(self, permit: SweepPermit) -> None:
-        """Begin to fire single pulses; refused as `fire` is.
+    def prepare_sweep(self) -> None:
+        """Greet the box, if it must be greeted.
 
-        Raises `NotConnectedError` if the box still sends the dark triggers of the last sweep.
+        Raises `NotConnectedError` if it still sends the dark triggers of the last sweep.
         """
-        left_s = self._permits.use(permit, needed_s=0.0)
         with self._disarmed_by_errors():
             if not self._settled:
                 self._settle(patience_s=0.0)
             self._finish_sweep(within_s=0.0)
+
+    def begin_sweep(self, permit: SweepPermit) -> None:
+        """Begin to fire single pulses; refused as `fire` and `prepare_sweep` are."""
+        left_s = self._permits.use(permit, needed_s=0.0)
+        self.prepare_sweep()
+        with self._disarmed_by_errors():
             self._token += 1
             now_s = self._clock.now_s()
             sweep = BoxSweep(
@@ -162,8 +168,6 @@ class LaserBox:
                 stepped_s=now_s,
                 usual_light=self._usual_light if self.metered else None,
             )
-            for _ in range(_ROUND_TRIPS):
-                self._ask_time(sweep)
             self._use_permit(
                 wire.PermitSweep(
                     token=self._token,
@@ -190,9 +194,16 @@ class LaserBox:
             if sweep.dark is None:
                 self._ask_time(sweep)
                 if not self._clock.now_s() - sweep.heard_s <= SWEEP_READING_S:
+                    self._line.hear(sweep, within_s=_LAST_WAIT_S)
+                if not self._clock.now_s() - sweep.heard_s <= SWEEP_READING_S:
                     raise DeviceTimeoutError("laser box: no answer during the sweep; check its cable and its power")
             sweep.require_light()
-            return sweep.new_pulses()
+            new = sweep.new_pulses(now_s=self._clock.now_s())
+            while sweep.ending and sweep.returned < len(sweep.stamped):
+                # The light has ended, and nothing turns: the last pulses are known by more questions.
+                self._ask_time(sweep)
+                new += sweep.new_pulses(now_s=self._clock.now_s())
+            return new
 
     def end_sweep(self) -> int:
         """End the light, and return how many pulses were fired; each has a stamp.
@@ -277,7 +288,7 @@ class LaserBox:
             try:
                 greeting = self._line.greet(within_s=boot_s)
             except DeviceTimeoutError as error:
-                raise NotConnectedError(str(error)) from error
+                raise NotConnectedError(f"{error}{self._line.stage_at()}") from error
             if isinstance(greeting, wire.Greeting):
                 break
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
@@ -21,6 +22,8 @@ from markerseek.drivers.standard_receiver import (
 )
 from markerseek.wire import igtl
 
+_LOG = logging.getLogger(__name__)
+
 MAX_IMAGE_BYTES = 1 << 24
 """Largest message: 128 channels of 65,536 samples."""
 
@@ -35,8 +38,20 @@ class PlusSettings(ConnectionSettings, frozen=True, kw_only=True, tag="plus"):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.device.isascii() and 0 < len(self.device) <= 20):
-            raise ConfigError(f"receiver: device is {self.device!r}, it must have 1 to 20 characters of ASCII")
+        require_device(self.device, part="receiver")
+
+
+def require_device(device: str, *, part: str) -> None:
+    """Refuse what is no name of a device; of a longer one than OpenIGTLink has, the first 20 characters count."""
+    if not (device and device.isascii()):
+        raise ConfigError(f"{part}: device is {device!r}, it must have one or more characters of ASCII")
+
+
+_NAME_BYTES = 20
+"""Longest name of a device in OpenIGTLink: a server cuts a longer one, as PLUS does."""
+
+_MOST_NAMES = 10
+"""Most other devices that an error names."""
 
 
 def connect_plus(host: str, port: int, *, within_s: float, driver: str = "plus") -> socket.socket:
@@ -65,7 +80,8 @@ class IgtlMessages(ConnectionMessages[igtl.Message]):
 
     def __init__(self, connection: socket.socket, clock: Clock, *, device: str) -> None:
         super().__init__(connection, clock)
-        self._device = device
+        self._device = device[:_NAME_BYTES]
+        self._others: dict[str, None] = {}
         self._framer = igtl.Framer(most_bytes=MAX_IMAGE_BYTES)
         try:
             connection.sendall(igtl.asks_for_metadata())
@@ -77,12 +93,22 @@ class IgtlMessages(ConnectionMessages[igtl.Message]):
     def decoded(self, data: bytes) -> Iterator[igtl.Message | None]:
         """Messages of that kind and device."""
         for header, body in self._framer.feed(data):
+            _LOG.debug("%s < %s", self.driver, header)
             if (header.kind, header.device) == (self.content, self._device):
                 yield igtl.decode(header, body)
                 continue
+            if header.kind == self.content and len(self._others) < _MOST_NAMES:
+                self._others[header.device] = None
             if header.kind == "STATUS":
                 self.emulated |= igtl.is_emulated(header, body)
             yield None
+
+    @property
+    def other_devices(self) -> str:
+        """What to add to an error where no message of the device came: the names that did come; empty if none did."""
+        if not self._others:
+            return ""
+        return f"; {self.content} came of {', '.join(map(repr, self._others))}, none of {self._device!r}"
 
 
 class PlusMessages(IgtlMessages):
@@ -98,9 +124,13 @@ class PlusMessages(IgtlMessages):
         super().__init__(connection, clock, device=settings.device)
         self._settings, self._unix_s, self._armed_unix_s = settings, unix_s, 0.0
         self.used = f"images of {settings.device}"
-        self.check = f"the trigger and the name of the device, {settings.device}"
         self._fields: list[Mapping[str, str]] = []
         self._version: int = 1
+
+    @property
+    def check(self) -> str:
+        """What to check where too few images come."""
+        return f"the trigger and the name of the device, {self._device}{self.other_devices}"
 
     def arm(self) -> None:
         """Note the time of day."""

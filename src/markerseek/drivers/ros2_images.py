@@ -50,7 +50,7 @@ class RosImages(PairSource):
         if topics[0] == topics[1]:
             raise ConfigError(f"{topics[0]}: it is given for both cameras; give each camera its own topic")
         super().__init__(
-            f"topics {topics[0]} and {topics[1]}",
+            f"topics {topics[0]} (left) and {topics[1]} (right)",
             topics,
             cameras,
             pairing=Pairing(near_s=NEAR_S),
@@ -87,8 +87,9 @@ class RosImages(PairSource):
                 raise ConfigError(f"{topic}: it carries {found}, and {kind} is expected; name the topic of the images")
 
     def _spin(self) -> None:
-        while not self._over.is_set():
-            self._node.spin(_SPIN_S)
+        while True:
+            with self._in_library(0):
+                self._node.spin(_SPIN_S)
 
     def close(self) -> None:
         """End the thread, and leave the network; allowed twice."""

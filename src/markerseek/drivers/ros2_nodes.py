@@ -78,6 +78,9 @@ def wait_until(node: RosNode, clock: Clock, arrived: Callable[[], bool], *, time
 
 _TEXT = "std_msgs/msg/String"
 
+_STATE_S = 1.0
+"""Longest wait for the state of a node that may not publish it now, in seconds."""
+
 _MAX_WAITING = 200
 """Most messages that are handled before a move, or before the angle is given."""
 
@@ -96,6 +99,8 @@ class Ros2StageSettings(StageSettings, frozen=True, kw_only=True, tag="ros2"):
     """Type of both: ``joint_state``, in radians and with a stamp, or ``float64``, as of a LabVIEW bridge."""
     unit: Literal["rad", "deg"] = "rad"
     """Unit of ``float64``."""
+    joint: str = messages.JOINT
+    """Name of the stage's joint in a ``joint_state``; other joints of the same message are not read."""
     connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 10.0
     """Longest time until its node is found."""
     timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
@@ -129,7 +134,9 @@ class Ros2Stage:
         self._reached_ns = 0
         self._readings = 0
         self._in_degrees = False
-        self._states, self._listens = 0, False
+        self._states = 0
+        self._listens_since_s: float | None = None
+        self._joints: list[str] = []
         self.emulated = False
         self._busy = self._was_busy = self._commanded = False
         self._idle_ns = 0
@@ -147,7 +154,7 @@ class Ros2Stage:
         settings = self._settings
         for what, found in (
             (f"takes angles on {settings.command_topic}", lambda: self._node.matched(settings.command_topic)),
-            (f"publishes an angle on {settings.reached_topic}", lambda: self._readings > 0),
+            (f"publishes an angle on {settings.reached_topic}", self._finds_angle),
             (f"publishes its state on {settings.state_topic}", self._finds_state),
         ):
             require_found(
@@ -159,20 +166,35 @@ class Ros2Stage:
                 connect_s=settings.connect_s,
             )
 
+    def _finds_angle(self) -> bool:
+        """Whether an angle has come; `NotConnectedError` if angles come, and none is of the stage's joint."""
+        if self._readings > 0 and math.isnan(self._angle_deg) and self._joints:
+            settings = self._settings
+            raise NotConnectedError(
+                f"stage: {settings.reached_topic} has the joints {', '.join(self._joints)}, and no number of "
+                f"{settings.joint!r}; set stage.joint to the name of the joint that turns the probe"
+            )
+        return self._readings > 0
+
     def _finds_state(self) -> bool:
-        """Whether a state has come or is not needed; the publisher decides the type of its message."""
+        """Whether a state has come or is not needed; the publisher decides the type of its message.
+
+        A node that publishes its state when it changes says nothing until it is sent somewhere.
+        """
         topic, node = self._settings.state_topic, self._node
         if topic is None or self._states > 0:
             return True
         kind = node.kind_of(topic)
-        if kind is not None and not self._listens:
+        if self._listens_since_s is not None:
+            return self._clock.now_s() - self._listens_since_s >= _STATE_S and node.publishes(topic)
+        if kind is not None:
             if kind not in (_TEXT, messages.CRTK_STATE) or not messages.is_installed(kind):
                 raise NotConnectedError(
                     f"stage: {topic} is a {kind}, and {_TEXT} or {messages.CRTK_STATE} is understood; name another "
                     "state_topic, or install crtk_msgs"
                 )
-            self._listens = True
-            node.subscribe(topic, kind, self._on_state)
+            self._listens_since_s = self._clock.now_s()
+            node.subscribe(topic, kind, self._on_state, latched=node.is_kept(topic))
         return False
 
     def _on_number(self, message: Any) -> None:
@@ -182,7 +204,8 @@ class Ros2Stage:
         if self._in_degrees:
             # The node's state has the same angle, not rounded by the way over radians.
             return
-        angle_deg = joint_angle_deg(message)
+        angle_deg = joint_angle_deg(message, joint=self._settings.joint)
+        self._joints = list(message.name)
         self._reached_ns = messages.stamp_ns(message)
         # What is no angle is kept as NaN, which the guard refuses.
         self._take(math.nan if angle_deg is None else angle_deg)
@@ -250,6 +273,7 @@ class Ros2Stage:
             return self._readings > readings and near
 
         if not self._wait_until(ended, timeout_s=self._settings.timeout_s, of=self._settings.reached_topic):
+            self._require_one_clock()
             raise DeviceTimeoutError(
                 f"stage: sent to {angle_deg:.3f} deg, it did not arrive within {self._settings.timeout_s:g} s; its "
                 f"last angle is {self._angle_deg:.3f} deg; look at the stage and its node"
@@ -259,13 +283,26 @@ class Ros2Stage:
             raise MoveError(f"stage: its node refuses {angle_deg:.3f} deg: {self._refused[1]}")
         return self._angle_deg
 
+    def _require_one_clock(self) -> None:
+        """Name the stamps, if the stage has been busy and is idle, and no angle is stamped later than that."""
+        if self._settings.state_topic is None or not self._was_busy or self._busy:
+            return
+        reached_s, idle_s, now_s = 1e-9 * self._reached_ns, 1e-9 * self._idle_ns, self._node.now_s()
+        if reached_s < idle_s:
+            raise DeviceTimeoutError(
+                f"stage: it was busy and is idle again, but its last angle is stamped {reached_s:.3f} s and its state "
+                f"{idle_s:.3f} s, where it is {now_s:.3f} s: an angle from after the move cannot be told from one of "
+                "before; have its node stamp both with this computer's time (no 0, no simulation time)"
+            )
+
     def _send(self, angle_deg: float) -> int:
         """Publish a command; returns its stamp in nanoseconds, 0 if it has none."""
         if self._settings.message == "float64":
             value = angle_deg if self._settings.unit == "deg" else math.radians(angle_deg)
             self._node.publish(self._settings.command_topic, messages.number(value))
             return 0
-        message = messages.joint_state(time_s=self._node.now_s(), angle_deg=angle_deg)
+        settings = self._settings
+        message = messages.joint_state(time_s=self._node.now_s(), angle_deg=angle_deg, joint=settings.joint)
         self._node.publish(self._settings.command_topic, message)
         return messages.stamp_ns(message)
 
@@ -286,10 +323,6 @@ STAGE_ENTRY: Entry[Ros2StageSettings, Ros2Stage] = Entry(
     describe=lambda settings, stage: f"{'SIMULATED ' if stage.emulated else ''}stage node on {settings.command_topic}",
     is_node=True,
 )
-
-
-_STATE_S = 1.0
-"""Longest wait for a node that may not say whether it is simulated, in seconds."""
 
 
 class RosLaser(LaserSettings, frozen=True, kw_only=True, tag="ros2"):

@@ -63,6 +63,12 @@ class SerialPort(Closing):
 
 _SHOWN = 16
 
+ANOTHER_PROGRAM = (
+    "does another program write on this line? ModemManager asks each new port whether it is a modem; end it by "
+    "systemctl stop ModemManager"
+)
+"""Question and cure where bytes do not fit."""
+
 
 class Unread:
     """Bytes since the last question."""
@@ -89,5 +95,6 @@ class Unread:
         text = "".join(chr(byte) if 32 <= byte < 127 else "." for byte in self._first)
         return (
             f"{self._count} bytes came that are no answer, the first: {self._first.hex(' ')} ({text!r}); are the ports "
-            "of stage and laser exchanged, or is it another device, firmware or speed of the line?"
+            "of stage and laser exchanged, or is it another device, firmware or speed of the line? Or "
+            f"{ANOTHER_PROGRAM}"
         )

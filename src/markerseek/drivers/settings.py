@@ -78,6 +78,8 @@ class BenchSettings:
     firing: FiringLimits = field(default_factory=FiringLimits)
     """Limits of the laser's pulses."""
     supervisor: BenchSupervisor = field(default_factory=BenchSupervisor)
+    trace: str | None = None
+    """File to which all that devices say and are told is appended, a line each, while the rig is open."""
 
     def __post_init__(self) -> None:
         # Raises where the keys do not fit one another, before anything is opened.
@@ -170,6 +172,8 @@ class BenchSettings:
     def table(self) -> dict[str, Any]:
         """The settings as a rig file has them, as plain values."""
         table: dict[str, Any] = msgspec.to_builtins(self)
+        # It changes nothing of what is measured.
+        del table["trace"]
         for part in self.foreign:
             keys = table[part].pop("keys")
             # The folder of its module follows from the rig file that a person names.
@@ -205,6 +209,9 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
         # Relative to the file, so that the command works from any current folder.
         paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := given.get(key), str)}
         whole[part] = given | {key: value for key, value in paths.items() if given[key] != "none"}
+    trace = whole.get("trace")
+    if isinstance(trace, str) and trace != "none":
+        whole["trace"] = str(Path(beside, trace))
     settings = settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))
     for each in settings.foreign.values() if beside else ():
         require_class(each)

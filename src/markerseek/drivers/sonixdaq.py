@@ -38,16 +38,13 @@ from markerseek.core import (
 )
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
-from markerseek.drivers.standard_receiver import Frames, armed_for
+from markerseek.drivers.standard_receiver import Frames, armed_for, in_the_dark
 from markerseek.files import MIB, open_input, os_reason, read_input
 from markerseek.wire import sonixdaq as wire
 
 _POLL_S, _EXIT_POLL_S = 0.05, 0.02
 
-_HELD_S = 2.0
-"""Longest time for which another program may hold the folder while no files are awaited, in seconds."""
-
-ReadT = TypeVar("ReadT")
+ReadT = TypeVar("ReadT", bound=np.ndarray)
 
 
 class SonixDaqSettings(ReceiverSettings, frozen=True, kw_only=True, tag="sonixdaq"):
@@ -122,18 +119,23 @@ class DaqFolder:
         return state
 
     def incomplete(self, name: str) -> str:
-        """Why a file does not have the size given by its header, or cannot be opened yet; empty if it is complete."""
+        """Why a file is not complete, or cannot be opened yet; empty if it has the size and contents of its header."""
         try:
             # Of any size: a file that is too large is complete, and reading the file says what is wrong.
             with open_input(self._path / name, most_bytes=sys.maxsize) as file:
                 size = os.fstat(file.fileno()).st_size
                 wire.decode_header(file.read(wire.HEADER_BYTES), size=size, name=name)
+                file.seek(max(0, size - wire.TAIL_BYTES))
+                # Nearly always there is something: the rest is read only where there is nothing.
+                if any(file.read(wire.TAIL_BYTES)):
+                    return ""
+                file.seek(0)
+                return wire.unwritten(file.read(_MAX_BYTES), name=name)
         except RecordError as error:
             return str(error)
         except OSError as error:
             # On a share with Windows, a file that its writer has open cannot be opened by others.
             return f"{name} cannot be read ({os_reason(error)})"
-        return ""
 
     def read(self, names: Collection[str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
         """Samples of all channels by element, averaged over the pulses.
@@ -262,7 +264,8 @@ class SonixDaqReceiver:
         _, before, started_s = armed_for(permit, self._armed, driver="sonixdaq")
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
-        samples = self._await_files(before, lambda names: self._folder.read(names, pulses=self._triggers(permit)))
+        triggers = self._triggers(permit)
+        samples = self._await_files(before, lambda names: self._folder.read(names, pulses=triggers), permit=permit)
         return self._frames.made_of(samples, permit, pulses=permit.pulses, started_s=started_s)
 
     @property
@@ -308,7 +311,9 @@ class SonixDaqReceiver:
             raise AcquisitionError("sonixdaq: it was not armed for a sweep; arm it before firing")
         permit, before, started_s = self._armed
         self._armed = None
-        samples = self._await_files(before, lambda names: self._folder.read_singles(names, pulses=permit.pulses))
+        samples = self._await_files(
+            before, lambda names: self._folder.read_singles(names, pulses=permit.pulses), permit=permit
+        )
         lit, dark = samples[:pulses], samples[-self._dark_triggers :]
         if len(lit) + len(dark) > len(samples):
             raise AcquisitionError(
@@ -323,8 +328,8 @@ class SonixDaqReceiver:
         return permit.pulses or self._dark_triggers
 
     def _state(self) -> FolderState:
-        """State of the folder, once no other program holds it."""
-        ends_s = self._clock.now_s() + _HELD_S
+        """State of the folder, once no other program holds it, and its share is there."""
+        ends_s = self._clock.now_s() + self._settings.timeout_s
         while True:
             try:
                 return self._folder.state()
@@ -333,7 +338,7 @@ class SonixDaqReceiver:
                     raise
             self._clock.wait(_POLL_S)
 
-    def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT]) -> ReadT:
+    def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT], *, permit: Permit) -> ReadT:
         """What is read of the new files, by their names, once they are complete and unchanged."""
         seen, since_s = before, self._clock.now_s()
         for _ in polls(self._clock, within_s=self._settings.timeout_s, every_s=_POLL_S):
@@ -348,14 +353,17 @@ class SonixDaqReceiver:
                 missing = next(filter(None, map(self._folder.incomplete, names)), "")
                 if len(names) == wire.CHANNELS and not missing and now_s - since_s >= self._settings.stable_s:
                     samples = read(names)
-                    if self._folder.state() == state:
+                    if self._folder.state() != state:
+                        raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
+                    if np.any(samples):
                         return samples
-                    raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
+                    missing = "all samples of all files are 0; their contents have not come"
             except NotConnectedError as problem:
                 missing = str(problem)
         raise DeviceTimeoutError(
             f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
-            f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}; check "
+            f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}"
+            f"{'' if names else in_the_dark(permit, self._triggers(permit))}; check "
             "trigger, folder and free space, or raise timeout_s"
         )
 

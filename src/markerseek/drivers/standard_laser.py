@@ -19,7 +19,7 @@ class LaserLogic(Protocol):
     """
 
     def fire(self, pulses: int) -> None:
-        """Begin to fire this number of pulses; 0: trigger the acquisition alone, or do nothing."""
+        """Begin to fire this number of pulses; 0: trigger the acquisition as often as for a lit one, without light."""
 
     def fired(self) -> int | None:
         """How many were fired since `fire`; None while they go on."""

@@ -47,6 +47,13 @@ def armed_for(permit: Permit, armed: tuple[Permit, *Noted] | None, *, driver: st
     return armed
 
 
+def in_the_dark(permit: Permit, triggers: int) -> str:
+    """Part of the error of a receiver that was not triggered: who should have done it without light; else empty."""
+    if permit.pulses:
+        return ""
+    return f" in the dark: the laser's fire(0) must trigger the receiver {triggers} times without light"
+
+
 class Frames:
     """Makes the frames of a receiver, numbered; an acquisition ends when its frame is made."""
 
@@ -79,14 +86,17 @@ class Messages(Protocol[MessageT]):
     """The messages of a device, one for each trigger.
 
     ``driver``, ``used``, ``called``: names of the driver, of the messages that are used, and of a message, in an error.
-    ``cure``: what must be so that no message comes without a trigger. ``check``: what to check where too few come.
+    ``cure``: what must be so that no message comes without a trigger.
     """
 
     driver: str
     used: str
     called: str
     cure: str
-    check: str
+
+    @property
+    def check(self) -> str:
+        """What to check where too few come."""
 
     def arm(self) -> None:
         """A trigger follows; what came until now is of no acquisition."""
@@ -178,7 +188,7 @@ class StandardReceiver(Generic[MessagesT]):
         _, started_s = armed_for(permit, self._armed, driver=self.messages.driver)
         # Disarmed before reading: a frame that was refused cannot be asked for again.
         self._armed = None
-        samples = self.messages.samples(self._exactly(permit.pulses or self._dark_triggers))
+        samples = self.messages.samples(self._exactly(permit))
         return self._frames.made_of(samples, permit, pulses=permit.pulses, started_s=started_s)
 
     def until_quiet(self) -> list[object]:
@@ -188,21 +198,22 @@ class StandardReceiver(Generic[MessagesT]):
                 return list(new)
         return []
 
-    def _exactly(self, count: int) -> list[object]:
-        """So many messages, where the firing has ended.
+    def _exactly(self, permit: Permit) -> list[object]:
+        """As many messages as triggers, where the firing has ended.
 
         Raises `DeviceTimeoutError` if too few come in time, `AcquisitionError` if too many come.
         """
         came: list[object] = []
         said = self.messages
+        count = permit.pulses or self._dark_triggers
         for _ in polls(self._clock, within_s=self._timeout_s, every_s=SLICE_S):
             came += self.messages.take()[0]
             if len(came) >= count:
                 break
         else:
             raise DeviceTimeoutError(
-                f"{said.driver}: {len(came)} of {count} {said.called} came within {self._timeout_s:g} s; check "
-                f"{said.check}"
+                f"{said.driver}: {len(came)} of {count} {said.called} came within {self._timeout_s:g} s"
+                f"{in_the_dark(permit, count)}; check {said.check}"
             )
         came += self.until_quiet()
         if len(came) > count:

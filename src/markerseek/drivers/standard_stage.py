@@ -100,9 +100,6 @@ def require_room(limits: Limits, *, approach_from: Literal["below", "above"], ap
 
 _STOP_S, _STOP_AGAIN_S = 1.0, 0.02
 _READS = 6
-_PROMPT_S = 0.02
-"""Time of an answer in a sweep from which on the stage is asked once more: it turns by a quarter of a degree
-meanwhile."""
 
 
 class SweepLogic(StageLogic, Protocol):
@@ -350,14 +347,12 @@ class Sweep:
         self.heading = 1 if to_deg > start_deg else -1
         self._to_deg = to_deg
         self._braking = False
-        move.begin(to_deg, start_deg)
+        move.begin(to_deg, start_deg, evenly=True)
         move.aim(to_deg)
 
     def read(self) -> StageReading:
         """Where it is, checked as in a move."""
         status, reading = self._move.look_dated()
-        if reading.answered_s - reading.asked_s > _PROMPT_S:
-            status, reading = self._move.look_dated()
         if self._braking:
             # Sent again: without a checksum, a damaged stop is ignored and nobody reports it.
             self._logic.brake()
@@ -370,4 +365,5 @@ class Sweep:
     def brake(self) -> None:
         """Begin to brake, with the deceleration that was set."""
         self._braking = True
+        self._move.brake()
         self._logic.brake()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -20,6 +21,8 @@ from markerseek.drivers.standard_receiver import (
     mean_counts,
 )
 from markerseek.wire import vantage as wire
+
+_LOG = logging.getLogger(__name__)
 
 _GREETING_S = 5.0
 """Longest time from a connection to its greeting, in seconds."""
@@ -168,6 +171,7 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
     def decoded(self, data: bytes) -> Iterator[wire.VantageFrame]:
         """Frames, each with its counter noted."""
         for frame in self._framer.feed(data):
+            _LOG.debug("vantage < frame %d of %s, its time %.6f s", frame.counter, frame.samples.shape, frame.time_s)
             # Also of frames that are not used: the next acquisition begins after them.
             self._counter = frame.counter
             yield frame

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,13 @@ NEAR_S = 0.05
 
 _RETRY_S = 0.05
 """Time until a camera that gave no image is asked again, in seconds."""
+
+_OPEN_MS = 10_000
+"""Longest time for opening a stream, in milliseconds; OpenCV would take 30 s."""
+
+_READ_MS = 5_000
+"""Longest time for the next image of a stream, in milliseconds; OpenCV would take 30 s, in which its thread cannot end.
+Of a camera it waits for an image at most 10 s."""
 
 _SILENT_CURE = "check that the camera runs, its cable, and that no other program has it"
 _LIVE = re.compile(r"[0-9]+|/dev/.*|[a-z]+://.*")
@@ -44,7 +53,7 @@ class VideoImages(PairSource):
             raise ConfigError(f"{words[0]}: it is given for both cameras; give each camera its own")
         sources = (words[0], words[-1])
         super().__init__(
-            f"video {' and '.join(words)}",
+            f"video {words[0]}" if len(words) == 1 else f"video {words[0]} (left) and {words[1]} (right)",
             sources,
             cameras,
             pairing=Pairing(near_s=NEAR_S),
@@ -68,7 +77,7 @@ class VideoImages(PairSource):
 
     def _follow(self, video: Any, side: int) -> None:
         """Take each image of a camera when it comes."""
-        try:
+        with self._in_library(side), _released(video):
             while not self._over.is_set():
                 found, image = video.read()
                 if found:
@@ -76,13 +85,12 @@ class VideoImages(PairSource):
                     self._receive(side, image, time_s=now_s, at_s=now_s)
                 else:
                     self._over.wait(_RETRY_S)
-        finally:
-            video.release()
 
     def _play(self, video: Any, side: int) -> None:
         """Take each image of a file when it is due."""
-        rate_hz, number = _rate_hz(video), 0
-        try:
+        number = 0
+        with self._in_library(side), _released(video):
+            rate_hz = _rate_hz(video)
             while True:
                 due_s = self._began_s + number / rate_hz
                 found, image = video.read()
@@ -90,8 +98,6 @@ class VideoImages(PairSource):
                     break
                 self._receive(side, image, time_s=due_s, at_s=time.monotonic())
                 number += 1
-        finally:
-            video.release()
         self._ended = (
             time.monotonic(),
             f"{self._sources[side]}: the video has ended after {number} images; play a longer one",
@@ -122,11 +128,23 @@ class VideoImages(PairSource):
             raise AcquisitionError(self._ended[1])
 
 
+@contextmanager
+def _released(video: Any) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        video.release()
+
+
 def _opened(word: str) -> Any:
     """An open video; `NotConnectedError` if there is no such camera, `ConfigError` if there is no such file."""
     cv2 = opencv("reading videos")
     if is_live(word):
-        video = cv2.VideoCapture(int(word) if word.isdecimal() else word)
+        if word.isdecimal() or word.startswith("/"):
+            video = cv2.VideoCapture(int(word) if word.isdecimal() else word)
+        else:
+            limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READ_MS]
+            video = cv2.VideoCapture(word, cv2.CAP_ANY, limits)
         if not video.isOpened():
             raise NotConnectedError(
                 f"{word}: no camera can be opened; check its number or address (v4l2-ctl --list-devices), the rights, "

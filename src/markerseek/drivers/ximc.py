@@ -101,6 +101,8 @@ class XimcLogic:
         """Turn the library's errors into one of a device."""
         try:
             yield
+        except ConfigError:
+            raise
         # `ConnectionError`, `RuntimeError`, `ValueError` and more, as the library has it.
         except (OSError, RuntimeError, ValueError, NotImplementedError) as problem:
             reason = " ".join(str(problem).split())[:200]
@@ -118,6 +120,7 @@ class XimcLogic:
             )
         engine = axis.get_engine_settings()
         self._microsteps = 1 << (int(engine.MicrostepMode) - 1)
+        self._require_microsteps()
         # Its own approach goes beyond a target, and back.
         engine.EngineFlags &= ~self._ximc.EngineFlags.ENGINE_ANTIPLAY
         axis.set_engine_settings(engine)
@@ -147,6 +150,21 @@ class XimcLogic:
         # A virtual device does not say that it is homed.
         if not (self.emulated or status.Flags & self._ximc.StateFlags.STATE_IS_HOMED):
             raise MoveError("stage: it is not homed; home it with the probe outside the patient")
+
+    def _require_microsteps(self) -> None:
+        """Refuse steps between which a target can lie too far from both."""
+        if self.step_deg / 2 <= self._settings.arrival_deg:
+            return
+        raise ConfigError(
+            f"stage: the controller turns in {self.steps_said} of {self.step_deg:.4g} deg, too coarse for an "
+            f"arrival_deg of {self._settings.arrival_deg:g} deg; set 1/256 as its microstep mode in XiLab, and save it "
+            "in the controller, or correct steps_per_deg"
+        )
+
+    @property
+    def steps_said(self) -> str:
+        """Kind of its steps, in words."""
+        return "full steps" if self._microsteps == 1 else f"1/{self._microsteps} steps"
 
     def _in_steps(self, value_deg: float) -> float:
         return value_deg * self._settings.steps_per_deg
@@ -231,8 +249,8 @@ ENTRY: Entry[XimcSettings, XimcStage] = Entry(
     settings=XimcSettings,
     open=_open,
     describe=lambda settings, stage: (
-        f"{'VIRTUAL ' if stage.emulated else ''}8SMC5 {stage.logic.serial_number} at {settings.uri}, "
-        "beyond the supervisor"
+        f"{'VIRTUAL ' if stage.emulated else ''}8SMC5 {stage.logic.serial_number} at {settings.uri} in "
+        f"{stage.logic.steps_said} of {stage.logic.step_deg:.4g} deg, beyond the supervisor"
     ),
     same=("steps_per_deg", "zero_deg", "direction"),
 )

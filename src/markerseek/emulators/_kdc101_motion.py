@@ -88,6 +88,12 @@ class Turned(Protocol):
     angle_deg: float
 
 
+_SWING_S, _SWING_ENDS_S = 0.15, 0.1
+"""Period of the servo's swings at the end of a move, and time in which they fall to 1/e, in seconds."""
+_LARGEST_SWING = 0.707
+"""Largest value of exp(-t/_SWING_ENDS_S) * sin(2 pi t/_SWING_S)."""
+
+
 class Prm1z8:
     """A motor with an encoder, and a probe that it turns with some backlash.
 
@@ -96,7 +102,7 @@ class Prm1z8:
     ``zero_deg``: angle of the motor at which the probe points at 0. ``play_deg``: backlash between motor and probe:
     after an upward move the probe is at the motor's angle, after a downward move it lags by the backlash. ``sense``: 1
     if the probe turns as the motor does, -1 if it is mounted the other way round, the backlash included. ``fault``:
-    its faults.
+    its faults. ``settle_deg``: how far the servo swings beyond the end of a move.
     """
 
     def __init__(
@@ -108,6 +114,7 @@ class Prm1z8:
         sense: int,
         fault: Faults,
         rng: np.random.Generator,
+        settle_deg: float = 0.0,
     ) -> None:
         start_deg = sense * probe.angle_deg + zero_deg
         self.motor = Motor(angle_deg=start_deg, target_deg=start_deg)
@@ -121,11 +128,22 @@ class Prm1z8:
         self._jumped = False
         self._rng = rng
         self._jumps_in_s: float | None = None
+        self._settle_deg = settle_deg
+        self._heading = 0.0
+        self._rested_s = math.inf
 
     @property
     def counts(self) -> int:
         """Value of the position counter."""
-        return round(self.motor.angle_deg * apt.COUNTS_PER_DEG) + self.offset
+        return round((self.motor.angle_deg + self._swing_deg) * apt.COUNTS_PER_DEG) + self.offset
+
+    @property
+    def _swing_deg(self) -> float:
+        """How far the servo is off the end of its move."""
+        if not self._settle_deg or self._rested_s > 10 * _SWING_ENDS_S:
+            return 0.0
+        swing = math.exp(-self._rested_s / _SWING_ENDS_S) * math.sin(2 * math.pi * self._rested_s / _SWING_S)
+        return self._heading * self._settle_deg / _LARGEST_SWING * swing
 
     def angle_of(self, counts: int) -> float:
         """Angle of the motor at which the position counter has that value, in degrees."""
@@ -143,9 +161,13 @@ class Prm1z8:
             self._jumped = True
             self.offset += round(jump.amount * apt.COUNTS_PER_DEG)
         if motor.at_rest:
+            self._rested_s += duration_s
             return False
         motor.lowest_deg, motor.highest_deg = math.inf, -math.inf
+        before_deg = motor.angle_deg
         stopped = motor.advance(duration_s)
+        self._heading = math.copysign(1.0, motor.angle_deg - before_deg)
+        self._rested_s = 0.0
         self._jump_on_its_way(duration_s)
         # The limits are checked against the whole path of the motor, turning points included.
         for angle_deg in {motor.lowest_deg, motor.highest_deg} - {motor.angle_deg, math.inf, -math.inf}:

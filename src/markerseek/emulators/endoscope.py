@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Clock, ConfigError, UInt8
+from markerseek.files import overwrite
 from markerseek.rigs import marker_scene
 from markerseek.sim import (
     EndoscopeSettings,
@@ -116,7 +117,7 @@ class EmulatedEndoscope:
         for pair in self.images.newest()[-1:]:
             for folder, image in zip(self.folders, (pair.left, pair.right), strict=True):
                 draft = folder / "next.part"
-                draft.write_bytes(_pgm(image))
+                overwrite(draft, _pgm(image))
                 draft.replace(folder / f"{self._written % _FILES:02d}.pgm")
             self._written += 1
 

@@ -44,6 +44,7 @@ FAULTS: dict[DeviceName, dict[str, float]] = {
         "off": 0.0,  # nothing is written
         "late files": 9.0,  # the first file comes later by this time, s
         "part of the files": 100.0,  # only this number of files is written; the next file is written half
+        "size first": 0.8,  # a file has its size at once, and the last two fifths of its contents later by this time, s
         "swapped channels": 0.0,  # the files of channels 5 and 6 hold the data of the other
         "garbled headers": 0.0,  # headers are noise
         "lost trigger": 3.0,  # the trigger of a sweep with this number is lost

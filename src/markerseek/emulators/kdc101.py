@@ -59,6 +59,8 @@ class EmulatedKdc101:
     """Whether the probe is mounted the other way round: its angle falls while the stage's own reading grows."""
     enabled: bool = True
     """Whether its channel is enabled when it is switched on; a menu of the controller sets it."""
+    settle_deg: Annotated[float, Within(0, 0.2, "deg")] = 0.0
+    """How far the servo swings beyond the end of a move, before it settles in half a second."""
     model: str = "KDC101"
     serial_number: int = 27000001
     """``model`` and ``serial_number``: model and serial number that it reports."""
@@ -90,6 +92,7 @@ class Kdc101Emulator:
             sense=-1 if self._settings.mirrored else 1,
             fault=self.faults,
             rng=rng,
+            settle_deg=self._settings.settle_deg,
         )
         self._motion = MotionControl(stage=self._stage, fault=self.faults)
         self._framer = AptFramer(TO_CONTROLLER, to=CONTROLLER)

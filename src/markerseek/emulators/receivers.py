@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import select
 import socket
 import time
@@ -26,6 +27,7 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, ConfigError, DeviceError, FrameHeader, Int16
 from markerseek.emulators.faults import Faults
+from markerseek.files import overwrite
 from markerseek.sim import Flash, SimulatedWorld
 from markerseek.wire import igtl, sonixdaq, vantage
 
@@ -166,6 +168,7 @@ class EmulatedSonixDaq(EmulatedReceiver):
         self._folder, self._readout_s = folder, readout_s
         self._now_s = 0.0
         self._queue: deque[_Writing] = deque()
+        self._unfilled: deque[tuple[float, Path, bytes]] = deque()
 
     @property
     def said(self) -> str:
@@ -184,6 +187,9 @@ class EmulatedSonixDaq(EmulatedReceiver):
         """Write the files that are due at that time in seconds; the next one is written half."""
         # Never backwards: the files run in a thread of their own, at a time that they read themselves.
         self._now_s = max(self._now_s, now_s)
+        while self._unfilled and self._unfilled[0][0] <= self._now_s:
+            _, place, data = self._unfilled.popleft()
+            _fill(place, data)
         while self._triggered:
             files = self._acquisition(self._triggered.popleft())
             if not self.faults("off"):
@@ -225,9 +231,20 @@ class EmulatedSonixDaq(EmulatedReceiver):
     def _write(self, number: int, data: bytes) -> None:
         """Replace a file atomically; the driver recognises the new inode."""
         place = self._folder / sonixdaq.file_name(number)
+        if late_s := self.faults.amount("size first"):
+            self._unfilled.append((self._now_s + late_s, place, data))
+            kept = len(data) * 3 // 5
+            data = data[:kept] + bytes(len(data) - kept)
         draft = place.with_suffix(".part")
-        draft.write_bytes(data)
+        overwrite(draft, data)
         draft.replace(place)
+
+
+def _fill(place: Path, data: bytes) -> None:
+    """Give a file its contents; neither its size nor its time shows it."""
+    status = place.stat()
+    place.write_bytes(data)
+    os.utime(place, ns=(status.st_atime_ns, status.st_mtime_ns))
 
 
 class EmulatedSender(EmulatedReceiver):

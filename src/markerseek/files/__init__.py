@@ -4,11 +4,20 @@
 and `csv_rows` read what is in it; `as_read_error` turns errors of reading into a sentence. `natural`
 sorts names by their numbers, `angle_in` reads an angle from a name, and `unit_in` the unit of one. `new_file` and
 `replace_file` write a file under a temporary name and rename it when it is complete; `create_atomically` is the step
-that `new_file` adds checks to.
+that `new_file` adds checks to. `open_for_writing` and `overwrite` write a file in place. None of them writes through a
+link.
 """
 
-from markerseek.files.angle_units import DEG_PER, AngleUnit, unit_in
-from markerseek.files.atomic import create_atomically, new_file, replace_file, require_new, sync_folder
+from markerseek.files.angle_units import DEG_PER, DEGREES, AngleUnit, unit_in
+from markerseek.files.atomic import (
+    create_atomically,
+    new_file,
+    open_for_writing,
+    overwrite,
+    replace_file,
+    require_new,
+    sync_folder,
+)
 from markerseek.files.csv_rows import DECIMAL_COMMA, CsvRows, csv_rows, is_number, may_be_number
 from markerseek.files.inputs import (
     MIB,
@@ -21,12 +30,13 @@ from markerseek.files.inputs import (
     read_text,
     require_input,
 )
-from markerseek.files.names import NamedAngle, angle_in, data_folder, in_natural_order, natural, places
+from markerseek.files.names import NamedAngle, angle_in, data_folder, endings, in_natural_order, natural, places
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 
 __all__ = [
     "DECIMAL_COMMA",
+    "DEGREES",
     "DEG_PER",
     "MIB",
     "SERIAL_ERRORS",
@@ -40,15 +50,18 @@ __all__ = [
     "create_atomically",
     "csv_rows",
     "data_folder",
+    "endings",
     "in_natural_order",
     "is_number",
     "may_be_number",
     "natural",
     "nearest_key",
     "new_file",
+    "open_for_writing",
     "open_input",
     "open_serial",
     "os_reason",
+    "overwrite",
     "places",
     "pyserial",
     "quoted",

@@ -44,6 +44,9 @@ UNIT_OF_WORD: dict[str, AngleUnit] = {
 }
 """Unit of each word for one; a micro sign is written as the Greek letter."""
 
+DEGREES = frozenset(_WORDS_OF["deg"].split())
+"""Words for degrees."""
+
 ANGLE_WORDS = frozenset({"angle", "angles", "ang", "winkel", "theta", "phi", "rotation", "rot", "roll"})
 """Words that say that a number is an angle."""
 

@@ -1,16 +1,18 @@
-"""Writes files atomically: under a temporary name in the same folder, flushed to disk, then renamed.
+"""Writes files: atomically, or in place; never through a link, and never into a pipe or a device.
 
-A process that is killed before the rename leaves the previous file unchanged, and a hidden file
-``.NAME.XXXXXXXX.part`` beside it, which may be deleted.
+A file is written atomically under a temporary name in the same folder, flushed to disk, then renamed. A process that is
+killed before the rename leaves the previous file unchanged, and a hidden file ``.NAME.XXXXXXXX.part`` beside it, which
+may be deleted. `open_for_writing` opens a file that is written in place, because it grows or is locked.
 """
 
 from __future__ import annotations
 
 import os
 import secrets
+import stat
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from markerseek.core import RecordError
@@ -55,13 +57,38 @@ def replace_file(path: Path) -> Iterator[Path]:
 
     Raises `OSError` if the file cannot be made or named.
     """
-    if path.is_symlink() or (path.exists() and not path.is_file() and not path.is_dir()):
-        raise RecordError(
-            f"{path}: it is a symbolic link, a pipe or a device, and nothing is written through it; "
-            "remove it, or name another file"
-        )
+    with suppress(FileNotFoundError):
+        _require_plain(path, path.lstat())
     with _written(path, os.replace) as part:
         yield part
+
+
+def open_for_writing(path: Path, flags: int, *, mode: int = 0o666) -> int:
+    """Open a file that is written in place, and return its descriptor.
+
+    ``flags``, ``mode``: as of `os.open`; with ``O_TRUNC`` the file is emptied once it is known to be a file of its own.
+    Raises `RecordError` for a link, also a hard one, and for what is no regular file; `OSError` if it cannot be opened.
+    """
+    # Looked at before it is opened, because opening a serial port already raises its DTR line.
+    with suppress(FileNotFoundError):
+        _require_own(path, path.lstat())
+    # The file may have been replaced since: O_NOFOLLOW by a link, O_NONBLOCK by a pipe, at which opening would wait.
+    never = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    descriptor = os.open(path, flags & ~os.O_TRUNC | never, mode)
+    try:
+        _require_own(path, os.fstat(descriptor))
+        if flags & os.O_TRUNC:
+            os.ftruncate(descriptor, 0)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def overwrite(path: Path, data: bytes) -> None:
+    """Write a file in place, not flushed to the disk; errors are those of `open_for_writing`."""
+    with os.fdopen(open_for_writing(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), "wb") as file:
+        file.write(data)
 
 
 def sync_folder(folder: Path) -> None:
@@ -92,11 +119,32 @@ def _written(path: Path, rename: Callable[[Path, Path], None]) -> Iterator[Path]
         part.unlink(missing_ok=True)
 
 
+def _require_plain(path: Path, status: os.stat_result) -> None:
+    """Refuse a link, a pipe and a device; a folder is refused by the system, in its own words."""
+    if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
+        raise RecordError(
+            f"{path}: it is a symbolic link, a pipe or a device, and nothing is written through it; "
+            "remove it, or name another file"
+        )
+
+
+def _require_own(path: Path, status: os.stat_result) -> None:
+    """Refuse what `_require_plain` refuses, and a file with a second name: both would be changed."""
+    _require_plain(path, status)
+    if stat.S_ISREG(status.st_mode) and status.st_nlink > 1:
+        raise RecordError(
+            f"{path}: it is a hard link, a file with {status.st_nlink} names, and it would be changed under each; "
+            "copy it, and name the copy"
+        )
+
+
 def _name_new(part: Path, path: Path) -> None:
     try:
         try:
             # link() fails where the name exists; rename() would replace a file that another process made meanwhile.
             os.link(part, path)
+            # At once: a process that is killed later leaves a file with one name, which may be written in place.
+            part.unlink()
         except FileExistsError:
             raise
         except OSError:

@@ -58,6 +58,12 @@ def in_natural_order(paths: Iterable[Path]) -> list[Path]:
     return sorted(paths, key=lambda path: natural(path.name))
 
 
+def endings(paths: Iterable[Path]) -> str:
+    """Endings of the names of files, for messages: ".gif, .webp"; "no files" if there are none."""
+    found = sorted({path.suffix.lower() or "no ending" for path in paths if not path.name.startswith(".")})
+    return ", ".join(found) or "no files"
+
+
 def angle_in(name: str) -> NamedAngle | None:
     """The angle in degrees in a name without suffix, such as ``-12.5`` or ``angle_-12.5deg``; None: in doubt."""
     match = _ANGLE.fullmatch(name)

@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import datetime as dt
 import difflib
+import re
 import tomllib
 import types
 import typing
@@ -23,6 +24,13 @@ from markerseek.files.inputs import MIB, read_text
 _MAX_BYTES = MIB // 4
 """Largest settings file; the longest of the examples has 5 KB."""
 
+_MOST_PARTS = 32
+"""Most parts of a dotted key; tomllib's time and memory grow with their square."""
+
+# Possessive, so that no text takes longer than its length.
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_MOST_PARTS}}}")
+
 
 def read_toml(path: Path, *, what: str) -> dict[str, object]:
     """Table of a TOML file.
@@ -31,9 +39,12 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
     """
     try:
         text = read_text(path, most_bytes=_MAX_BYTES, what=f"a {what}", cure="name one in TOML, in UTF-8")
-        return tomllib.loads(text.replace("\r\n", "\n"))
     except RecordError as problem:
         raise ConfigError(str(problem)) from problem
+    if _LONG_KEY.search(text):
+        raise ConfigError(f"{path}: the {what} has a key of more than {_MOST_PARTS} parts, two or three are usual")
+    try:
+        return tomllib.loads(text.replace("\r\n", "\n"))
     except RecursionError as problem:
         raise ConfigError(f"{path}: the {what} nests lists or tables too deeply to be read") from problem
     except tomllib.TOMLDecodeError as problem:

@@ -159,6 +159,27 @@ def triangulate(
     each pixel coordinate, of spot and calibration together.
     """
     require_range("sigma_px", sigma_px, low=0, high=100, unit="px", open_low=True)
+    try:
+        points_m, derivative = _nearest_points(left_px, right_px, cameras)
+    except _NoPointError as problem:
+        others = _other_arrangements(left_px, right_px, cameras)
+        raise ConfigError(f"{problem}{_cause(others)}") from problem
+    inverse = np.linalg.inv(np.einsum("nij,nik->njk", derivative, derivative))
+    return Triangulated(
+        points_m=points_m,
+        covariances_m2=sigma_px**2 * inverse,
+        by_pixel_m=inverse @ np.swapaxes(derivative, 1, 2),
+    )
+
+
+class _NoPointError(ConfigError):
+    """No point in front of the cameras has such pixels."""
+
+
+def _nearest_points(
+    left_px: Float64[np.ndarray, "points 2"], right_px: Float64[np.ndarray, "points 2"], cameras: StereoCameras
+) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 4 3"]]:
+    """Points with projections nearest to the pixels, and the derivatives of these; `_NoPointError` without any."""
     points_m = _midpoints(cameras.left.undistort(left_px), cameras.right.undistort(right_px), cameras)
     wanted = np.concatenate([left_px, right_px], axis=1)
     for _ in range(_TRIANGULATION_STEPS):
@@ -172,15 +193,52 @@ def triangulate(
     reprojection_px = np.sqrt(np.sum((pixels - wanted) ** 2, axis=1) / 2)
     worst = int(np.argmax(reprojection_px))
     if not reprojection_px[worst] <= MAX_REPROJECTION_PX:
-        raise ConfigError(
+        raise _NoPointError(
             f"point {worst + 1}: its two lines of sight miss each other by {reprojection_px[worst]:.1f} px, at most "
             f"{MAX_REPROJECTION_PX:g} px is allowed; the two images show different spots, or the calibration is wrong"
         )
-    inverse = np.linalg.inv(np.einsum("nij,nik->njk", derivative, derivative))
-    return Triangulated(
-        points_m=points_m,
-        covariances_m2=sigma_px**2 * inverse,
-        by_pixel_m=inverse @ np.swapaxes(derivative, 1, 2),
+    return points_m, derivative
+
+
+def _turned(pixels: Float64[np.ndarray, "points 2"], camera: Camera) -> Float64[np.ndarray, "points 2"]:
+    """Pixels in the image turned by 180 deg."""
+    return np.asarray(np.subtract(camera.size_px, 1.0) - pixels)
+
+
+def _other_arrangements(
+    left_px: Float64[np.ndarray, "points 2"], right_px: Float64[np.ndarray, "points 2"], cameras: StereoCameras
+) -> list[str]:
+    """What may have been done to the images: each would make all pixels those of points in front of the cameras."""
+    left, right = cameras.left, cameras.right
+    left_turned_px, right_turned_px = _turned(left_px, left), _turned(right_px, right)
+    arrangements = {
+        "the two images are exchanged": (right_px, left_px),
+        "both images are turned by 180 deg": (left_turned_px, right_turned_px),
+        "the left image is turned by 180 deg": (left_turned_px, right_px),
+        "the right image is turned by 180 deg": (left_px, right_turned_px),
+        "the two images are exchanged and turned by 180 deg": (right_turned_px, left_turned_px),
+    }
+    return [words for words, (first, second) in arrangements.items() if _fits(first, second, cameras)]
+
+
+def _fits(
+    left_px: Float64[np.ndarray, "points 2"], right_px: Float64[np.ndarray, "points 2"], cameras: StereoCameras
+) -> bool:
+    try:
+        _nearest_points(left_px, right_px, cameras)
+    except (ConfigError, np.linalg.LinAlgError):
+        return False
+    return True
+
+
+def _cause(others: list[str]) -> str:
+    """Arrangements as the end of a sentence; empty if there are none."""
+    if not others:
+        return ""
+    # Images that are exchanged *and* turned fit as well as the right ones, in a frame that is turned.
+    return (
+        f"; it would fit if {', or if '.join(others)}: compare both images with those of the calibration before either "
+        "is changed, because a wrong change may fit too, and gives another frame"
     )
 
 
@@ -199,9 +257,7 @@ def _midpoints(
     depths = np.linalg.solve(normal, np.einsum("nij,i->nj", columns, back.translation_m)[..., None])[..., 0]
     if not (depths > 0).all():
         number = int(np.flatnonzero(~(depths > 0).all(axis=1))[0]) + 1
-        raise ConfigError(
-            f"point {number}: its two lines of sight meet behind the cameras; check which image is the left one"
-        )
+        raise _NoPointError(f"point {number}: its two lines of sight meet behind the cameras")
     return np.asarray((depths[:, :1] * first + depths[:, 1:] * second + back.translation_m) / 2)
 
 

@@ -174,7 +174,7 @@ class Guard:
         most_deg = sweep.fastest_deg_s * elapsed_s + self._arrival_deg
         if not (in_time and beyond_deg <= self._arrival_deg and -self._arrival_deg <= turned_deg <= most_deg):
             why = f"the probe turned by {turned_deg:.3f} deg in {elapsed_s:.3f} s to {angle_deg:.3f} deg"
-            raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {sweep}; check stage and host"))
+            raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {sweep.words}; check stage and host"))
         self._read = angle_deg, now_s
         turning = turning or sweep.turns_at(angle_deg, within_deg=self._arrival_deg)
         return turned_deg >= sweep.slowest_deg_s * elapsed_s or (turning and now_s <= self._turned_s + sweep.turn_s)

@@ -16,7 +16,7 @@ import numpy as np
 
 from markerseek._closing import Closing
 from markerseek.core import Float64, RecordError, described, needs_package
-from markerseek.files import natural
+from markerseek.files import DEGREES, natural
 from markerseek.records.child import MAX_PER_BYTE
 
 if TYPE_CHECKING:
@@ -27,6 +27,27 @@ _FILTERS = frozenset({1, 2, 3, 32000})
 a search path."""
 
 _MAX_TEXT = 10_000
+
+_MOST_LINKS, _MOST_OBJECTS = 16, 1000
+"""Most links that lead from one to the next, and most datasets and groups that are looked at where no name is known."""
+
+_NEUTRAL = {
+    **dict.fromkeys(("scale", "scaling_factor", "scalefactor", "slope", "conversion"), 1.0),
+    **dict.fromkeys(("offset", "intercept"), 0.0),
+}
+"""Attributes, other than those of the CF conventions, by which a program may want numbers changed, and the value that
+changes nothing."""
+
+_UNITS = ("units", "unit")
+_SI = frozenset(
+    {
+        "-", "1", "none", "unitless", "dimensionless", "a.u.", "au", "counts", "adc",
+        "hz", "hertz", "1/s", "s", "sec", "second", "seconds", "m", "metre", "metres", "meter", "meters",
+        "m/s", "m s-1", "meters/second", "metres/second", "j", "joule", "joules", "v", "volt", "volts",
+        "rad", "radian", "radians", *DEGREES,
+    }
+)  # fmt: skip
+"""Units without a prefix, in lower case: numbers whose names need none are in these."""
 
 
 def require_h5py(*, purpose: str = "a bank in HDF5") -> None:
@@ -60,22 +81,33 @@ class CheckedHdf5(Closing):
         """Close the file; allowed twice."""
         self.opened.close()
 
-    def datasets(self) -> list[str]:
-        """Names of the datasets at the top level of the file."""
+    def found(self, *, deep: bool) -> Iterator[tuple[str, h5py.HLObject | str]]:
+        """Datasets and groups by their names, each once, those that are nearest to the top first.
+
+        For what cannot be opened, the reason in place of it. ``deep``: whether groups are looked into.
+        """
         import h5py
 
-        # Link types are asked for first: opening a soft or external link would already follow it.
-        within = filter(self.is_within, self.opened)
-        return [name for name in within if self.opened.get(name, getclass=True) is h5py.Dataset]
-
-    def is_within(self, name: str) -> bool:
-        """Whether a name at the top level is no link to another place."""
-        import h5py
-
-        return isinstance(self.opened.get(name, getlink=True), h5py.HardLink)
+        seen: set[int] = set()
+        waiting: list[tuple[str, h5py.Group]] = [("", self.opened)]
+        for prefix, group in waiting:
+            for name in sorted(group, key=natural):
+                try:
+                    item = self.inside(group, name)
+                except (TypeError, ValueError, RecordError) as problem:
+                    yield prefix + name, str(problem).removeprefix(f"{self._path}: ")
+                    continue
+                if item is None or (address := h5py.h5o.get_info(item.id).addr) in seen:
+                    continue
+                seen.add(address)
+                if len(seen) > _MOST_OBJECTS:
+                    return
+                yield prefix + name, item
+                if deep and isinstance(item, h5py.Group):
+                    waiting.append((f"{prefix}{name}/", item))
 
     def has(self, name: str) -> bool:
-        """Whether the name exists; `TypeError` where it is a link to another place."""
+        """Whether the name exists; `TypeError` where it leads to another file."""
         return self.inside(self.opened, name) is not None
 
     def names(self, name: str) -> list[str]:
@@ -100,6 +132,11 @@ class CheckedHdf5(Closing):
         """Dataset that a reference points to, with the errors of `dataset`."""
         if not reference:
             raise ValueError(f"{name} refers to nothing")
+        import h5py
+
+        identifier = h5py.h5r.dereference(reference, self.opened.id)
+        if isinstance(identifier, h5py.h5d.DatasetID):
+            self._require_here(identifier, name=name)
         return self.checked(self.opened[reference], name=name)
 
     def scalars(self, references: Iterable[h5py.Reference], *, name: str) -> Float64[np.ndarray, " references"] | None:
@@ -130,9 +167,7 @@ class CheckedHdf5(Closing):
 
         if not isinstance(item, h5py.Dataset):
             raise TypeError(f"{name} is no dataset")
-        # Virtual and external datasets read other files, without any link.
-        if item.is_virtual or item.external:
-            raise ValueError(f"{name} lies in another file")
+        self._require_here(item.id, name=name)
         plan = item.id.get_create_plist()
         if not {plan.get_filter(number)[0] for number in range(plan.get_nfilters())} <= _FILTERS:
             raise ValueError(f"{name} is compressed by a filter other than gzip and lzf")
@@ -142,12 +177,66 @@ class CheckedHdf5(Closing):
             raise ValueError(f"{name} unpacks to {size} bytes, more than {MAX_PER_BYTE} times the file")
         return item
 
-    def numbers(self, name: str) -> Float64[np.ndarray, " values"]:
-        """All numbers of a dataset, flattened."""
+    def numbers(self, name: str, *, units: frozenset[str] = _SI) -> Float64[np.ndarray, " values"]:
+        """All numbers of a dataset, flattened; refused if it states a unit other than ``units``."""
         item = self.dataset(name)
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
             raise ValueError(f"{name} is {item.dtype}, numbers are expected")
-        return np.atleast_1d(np.asarray(item[()], dtype=np.float64)).ravel()
+        unit = unit_of_dataset(item)
+        if unit and unit.lower() not in units:
+            raise RecordError(
+                f"{self._path}: {name} has the unit {unit!r}, "
+                f"{'degrees' if units is DEGREES else 'a unit without a prefix (Hz, s, m)'} is expected; convert the "
+                "numbers, and correct the attribute"
+            )
+        return np.atleast_1d(np.asarray(self.values(item, name=name), dtype=np.float64)).ravel()
+
+    def values(self, item: h5py.Dataset, *, name: str) -> np.ndarray:
+        """All values of a dataset, unpacked as its attributes say (``scale_factor`` … of the CF conventions).
+
+        Values that mark missing ones become NaN. Raises `RecordError` if another attribute would change the numbers.
+        """
+        factor = self._attribute(item, "scale_factor", name=name)
+        offset = self._attribute(item, "add_offset", name=name)
+        missing = [self._attribute(item, each, name=name) for each in ("_FillValue", "missing_value")]
+        unsigned = _text_attribute(item, "_Unsigned").lower()
+        if unsigned == "true" and item.dtype.kind == "i":
+            raise RecordError(f"{self._path}: {name} has the attribute _Unsigned; save it in an unsigned type")
+        for other in sorted(set(item.attrs) & {*_NEUTRAL, *(each.capitalize() for each in _NEUTRAL)}):
+            stated = self._attribute(item, other, name=name)
+            if stated != _NEUTRAL[other.lower()]:
+                raise RecordError(
+                    f"{self._path}: {name} has the attribute {other} = {stated:g}, and what it does to the numbers is "
+                    "not known; apply it, and take it out (scale_factor and add_offset are read)"
+                )
+        values = np.asarray(item[()], dtype=item.dtype.newbyteorder("="))
+        if item.dtype.kind not in "iuf":
+            return values
+        marked = np.isin(values, [each for each in missing if each is not None])
+        if factor in (None, 1) and offset in (None, 0) and not marked.any():
+            return values
+        unpacked = values * (1.0 if factor is None else factor) + (0.0 if offset is None else offset)
+        return np.where(marked, np.nan, unpacked)
+
+    def _attribute(self, item: h5py.Dataset, attribute: str, *, name: str) -> float | None:
+        """The one number of an attribute; None if it is missing."""
+        if attribute not in item.attrs:
+            return None
+        held = item.attrs.get_id(attribute)
+        if math.prod(held.shape) != 1 or held.dtype.kind not in "iuf":
+            raise RecordError(
+                f"{self._path}: the attribute {attribute} of {name} is {held.dtype} of shape {held.shape}, one number "
+                "is expected; apply it to the numbers, and take it out"
+            )
+        return float(np.ravel(item.attrs[attribute])[0])
+
+    def _require_here(self, item: h5py.h5d.DatasetID, *, name: str) -> None:
+        """Refuse a dataset whose numbers lie in other files, which are read without any link."""
+        if _lies_elsewhere(item):
+            raise RecordError(
+                f"{self._path}: {name} is a virtual or external dataset, whose numbers lie in other files; copy the "
+                "numbers into one file"
+            )
 
     def number(self, name: str) -> float | None:
         """The single number of a dataset; None if it is missing, not finite, or the text ``None``."""
@@ -173,19 +262,71 @@ class CheckedHdf5(Closing):
         text = raw.decode("utf-8") if isinstance(raw, bytes) else str(raw)
         return text[:_MAX_TEXT]
 
-    def inside(self, group: object, name: str) -> object:
-        """Group or dataset of that name in a group; None if it is missing, `TypeError` where it is a link."""
+    def inside(self, group: object, name: str, *, links: int = _MOST_LINKS) -> h5py.HLObject | None:
+        """Group or dataset of that name in a group; None if it is missing.
+
+        Soft links are followed within the file. Raises `TypeError` where a link leads to another file, or in a circle
+        (``links``: most that are followed), `RecordError` where a dataset does.
+        """
         import h5py
 
         item = group
-        for part in name.split("/"):
+        for part in filter(None, name.split("/")):
             # Part by part, because a path given to h5py follows links in its middle.
-            if not isinstance(item, h5py.Group) or part not in item:
+            if not isinstance(item, h5py.Group) or (link := item.get(part, getlink=True)) is None:
                 return None
-            if not isinstance(item.get(part, getlink=True), h5py.HardLink):
+            if isinstance(link, h5py.SoftLink):
+                if links == 0:
+                    raise TypeError(f"{part} is one of more than {_MOST_LINKS} links in a row")
+                start = self.opened if link.path.startswith("/") else item
+                item = self.inside(start, link.path, links=links - 1)
+            elif isinstance(link, h5py.HardLink):
+                item = self._opened(item, part)
+            else:
                 raise TypeError(f"{part} is a link to another place")
-            item = item[part]
         return item
+
+    def _opened(self, group: h5py.Group, name: str) -> h5py.HLObject:
+        """What a hard link leads to.
+
+        An object of h5py's own keeps the plan of a virtual dataset open, on which HDF5 2.0 crashes when Python ends: no
+        such object is made of one.
+        """
+        import h5py
+
+        identifier = h5py.h5o.open(group.id, name.encode())
+        if isinstance(identifier, h5py.h5d.DatasetID):
+            self._require_here(identifier, name=name)
+        return group[name]
+
+
+def _lies_elsewhere(item: h5py.h5d.DatasetID) -> bool:
+    """Whether the numbers of a dataset lie in other files."""
+    import h5py
+
+    plan = item.get_create_plist()
+    return bool(plan.get_layout() == h5py.h5d.VIRTUAL or plan.get_external_count())
+
+
+def unit_of_dataset(item: h5py.Dataset) -> str:
+    """Unit that the attributes of a dataset state; empty if they state none."""
+    return next(filter(None, (_text_attribute(item, name) for name in _UNITS)), "")
+
+
+def _text_attribute(item: h5py.Dataset, name: str) -> str:
+    """Text of an attribute, also of one in capitals; empty if it is missing or no short text."""
+    import h5py
+
+    found = next((each for each in (name, name.capitalize(), name.upper()) if each in item.attrs), None)
+    if found is None:
+        return ""
+    held = item.attrs.get_id(found)
+    kind = h5py.check_string_dtype(held.dtype)
+    if kind is None or math.prod(held.shape) != 1 or (kind.length or 0) > _MAX_TEXT:
+        return ""
+    value = np.ravel(item.attrs[found])[0]
+    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    return text.strip()[:_MAX_TEXT]
 
 
 @contextmanager

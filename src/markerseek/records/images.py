@@ -6,15 +6,15 @@ import importlib.util
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from markerseek.core import MissingExtraError, RecordError, UInt8
-from markerseek.files import MIB, as_read_error, in_natural_order, require_input
+from markerseek.files import MIB, angle_in, as_read_error, endings, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
-from markerseek.records.banks.bank import warn
+from markerseek.records.banks.bank import first_of, warn
 from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
+from markerseek.records.dicom import DAMAGED, read_dicom
 from markerseek.records.hdf5 import as_record_error
 
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
@@ -27,12 +27,6 @@ MAX_PIXELS, _LARGEST = 1 << 30, 1 << 28
 """Most pixels of a series, and of one image."""
 
 _MAX_BYTES = 512 * MIB
-
-_CENTIMETRE_UNITS = 3
-"""Physical units of an ultrasound region that mean centimetres (DICOM PS3.3, C.8.5.5.1.1)."""
-
-_IMAGE_FORMAT = 1
-"""Spatial format of an ultrasound region that is an image, no M-mode, spectrum or graphic."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,18 +53,13 @@ def read_images(
     """
     if is_sequence(path):
         return read_image_sequence(path, angles=False, pixel_m=pixel_m)
-    files = _files(path)
-    names: list[str] = []
-    found: list[np.ndarray] = []
+    read: list[_File] = []
     sizes: dict[tuple[float, float] | None, Path] = {}
-    pixels = 0
-    for file in files:
-        frames, size_m = _frames(file, roi, pixel_m)
-        sizes.setdefault(size_m, file)
-        names += [file.name if len(frames) == 1 else f"{file.name}, frame {n + 1}" for n in range(len(frames))]
-        found += list(frames)
-        pixels += frames.size
-        if len(found) > MAX_IMAGES or pixels > MAX_PIXELS:
+    for file in _files(path):
+        read.append(_file(file, roi, pixel_m))
+        sizes.setdefault(read[-1].size_m, file)
+        images, pixels = sum(len(each.frames) for each in read), sum(each.frames.size for each in read)
+        if images > MAX_IMAGES or pixels > MAX_PIXELS:
             raise RecordError(
                 f"{path}: more than {MAX_IMAGES} images or {MAX_PIXELS} pixels; give the images of one scan"
             )
@@ -79,7 +68,49 @@ def read_images(
         raise RecordError(
             f"{path}: a pixel of {one.name} is {_size(first)}, of {other.name} {_size(second)}; keep to one scan"
         )
-    return ImageSeries(names=tuple(names), images=_as_8_bits(path, found), pixel_m=next(iter(sizes)))
+    read = _in_order(path, read)
+    return ImageSeries(
+        names=tuple(name for each in read for name in each.names),
+        images=_as_8_bits(path, [image for each in read for image in each.frames]),
+        pixel_m=next(iter(sizes)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _File:
+    """The images of one file."""
+
+    path: Path
+    frames: np.ndarray
+    """Grey values, (frames, rows, columns)."""
+    size_m: tuple[float, float] | None
+    """Height and width of a pixel."""
+    instance: int | None = None
+    """Number of the file in a series of DICOM."""
+
+    @property
+    def names(self) -> list[str]:
+        """Name of each image."""
+        name, count = self.path.name, len(self.frames)
+        return [name] if count == 1 else [f"{name}, frame {number + 1}" for number in range(count)]
+
+
+def _in_order(path: Path, read: list[_File]) -> list[_File]:
+    """Files in the order of their InstanceNumber, unless their names are angles, or state the same order."""
+    numbers = [each.instance for each in read if each.instance is not None]
+    if len(set(numbers)) < len(read) or numbers == sorted(numbers):
+        return read
+    named = [angle_in(each.path.stem) for each in read]
+    if all(named) and any(each.stated for each in named if each is not None):
+        return read
+    missing = sorted({*range(min(numbers), max(numbers))} - {*numbers}) if np.ptp(numbers) < 2 * len(numbers) else []
+    gaps = f"; {first_of([str(each) for each in missing])} are missing" if missing else ""
+    warn(
+        path,
+        f"its images are taken in the order of their InstanceNumber, which is not that of their names{gaps}; the angle "
+        "of each by its name: --angles FILE",
+    )
+    return sorted(read, key=lambda each: each.instance or 0)
 
 
 def read_image_sequence(
@@ -118,20 +149,24 @@ def read_image_sequence(
 def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
-    files = [each for each in in_natural_order(path.iterdir()) if each.suffix.lower() in IMAGE_SUFFIXES]
+    # macOS puts a file ._NAME beside each that it copies to a disk of another system.
+    held = [each for each in in_natural_order(path.iterdir()) if not each.name.startswith(".")]
+    files = [each for each in held if each.suffix.lower() in IMAGE_SUFFIXES]
     if not files:
-        raise RecordError(f"{path}: there is no image in this folder; {', '.join(IMAGE_SUFFIXES)} are read")
+        raise RecordError(
+            f"{path}: there is no image in this folder; {', '.join(IMAGE_SUFFIXES)} are read, and it holds "
+            f"{endings(held)}; export the images as one of these"
+        )
     return files
 
 
-def _frames(
-    path: Path, roi: tuple[int, int, int, int] | None, pixel_m: tuple[float, float] | None
-) -> tuple[np.ndarray, tuple[float, float] | None]:
-    """Frames of one file, shape (frames, rows, columns), and the size of a pixel in metres."""
+def _file(path: Path, roi: tuple[int, int, int, int] | None, pixel_m: tuple[float, float] | None) -> _File:
+    """The images of one file."""
     suffix = path.suffix.lower()
     if suffix == ".b8":
         file = open_ultrasonix(path)
-        return np.stack([file.b_mode(n) for n in range(min(file.header.frames, MAX_IMAGES + 1))]), pixel_m
+        frames = np.stack([file.b_mode(n) for n in range(min(file.header.frames, MAX_IMAGES + 1))])
+        return _File(path=path, frames=frames, size_m=pixel_m)
     if suffix not in IMAGE_SUFFIXES:
         read = ", ".join((*IMAGE_SUFFIXES, *SEQUENCE_SUFFIXES))
         raise RecordError(f"{path}: {read} are read; export the images as one of these")
@@ -141,21 +176,18 @@ def _frames(
     with as_read_error(path):
         # Only regular files, and none that is too large.
         require_input(path, most_bytes=_MAX_BYTES)
-    regions, spacing_m = np.empty((0, 6)), None
-    if suffix == ".png":
-        frames = _read_png(path)[np.newaxis]
-    else:
-        frames, regions, spacing_m = _read_dicom(path)
+    held = None if suffix == ".png" else read_dicom(path)
+    frames = _read_png(path)[np.newaxis] if held is None else held.frames
     if frames.ndim != 3 or frames.dtype.kind not in "ui":
         raise RecordError(
             f"{path}: {frames.dtype} of shape {frames.shape}, which is no grey image; export it as B-mode"
         )
-    if pixel_m is not None:
-        return frames, pixel_m
-    size_m = _region_size_m(path, regions, roi) or spacing_m
+    if held is None or pixel_m is not None:
+        return _File(path=path, frames=frames, size_m=pixel_m, instance=None if held is None else held.instance)
+    size_m = _region_size_m(path, held.regions, roi) or held.spacing_m
     if size_m is not None and not all(0 < size < 0.01 for size in size_m):
         raise RecordError(f"{path}: a pixel of {list(size_m)} m, 0 to 10 mm are possible; name --pixel-mm instead")
-    return frames, size_m
+    return _File(path=path, frames=frames, size_m=size_m, instance=held.instance)
 
 
 def _region_size_m(
@@ -195,7 +227,7 @@ def _read_png(path: Path) -> np.ndarray:
     data = np.fromfile(path, np.uint8)
     # Width and height stand first in every PNG; memory is taken for what they say.
     width, height = (int.from_bytes(data[start : start + 4].tobytes(), "big") for start in (16, 20))
-    with warnings.catch_warnings(action="ignore"), as_record_error(path, **_DAMAGED):
+    with warnings.catch_warnings(action="ignore"), as_record_error(path, **DAMAGED):
         import cv2
 
         if data[12:16].tobytes() == b"IHDR" and width * height > _LARGEST:
@@ -204,53 +236,3 @@ def _read_png(path: Path) -> np.ndarray:
         if image is None:
             raise ValueError("empty" if data.size == 0 else "no PNG")
         return np.asarray(image)
-
-
-_DAMAGED = {"what": "image", "cure": "it is damaged: export it again"}
-"""Error of a file that a library cannot decode as an image."""
-
-
-def _read_dicom(path: Path) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
-    """Grey values of all frames, (frames, rows, columns); its image regions; and the size of a pixel by its spacing.
-
-    Regions: first row and column, last row and column, and height and width of a pixel in metres, of each.
-    """
-    with warnings.catch_warnings(action="ignore"), as_record_error(path, **_DAMAGED):
-        import pydicom
-
-        file = pydicom.dcmread(path)
-        colour = str(file.get("PhotometricInterpretation", ""))
-        try:
-            pixels = np.asarray(file.pixel_array)
-            if colour == "PALETTE COLOR":
-                # Without the fourth colour of a palette, transparency.
-                pixels = np.asarray(pydicom.pixels.processing.apply_color_lut(pixels, file))[..., :3]
-        except (AttributeError, RuntimeError, NotImplementedError, ValueError) as problem:
-            reason = " ".join(str(problem).split())
-            raise RecordError(f"{path}: its images cannot be unpacked: {reason}; export it uncompressed") from problem
-        if colour == "PALETTE COLOR" or (pixels.shape[-1] == 3 and int(file.get("SamplesPerPixel", 1)) == 3):
-            # Grey is the same in all three colours of a B-mode image; pydicom has made RGB of YBR.
-            pixels = pixels.max(axis=-1)
-        if pixels.ndim == 2:
-            pixels = pixels[np.newaxis]
-        if colour == "MONOCHROME1":
-            # About the middle of what the bits can hold, so that the images of a scan can be compared.
-            signed = int(file.get("PixelRepresentation", 0))
-            pixels = (-1 if signed else 2 ** int(file.BitsStored) - 1) - pixels.astype(np.int64)
-        spacing_m = [1e-3 * float(each) for each in (file.get("PixelSpacing") or ())[:2]]
-        return pixels, np.array(_regions(file)).reshape(-1, 6), (spacing_m[0], spacing_m[1]) if spacing_m else None
-
-
-def _regions(file: Any) -> list[tuple[float, ...]]:
-    """Rows as in `_read_dicom` of the ultrasound regions that are images."""
-    found = []
-    for region in file.get("SequenceOfUltrasoundRegions") or ():
-        units = {int(region.get(f"PhysicalUnits{axis}Direction", 0)) for axis in "XY"}
-        if units != {_CENTIMETRE_UNITS} or int(region.get("RegionSpatialFormat", _IMAGE_FORMAT)) != _IMAGE_FORMAT:
-            continue
-        places = ("MinY0", "MinX0", "MaxY1", "MaxX1")
-        edges = [float(region.get(f"RegionLocation{place}", -1)) for place in places]
-        if min(edges) < 0:
-            edges = [0, 0, float(file.Rows) - 1, float(file.Columns) - 1]
-        found.append((*edges, *(1e-2 * abs(float(region.get(f"PhysicalDelta{axis}", 0))) for axis in "YX")))
-    return found

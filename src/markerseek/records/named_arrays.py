@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import math
 import zipfile
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 
 from markerseek.core import RecordError
 from markerseek.files import require_input
 from markerseek.records.child import MAX_PER_BYTE, try_files
-from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py
+from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py, unit_of_dataset
 from markerseek.records.vantage import FRAMES, is_workspace, vantage_arrays
 
 if TYPE_CHECKING:
@@ -66,6 +68,8 @@ class NamedArrays(dict[str, np.ndarray]):
 
     left_out: tuple[str, ...] = ()
     """Name and kind of each variable that is no array of numbers."""
+    units: Mapping[str, str] = MappingProxyType({})
+    """Unit of each variable for which the file states one."""
 
 
 def content(arrays: Mapping[str, np.ndarray]) -> str:
@@ -191,45 +195,63 @@ def read_mat73(path: Path) -> dict[str, np.ndarray]:
         CheckedHdf5(path) as file,
     ):
         arrays = NamedArrays()
-        for name, item in _numeric(path, file, cure="save it with '-v7.3', '-nocompression'"):
-            arrays[name] = _matlab_values(item)
+        held = list(file.found(deep=False))
+        for name, item in _numeric(path, file, held, cure="save it with '-v7.3', '-nocompression'"):
+            arrays[name] = _matlab_values(file, item, name)
         if is_workspace(file):
             return arrays | vantage_arrays(path, file)
         arrays.left_out = tuple(
-            f"{name} ({_kind_of(file, name)})" for name in file.names("") if name not in arrays and name[0] != "#"
+            f"{name} ({_kind_of(item)})" for name, item in held if name not in arrays and name[0] != "#"
         )
         return arrays
 
 
 def plain_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
-    """The arrays at the top level of an HDF5 file that is of no known format."""
+    """The arrays of an HDF5 file that is of no known format.
+
+    Groups are looked into where the top level holds single numbers at most. An array in a group has the last part of
+    its name where no other has it, else its whole path.
+    """
     cure = "save it without compression"
-    arrays = NamedArrays((name, _values(item)) for name, item in _numeric(path, file, cure=cure))
+    held = list(file.found(deep=False))
+    # Of a file whose arrays are at the top, groups may hold far more than is needed.
+    if all(item.size == 1 for _, item in held if _is_numeric(item)):
+        held = list(file.found(deep=True))
+    numeric = dict(_numeric(path, file, held, cure=cure))
+    short = _short_names(numeric)
+    arrays = NamedArrays((short[name], _values(file, item, name)) for name, item in numeric.items())
+    arrays.units = {short[name]: unit for name, item in numeric.items() if (unit := unit_of_dataset(item))}
     arrays.left_out = tuple(
-        f"{name[:40]} ({file.opened[name].dtype if name in file.datasets() else 'group or link'})"
-        for name in file.names("")
-        if name not in arrays
+        item if isinstance(item, str) else f"{name[:40]} ({getattr(item, 'dtype', 'group')})"
+        for name, item in held
+        if name not in numeric
     )
     return arrays
 
 
-def _numeric(path: Path, file: CheckedHdf5, *, cure: str) -> Iterator[tuple[str, h5py.Dataset]]:
-    """The datasets at the top level that hold numbers."""
+def _short_names(paths: Iterable[str]) -> dict[str, str]:
+    """The last part of each path where no other has it, else the path."""
+    last = {path: path.rpartition("/")[2] for path in paths}
+    count = Counter(last.values())
+    return {path: name if count[name] == 1 or name == path else path for path, name in last.items()}
+
+
+def _numeric(
+    path: Path, file: CheckedHdf5, held: Iterable[tuple[str, h5py.HLObject | str]], *, cure: str
+) -> Iterator[tuple[str, h5py.Dataset]]:
+    """The datasets that hold numbers, of what a file holds."""
     unpacked_bytes = 0
-    for name in file.datasets():
-        if _is_numeric(item := file.opened[name]):
-            # All arrays together, because all of them come back at once; `dataset` refuses those of other files.
-            if not (item.is_virtual or item.external):
-                unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
-                _require_small(path, unpacked_bytes, cure=cure)
-            yield name, file.dataset(name)
+    for name, item in held:
+        if _is_numeric(item):
+            # All arrays together, because all of them come back at once.
+            unpacked_bytes += math.prod(item.shape) * item.dtype.itemsize
+            _require_small(path, unpacked_bytes, cure=cure)
+            yield name, file.checked(item, name=name)
 
 
-def _kind_of(file: CheckedHdf5, name: str) -> str:
+def _kind_of(item: h5py.HLObject | str) -> str:
     """Kind of a variable that is no array of numbers, as MATLAB calls it."""
-    if not file.is_within(name):
-        return "link"
-    return _class_of(file.opened[name], otherwise="struct")
+    return "link" if isinstance(item, str) else _class_of(item, otherwise="struct")
 
 
 def _class_of(item: h5py.HLObject, *, otherwise: str) -> str:
@@ -238,25 +260,29 @@ def _class_of(item: h5py.HLObject, *, otherwise: str) -> str:
     return kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
 
 
-def _is_numeric(item: h5py.Dataset) -> bool:
-    """Whether a dataset holds numbers, real or complex, also by the class that it had in MATLAB."""
+def _is_numeric(item: h5py.HLObject | str) -> TypeGuard[h5py.Dataset]:
+    """Whether something is a dataset of numbers, real or complex, also by the class that it had in MATLAB."""
+    import h5py
+
+    if not isinstance(item, h5py.Dataset) or item.shape is None:
+        return False
     complex_of_matlab = item.dtype.names == ("real", "imag")
     real = item.dtype.kind in "iuf" and item.dtype.itemsize <= 8
     number = real or complex_of_matlab or (item.dtype.kind == "c" and item.dtype.itemsize <= 16)
-    return _class_of(item, otherwise="double") in _MATLAB_TYPES and item.shape is not None and number
+    return number and _class_of(item, otherwise="double") in _MATLAB_TYPES
 
 
-def _matlab_values(item: h5py.Dataset) -> np.ndarray:
+def _matlab_values(file: CheckedHdf5, item: h5py.Dataset, name: str) -> np.ndarray:
     """Values with the axes as in MATLAB."""
     # Of an empty array the dataset holds the shape, not values.
     if "MATLAB_empty" in item.attrs:
         return np.empty(0)
-    return _values(item).T
+    return _values(file, item, name).T
 
 
-def _values(item: h5py.Dataset) -> np.ndarray:
+def _values(file: CheckedHdf5, item: h5py.Dataset, name: str) -> np.ndarray:
     """Values in the byte order of this machine; a pair of real and imaginary parts is one number."""
     if item.dtype.names == ("real", "imag"):
         pairs = item[()]
         return np.asarray(pairs["real"] + 1j * pairs["imag"])
-    return np.asarray(item[()], dtype=item.dtype.newbyteorder("="))
+    return file.values(item, name=name)

@@ -46,6 +46,7 @@ from markerseek.records.words import (
     answer_name,
     answer_reason,
     others_rows,
+    outliers_rows,
     time_text,
 )
 
@@ -199,6 +200,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """Seed of a simulated rig."""
     configuration: str
     """Fingerprint of the rig."""
+    outliers_deg: tuple[float, ...] = ()
+    """Angles of acquisitions that were left out, because they are far stronger than those beside them."""
     near: AnglePrior | None = None
     """Where the marker was expected; None without such a prior."""
     near_evidence: PriorEvidence | None = None
@@ -273,6 +276,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             floor=estimate.floor,
             others=list(estimate.others),
             surveyed=estimate.surveyed,
+            outliers_deg=estimate.outliers_deg,
             other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
             curve=estimate.curve if isinstance(estimate, Found) else None,
             samples=[SampleRow.of(sample) for sample in kept],
@@ -312,6 +316,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         # An angle that another source may explain: the user may know that there is no other source.
         cure = "; --single states that there is none" if self.doubt == "source" and self.surveyed is not None else ""
         rows = [*_answer_rows(self), *others_rows(self.others, self.surveyed, self.other_probability, cure=cure)]
+        rows += outliers_rows(self.outliers_deg)
         if self.near is not None and self.near_evidence is not None:
             rows.append(("prior", self.near_evidence.said(self.near)))
         if self.marker_trus_m is not None:
@@ -436,9 +441,10 @@ def _effort_rows(result: SearchResult) -> list[tuple[str, str]]:
 def _threshold(floor: Floor, *, acquisitions: int) -> str:
     if floor.level is None:
         return "unknown"
+    background = "" if floor.background is None else f", above a background of {floor.background:.4g}"
     return (
-        f"{floor.level:.4g} from {floor.source}; noise alone exceeds it in at most one of {1 / FALSE_FOUND:g} searches "
-        f"of {acquisitions} acquisitions"
+        f"{floor.level:.4g} from {floor.source}{background}; noise alone exceeds it in at most one of "
+        f"{1 / FALSE_FOUND:g} searches of {acquisitions} acquisitions"
     )
 
 

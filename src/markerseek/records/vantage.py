@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
+from scipy.ndimage import median_filter
 
-from markerseek.core import Float64, Int64, RecordError
+from markerseek.core import Float64, Int16, Int64, RecordError
 from markerseek.files import natural
 from markerseek.records.hdf5 import CheckedHdf5
 
@@ -35,8 +36,27 @@ MAX_ITEMS = 5000
 _THICKEST_LENS = 100
 """Of the lens of a probe, in wavelengths; those of Verasonics have up to 8."""
 
-_SAMPLED = ("NS200BW", "NS200BWI", "custom")
-"""Sample modes whose samples are equally spaced; the others (BS100BW …) take them in pairs, a quarter period apart."""
+_SAMPLED = ("NS200BW", "custom")
+"""Sample modes whose samples are equally spaced; the others take them in pairs, a quarter period apart (BS100BW …), or
+in two acquisitions, half a sample apart (NS200BWI)."""
+
+_ONE_KIND = "save one kind of them, without Event: Receive = Receive(1:2:end) for the first of two"
+
+_SIGMA_OF_MEDIAN = 1.4826
+"""Standard deviation of Gaussian noise over the median of its magnitude."""
+
+_MIN_COMPARED = 15
+"""Fewest frames whose acquisitions are compared: fewer do not show the noise."""
+
+_ALIKE = 0.4
+"""Least share of its peak that an acquisition must have where another of the same frames has its own: the energies of
+laser pulses differ by less."""
+
+_DEPTHS = 32
+"""Ranges of depth in which acquisitions are compared: the laser's pick-up and the skin are in the first ones."""
+
+_CLEAR = 10.0
+"""Height of a peak over the noise of its curve from which curves are compared."""
 
 
 def is_workspace(file: CheckedHdf5) -> bool:
@@ -47,17 +67,32 @@ def is_workspace(file: CheckedHdf5) -> bool:
 def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     """Frames of a workspace and what is known of them, named as `markerseek.records.banks.arrays` reads them.
 
-    The acquisitions of a frame are averaged; the frames are in the order of the buffer, with their numbers and the
-    number of the last one, as `markerseek.records.banks.arrays` needs them.
+    The acquisitions of a frame are averaged, and refused if they are no repeats; those of a buffer of one frame are
+    frames themselves. The frames are in the order of the buffer, with their numbers and the number of the last one, as
+    `markerseek.records.banks.arrays` needs them.
     """
     workspace = _Workspace(path=path, file=file)
     receives = workspace.receives()
     data = workspace.buffer(receives.buffer)
     columns = workspace.columns(data.shape[-2])
     numbers = workspace.frame_numbers(receives, data)
-    frames = np.stack(
-        [np.rint(_averaged(data, number, receives, columns)).astype(np.int16) for number in numbers.tolist()]
-    )
+    places = [(number, np.unique(receives.start[receives.frame == number])) for number in numbers.tolist()]
+    pulses = [int((receives.frame == number).sum()) for number in numbers.tolist()]
+    last = workspace.last_frame(receives.buffer)
+    if len(places) == 1:
+        # A buffer of one frame holds a scan if each of its acquisitions has an angle.
+        ((number, starts),) = places
+        numbers = np.arange(1, len(starts) + 1)
+        places = [(number, starts[[index]]) for index in range(len(starts))]
+        pulses = [int((receives.start == start).sum()) for start in starts.tolist()]
+        last = float(len(starts))
+    frames = np.empty((len(places), len(columns), receives.samples), np.int16)
+    strengths = []
+    for index, (number, starts) in enumerate(places):
+        acquired = [_acquisition(data, number, start, receives.samples, columns) for start in starts.tolist()]
+        frames[index] = np.rint(np.mean(acquired, axis=0))
+        strengths.append([_strengths(each) for each in acquired])
+    workspace.require_alike(strengths)
     if not frames.any():
         workspace.refuse(f"{FRAMES} holds zeros only", "save the workspace after the acquisition")
     known = {
@@ -65,11 +100,11 @@ def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
         "first_sample_s": receives.first_sample_s,
         "pitch_m": workspace.pitch_m(),
         "sound_speed_m_s": workspace.number("Resource.Parameters.speedOfSound"),
-        LAST: workspace.last_frame(receives.buffer),
+        LAST: last,
     }
     return {
         "frames": frames,
-        "pulses": np.array([(receives.frame == number).sum() for number in numbers]),
+        "pulses": np.array(pulses),
         NUMBERS: numbers,
         **{name: np.array(value) for name, value in known.items() if value is not None},
     }
@@ -90,16 +125,20 @@ class _Receives:
     first_sample_s: float
 
 
-def _averaged(
-    data: h5py.Dataset, number: int, receives: _Receives, columns: Int64[np.ndarray, " channels"]
-) -> Float64[np.ndarray, "channels samples"]:
-    """Mean of the acquisitions of one frame."""
-    starts = np.unique(receives.start[receives.frame == number])
-    total: Float64[np.ndarray, "channels samples"] = np.zeros((len(columns), receives.samples))
-    for start in starts.tolist():
-        rows = slice(start - 1, start - 1 + receives.samples)
-        total += (data[number - 1, :, rows] if data.ndim == 3 else data[:, rows])[columns]
-    return total / len(starts)
+def _acquisition(
+    data: h5py.Dataset, number: int, start: int, samples: int, columns: Int64[np.ndarray, " channels"]
+) -> Int16[np.ndarray, "channels samples"]:
+    """One acquisition of a frame; ``number`` and ``start`` count from 1."""
+    rows = slice(start - 1, start - 1 + samples)
+    return np.asarray((data[number - 1, :, rows] if data.ndim == 3 else data[:, rows])[columns], dtype=np.int16)
+
+
+def _strengths(acquired: Int16[np.ndarray, "channels samples"]) -> Float64[np.ndarray, " depths"]:
+    """Mean over the channels of the largest magnitude in each of some ranges of depth."""
+    samples = acquired.shape[1]
+    firsts = np.unique(np.linspace(0, samples, min(_DEPTHS, samples), endpoint=False, dtype=int))
+    magnitudes = np.abs(acquired.astype(np.float64))
+    return np.asarray(np.maximum.reduceat(magnitudes, firsts, axis=1).mean(axis=0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,10 +163,16 @@ class _Workspace:
         rate_mhz = self._each("Receive.decimSampleRate", count=count)
         rate_mhz = rate_mhz / self._each("Receive.quadDecim", count=count, otherwise=1.0)
         depth = self._each("Receive.startDepth", count=count, otherwise=0.0)
+        apertures = self._whole("Receive.aperture", count=count, otherwise=0)[chosen]
+        if apertures.any():
+            self.refuse(
+                f"Receive.aperture is {apertures[apertures != 0][0]}: the probe switches its elements",
+                "acquire with a probe whose elements have a channel each",
+            )
         for text in self._texts("Receive.sampleMode", count=count, chosen=chosen):
             if text not in _SAMPLED:
                 self.refuse(
-                    f"Receive.sampleMode is {text!r}, whose samples are not equally spaced",
+                    f"Receive.sampleMode is {text!r}, whose samples are not equally spaced in one acquisition",
                     "acquire with sampleMode 'NS200BW'",
                 )
         frequency_mhz = self.number("Trans.frequency")
@@ -211,6 +256,37 @@ class _Workspace:
                 f"save {FRAMES} and Receive of one run",
             )
         return numbers
+
+    def require_alike(self, strengths: list[list[Float64[np.ndarray, " depths"]]]) -> None:
+        """Refuse acquisitions of a frame that are no repeats: of other wavelengths, or at other angles.
+
+        ``strengths``: of each frame and acquisition. A source that only some of them see is what shows it.
+        """
+        counts = {len(each) for each in strengths}
+        if counts == {1}:
+            return
+        if len(counts) > 1:
+            self.refuse(
+                f"its frames have {' and '.join(map(str, sorted(counts)))} acquisitions without a transmit", _ONE_KIND
+            )
+        # What all frames have in common is no source; one frame alone may have missed a pulse.
+        curves = np.array(strengths).transpose(1, 0, 2)
+        curves = median_filter(curves - np.median(curves, axis=1, keepdims=True), size=(1, 3, 1), mode="nearest")
+        # The laser's pick-up varies with the energy of the pulses, and so counts as noise of its depths.
+        scatter = _SIGMA_OF_MEDIAN * np.median(np.abs(curves), axis=1, keepdims=True)
+        least = _CLEAR * np.maximum(scatter, 1.0)
+        clear = (curves > least).any(axis=0)
+        if not clear.any() or len(strengths) < _MIN_COMPARED:
+            return
+        raised = np.where(clear, np.maximum(curves, least), 0.0).reshape(len(curves), -1)
+        # How strong each acquisition, of which the strongest is 1, is where another is strongest.
+        shares = (raised / raised.max(axis=1, keepdims=True))[:, raised.argmax(axis=1)]
+        if shares.min() < _ALIKE:
+            self.refuse(
+                f"the {counts.pop()} acquisitions of a frame are no repeats: where one is strongest, another has "
+                f"{100 * shares.min():.0f} % of its own peak, as of two wavelengths, or at two angles",
+                _ONE_KIND,
+            )
 
     def last_frame(self, buffer: int) -> float | None:
         """Number of the frame of a buffer that was filled last; None if not stated."""

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
-from markerseek.core import Ambiguous, AngleBelief, AtBound, Estimate, Found, NotFound, OtherSource, Unsure
+from markerseek.core import Ambiguous, AngleBelief, AtBound, Estimate, Found, NotFound, OtherSource, Unsure, counted
 
 AnswerName: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure"]
 """Names of the answers in the JSON output."""
@@ -164,6 +164,20 @@ def others_rows(
         share = "< 0.1 %" if other_probability < 1e-3 else f"{100 * other_probability:.2g} %"
         rows.append(("wrong source", f"{share}, the probability that another source is the marker{cure}"))
     return rows
+
+
+NAMED_OUTLIERS = 4
+"""Most outliers whose angles are named."""
+
+
+def outliers_rows(outliers_deg: Sequence[float]) -> list[tuple[str, str]]:
+    """Row of the samples that an answer leaves out, and why; none without them."""
+    if not outliers_deg:
+        return []
+    angles = ", ".join(f"{each:.2f}°" for each in outliers_deg[:NAMED_OUTLIERS])
+    more = ", …" if len(outliers_deg) > NAMED_OUTLIERS else ""
+    outliers = counted(len(outliers_deg), "outlier")
+    return [("left out", f"{outliers}, several times as strong as the samples beside: {angles}{more}")]
 
 
 def acquisitions_text(acquisitions: int, refused: int) -> str:

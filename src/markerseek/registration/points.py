@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError, UInt8
-from markerseek.files import DECIMAL_COMMA, MIB, as_read_error, csv_rows, in_natural_order, natural, read_input
+from markerseek.files import DECIMAL_COMMA, MIB, as_read_error, csv_rows, endings, in_natural_order, natural, read_input
 from markerseek.geometry import Camera
-from markerseek.registration.report import PointPair
+from markerseek.registration.report import PointPair, register_pairs
 from markerseek.registration.shared_errors import seen_point
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.runs import read_marker
@@ -52,7 +54,49 @@ def point_pairs(
         )
     _require_columns(points, kinds, searched=bool(searches), stereo=stereo is not None)
     found: Sequence[Path | None] = searches or [None] * len(rows)
-    return [_pair(name, numbers, search, stereo) for (name, numbers), search in zip(rows, found, strict=True)]
+    pairs = [_pair(name, numbers, search, stereo) for (name, numbers), search in zip(rows, found, strict=True)]
+    if stereo is not None:
+        _require_full_size(points, rows, pairs, stereo)
+    return pairs
+
+
+_REDUCED = (2.0, 4.0, 1.5, 3.0)
+"""How many times smaller than the sensor's images are shown or saved, the usual ones first."""
+
+
+def _require_full_size(points: Path, rows: Sequence[Row], pairs: Sequence[PointPair], stereo: StereoSettings) -> None:
+    """Refuse pixels that do not fit, and would if they counted in smaller images than those of the calibration."""
+    try:
+        if register_pairs(pairs).registered:
+            return
+    except ConfigError:
+        return
+    for factor in _REDUCED:
+        with suppress(ConfigError):
+            larger = [
+                _enlarged(pair, name, numbers, stereo, factor)
+                for pair, (name, numbers) in zip(pairs, rows, strict=True)
+            ]
+            if register_pairs(larger).registered:
+                width, height = (round(each / factor) for each in stereo.left.size_px)
+                raise RecordError(
+                    f"{points}: the points do not fit, but would if its pixels were of images of {width} x {height}, "
+                    f"{factor:g} times smaller than the {stereo.left.size_px[0]} x {stereo.left.size_px[1]} of the "
+                    "calibration; measure them in images as the cameras give them, or multiply them by "
+                    f"{factor:g}"
+                )
+
+
+def _enlarged(
+    pair: PointPair, name: str, numbers: dict[str, tuple[float, ...]], stereo: StereoSettings, factor: float
+) -> PointPair:
+    """The pair with its pixels in an image that is larger by a factor."""
+    # The centre of a pixel has whole coordinates.
+    scaled = {"pixels": tuple((each + 0.5) * factor - 0.5 for each in numbers["pixels"])}
+    if "spot_sigma_px" in numbers:
+        scaled["spot_sigma_px"] = tuple(factor * each for each in numbers["spot_sigma_px"])
+    camera_m, covariance_m2, shared_m = _camera_point(name, scaled, stereo)
+    return replace(pair, camera_m=camera_m, camera_covariance_m2=covariance_m2, camera_shared_m=shared_m)
 
 
 DARK = "dark"
@@ -93,9 +137,12 @@ MAX_IMAGES = 2000
 def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
     """Images of a camera from the PNG files of a folder, in natural order: the brightest of the colours."""
     held = in_natural_order(folder.iterdir()) if folder.is_dir() else []
-    files = [each for each in held if each.suffix.lower() == ".png"]
+    files = [each for each in held if each.suffix.lower() == ".png" and not each.name.startswith(".")]
     if not 0 < len(files) <= MAX_IMAGES:
-        raise RecordError(f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read; save the camera's frames so")
+        raise RecordError(
+            f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read, and it holds {endings(held)}; save the "
+            "camera's frames as PNG"
+        )
     found = []
     for file in files:
         with as_read_error(file):

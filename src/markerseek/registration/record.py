@@ -9,6 +9,7 @@ does not agree is named. `registration.json` is there while there is a registrat
 from __future__ import annotations
 
 import os
+import re
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,7 +20,16 @@ from typing import Self
 import msgspec
 
 from markerseek.core import RecordError, StereoPair
-from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input, replace_file, sync_folder
+from markerseek.files import (
+    MIB,
+    as_read_error,
+    data_folder,
+    open_for_writing,
+    open_input,
+    read_input,
+    replace_file,
+    sync_folder,
+)
 from markerseek.records.journal import is_written, lock, make_folder
 from markerseek.registration.report import RegistrationReport
 from markerseek.registration.steps import Begun, MovedMarker, RecordedStep, Registered, TakenMarker
@@ -33,6 +43,10 @@ REGISTRATION = "registration.json"
 """Name of the file of a registration."""
 
 _MOST_BYTES = 64 * MIB
+
+_HEAD_BYTES = 10
+_UNFINISHED = re.compile(rb"[0-9a-f]{0,8}|[0-9a-f]{8} \{?")
+"""How a record begins, whose first line may have been cut off anywhere, and how many bytes show it."""
 
 
 class SessionRecord:
@@ -55,7 +69,7 @@ class SessionRecord:
         """A new record in a folder that does not exist, or holds no session."""
         with _as_write_error(folder):
             make_folder(folder)
-            record = cls(folder, os.open(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o600))
+            record = cls(folder, open_for_writing(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_APPEND, mode=0o600))
         try:
             record._begin(begun)
         except BaseException:
@@ -70,7 +84,7 @@ class SessionRecord:
         # Refuses what is no session before it is opened for writing.
         read_session(folder)
         with _as_write_error(folder):
-            record = cls(folder, os.open(folder / NAME, os.O_RDWR | os.O_APPEND))
+            record = cls(folder, open_for_writing(folder / NAME, os.O_RDWR | os.O_APPEND))
         try:
             # Read again, now that nobody else writes.
             (begun, *steps), end = read_session(folder)
@@ -115,10 +129,8 @@ class SessionRecord:
         """Put the newest images into the folder, as `CAMERA_IMAGES`, for those who look on."""
         for name, image in zip(CAMERA_IMAGES, (pair.left, pair.right), strict=True):
             _, coded = opencv("images of a session").imencode(".jpg", image)
-            part = self.folder / f".{name}"
-            with _as_write_error(self.folder):
+            with _as_write_error(self.folder), replace_file(self.folder / name) as part:
                 part.write_bytes(coded.tobytes())
-                part.replace(self.folder / name)
 
     def journal_path(self, name: str) -> Path:
         """Path of a journal for the search of a marker; another one for each try."""
@@ -134,12 +146,15 @@ class SessionRecord:
             self._descriptor = -1
 
     def _begin(self, begun: Begun) -> None:
+        path = self.folder / NAME
         # A first line that was never finished is no session.
-        if _whole_lines(self._descriptor, 0, self.folder / NAME):
+        if _whole_lines(self._descriptor, 0, path):
             raise RecordError(
                 f"{self.folder}: it holds a session already; continue it by --continue, or name another folder"
             )
         with _as_write_error(self.folder):
+            if not _UNFINISHED.fullmatch(os.pread(self._descriptor, _HEAD_BYTES, 0)):
+                raise RecordError(f"{path}: it is a file of another program; name another folder")
             os.ftruncate(self._descriptor, 0)
             sync_folder(self.folder)
         self.begun = begun

@@ -22,10 +22,19 @@ DARK_PAIRS = 3
 """Image pairs with the laser off that are subtracted."""
 
 LOOK_S = 3.0
-"""Longest time in which these pairs must come, in seconds."""
+"""Longest time in which pairs with the laser off must come, and longest time for which it fires, in seconds."""
+
+LATE_S = 0.5
+"""Delay of the light in the images from which they are late, in seconds."""
+
+MOST_LATE_S = 3.0
+"""Longest delay that is awaited, in seconds."""
 
 MOVED_SIGMAS, MOVED_PX = 4.0, 0.2
 """Standard deviations, and pixels more, by which a spot may seem to move during its search."""
+
+SIDES = ("left", "right")
+"""The cameras."""
 
 _POLL_S = 0.1
 
@@ -50,32 +59,55 @@ class SpotFinder:
 
     def __init__(self, room: Room, *, show: Callable[[StereoPair], None] = lambda _pair: None) -> None:
         self._room, self._show = room, show
+        # How long the light took to appear in the images, where they are late; None: it was not seen yet.
+        self._late_s: float | None = None
 
     def look(self) -> Looked:
         """Look for the spot, with the laser on and off; `SpotError` if there is none."""
         self._room.arm()
-        scanner, images = self._room.rig.scanner, self._room.images
-        images.newest()
-        for dark in self._coming():
-            if len(dark) >= DARK_PAIRS:
-                break
-        else:
-            raise SpotError(
-                f"{images.name}: {counted(len(dark), 'image pair')} came within {LOOK_S:g} s, {DARK_PAIRS} are "
-                "needed; check that both cameras send"
-            )
-        for pairs in self._coming():
-            scanner.light()
-            lit = lit_pairs(pairs, dark)
-            if len(lit) >= SPOT_PAIRS:
-                break
+        self._room.images.newest()
+        dark = self._dark()
+        lit = self._lit(dark)
         self._show((lit or dark)[-1])
         return Looked(spot=self._measured(lit, dark), dark=dark)
 
-    def _coming(self) -> Iterator[list[StereoPair]]:
+    def _dark(self) -> list[StereoPair]:
+        """Pairs with the laser off; `SpotError` if too few come."""
+        late_s = self._late_s or 0.0
+        # Late images still show the light of before.
+        if late_s:
+            self._room.rig.scanner.clock.wait(late_s)
+            self._room.images.newest()
+        for dark in self._coming(LOOK_S):
+            if len(dark) >= DARK_PAIRS:
+                return dark
+        raise SpotError(
+            f"{self._room.images.name}: {counted(len(dark), 'image pair')} came within {LOOK_S:g} s, {DARK_PAIRS} are "
+            "needed; check that both cameras send"
+        )
+
+    def _lit(self, dark: Sequence[StereoPair]) -> list[StereoPair]:
+        """Pairs that show light, while the laser fires or, of late images, after that."""
+        scanner, late_s = self._room.rig.scanner, self._late_s
+        began_s = scanner.clock.now_s()
+        lit: list[StereoPair] = []
+        for pairs in self._coming(LOOK_S + (MOST_LATE_S if late_s is None else late_s)):
+            came_s = scanner.clock.now_s() - began_s
+            if came_s < LOOK_S:
+                scanner.light()
+            lit = lit_pairs(pairs, dark)
+            if lit and late_s is None:
+                late_s = lit[0].at_s - began_s
+                late_s = late_s if late_s > LATE_S else 0.0
+            if len(lit) >= SPOT_PAIRS or (late_s is not None and came_s >= LOOK_S + late_s):
+                break
+        self._late_s = late_s
+        return lit
+
+    def _coming(self, within_s: float) -> Iterator[list[StereoPair]]:
         """The newest pairs, again and again until the time is over."""
         clock, pairs = self._room.rig.scanner.clock, list[StereoPair]()
-        ends_s = clock.now_s() + LOOK_S
+        ends_s = clock.now_s() + within_s
         yield pairs
         while clock.now_s() < ends_s:
             clock.wait(_POLL_S)
@@ -85,12 +117,10 @@ class SpotFinder:
     def _measured(self, lit: Sequence[StereoPair], dark: Sequence[StereoPair]) -> Spot:
         """The spot in pairs with light; `SpotError` if there is none."""
         if len(lit) < DARK_PAIRS:
-            raise SpotError(
-                f"no light is seen in {self._room.images.name} while the laser fires; point the fibre at tissue "
-                "in view of both cameras, and check that they do not block its wavelength"
-            )
-        places, sigma_px = [], 0.0
-        for side in ("left", "right"):
+            raise SpotError(self._no_light(dark))
+        places = []
+        sigma_px = 0.0
+        for side in SIDES:
             answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
             if not isinstance(answer, LaserSpot):
                 raise SpotError(f"{side} camera: {answer.reason}")
@@ -98,7 +128,23 @@ class SpotFinder:
                 raise SpotError(f"{side} camera: too few images show the spot")
             places.append((answer.x_px, answer.y_px))
             sigma_px = max(sigma_px, answer.sigma_px)
-        return Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px)
+        return Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px, late_s=self._late_s or None)
+
+    def _no_light(self, dark: Sequence[StereoPair]) -> str:
+        """Say that no light is seen, and what is lit all the time."""
+        after_s = MOST_LATE_S if self._late_s is None else self._late_s
+        after = f" and {after_s:.1f} s after that" if after_s else ""
+        always = [
+            f"the bright spot at ({answer.x_px:.0f}, {answer.y_px:.0f}) px of the {side} image is lit all the time: "
+            "if it is an aiming beam, switch it off"
+            for side in SIDES
+            if isinstance(answer := find_spot([getattr(pair, side) for pair in dark]), LaserSpot)
+        ]
+        cures = [
+            "point the fibre at tissue in view of both cameras, and check that they do not block its wavelength",
+            *always[:1],
+        ]
+        return f"no light is seen in {self._room.images.name} while the laser fires{after}; {'; '.join(cures)}"
 
     def seen(self, name: str, spot: Spot) -> SeenMarker:
         """The spot in space; `SpotError` if both images do not show one place."""
@@ -112,7 +158,9 @@ class SpotFinder:
                 calibration_px=stereo.calibration_sigma_px,
             )
         except ConfigError as problem:
-            raise SpotError(str(problem).removeprefix("point 1: ")) from problem
+            raise SpotError(
+                f"{str(problem).removeprefix('point 1: ')}; the images come from {self._room.images.name}"
+            ) from problem
         return SeenMarker(
             name=name,
             candidates=(),
@@ -128,7 +176,7 @@ class SpotFinder:
         except SpotError as problem:
             raise SpotError(f"the spot was not seen after its search: {problem}") from problem
         sigma_px = math.hypot(looked.spot.sigma_px, after.sigma_px)
-        for side in ("left", "right"):
+        for side in SIDES:
             apart = np.subtract(getattr(looked.spot, f"{side}_px"), getattr(after, f"{side}_px"))
             moved_px = float(np.linalg.norm(apart))
             if not moved_px <= MOVED_SIGMAS * sigma_px + MOVED_PX:

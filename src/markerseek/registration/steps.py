@@ -7,6 +7,8 @@ when the session ends, or its program dies: nothing was measured that speaks aga
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, Self, TypeAlias
@@ -15,7 +17,7 @@ import msgspec
 import numpy as np
 
 from markerseek._version import __version__
-from markerseek.core import MarkerCandidate
+from markerseek.core import ConfigError, MarkerCandidate, require_range
 from markerseek.registration.choice import Choice, SeenMarker
 from markerseek.registration.poses import Place, Prediction
 from markerseek.registration.report import KnownRegistration
@@ -24,12 +26,14 @@ from markerseek.runs import RunView
 Numbers: TypeAlias = list[list[float]]
 
 
-class Spot(msgspec.Struct, frozen=True, kw_only=True):
+class Spot(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A laser spot in both images: its pixels and their standard deviation."""
 
     left_px: tuple[float, float]
     right_px: tuple[float, float]
     sigma_px: float
+    late_s: float | None = None
+    """Time from the first pulse to the first image that shows light, in seconds; None: too short to matter."""
 
 
 class Begun(msgspec.Struct, frozen=True, kw_only=True, tag="begun"):
@@ -124,6 +128,22 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
     again: str | None = None
     """Name of the earlier marker that was measured again; None for a new marker."""
 
+    def __post_init__(self) -> None:
+        # Also of a record: its check sums say that it was not damaged, not that its numbers are possible.
+        _require_numbers("camera_m", self.camera_m, shape=(3,), most=_FARTHEST_M)
+        _require_numbers("camera_covariance_m2", self.camera_covariance_m2, shape=(3, 3), most=_FARTHEST_M**2)
+        _require_numbers("camera_shared_m", self.camera_shared_m, shape=(3, None), most=_FARTHEST_M)
+        for candidate in self.candidates:
+            position = candidate.position
+            _require_numbers("the position of a candidate", position.position_m, shape=(3,), most=_FARTHEST_M)
+            _require_numbers("sigma_m of a candidate", position.sigma_m, shape=(3,), most=_FARTHEST_M, least=_FINEST_M)
+            require_range("the probability of a candidate", candidate.probability, low=0, high=1)
+            require_range("the angle of a candidate", candidate.angle_deg, low=-360, high=360, unit="deg")
+        # The spot of a marker with a place must be known, as well as it can be seen.
+        axes_m2 = np.linalg.eigvalsh(np.array(self.camera_covariance_m2))
+        if axes_m2[0] < (_FINEST_M**2 if self.candidates else 0.0):
+            raise ConfigError(f"camera_covariance_m2 is {self.camera_covariance_m2}, which is no covariance of a spot")
+
     @property
     def seen(self) -> SeenMarker:
         """The marker and its spot."""
@@ -133,6 +153,29 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
             camera_m=np.array(self.camera_m),
             camera_covariance_m2=np.array(self.camera_covariance_m2),
             camera_shared_m=np.array(self.camera_shared_m),
+        )
+
+
+_FARTHEST_M, _FINEST_M = 10.0, 1e-9
+"""Largest distance of a spot or marker from its frame's origin, and least standard deviation of it, in metres."""
+
+
+def _require_numbers(
+    name: str, values: Sequence[object], *, shape: tuple[int | None, ...], most: float, least: float = -math.inf
+) -> None:
+    """Refuse numbers of another shape (None: any length), above ``most`` in magnitude, or below ``least``."""
+    try:
+        numbers = np.array(values, dtype=float)
+    except ValueError:
+        numbers = np.array(math.nan)
+    fits = numbers.ndim == len(shape) and all(
+        want in (None, has) for want, has in zip(shape, numbers.shape, strict=True)
+    )
+    if not (fits and (np.abs(numbers) <= most).all() and (numbers >= least).all()):
+        low = f", from {least:g}" if math.isfinite(least) else ""
+        raise ConfigError(
+            f"{name} is {str(values)[:80]}, {' x '.join(str(each or 'n') for each in shape)} numbers within ± {most:g}"
+            f"{low} are expected"
         )
 
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import configparser
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeAlias
 
@@ -32,6 +33,23 @@ _MAX_PX = 65_536
 
 _BASE_MM = (1.0, 100.0)
 """Distances between the cameras that an endoscope can have, in millimetres."""
+
+_MODEL_NAME = re.compile(r"fish|omni|distortion_?(model|type)|\bxi\b", re.IGNORECASE)
+"""Names, in files of any kind, of what says by which model a lens distorts."""
+
+_OTHER_MODEL = re.compile(r"fish|equi_?d|kannala|omni|\bmei\b|ucm|double_?sphere|\bfov\b|scaramuzza", re.IGNORECASE)
+"""Other models by their names, where a file calls them its camera model, or its type of lens."""
+
+_PINHOLE = frozenset(
+    {
+        "", "0", "false", "no", "none", "pinhole", "perspective", "plumb_bob", "opencv",
+        "brown", "brown_conrady", "radtan", "radial_tangential",
+    }
+)  # fmt: skip
+"""Models whose coefficients are k1, k2, p1, p2, k3, in lower case; and what says that there is no other one."""
+
+_DEEPEST = 50
+"""Most brackets in brackets; OpenCV's parser crashes on some ten thousands."""
 
 _COEFFICIENTS = (4, 5, 8, 12, 14)
 """Numbers of coefficients that OpenCV's models of distortion have."""
@@ -177,6 +195,22 @@ def _camera(of: str, matrix: Sequence[float], coefficients: Sequence[float], siz
     return Camera(focal_px=(fx, fy), centre_px=(cx, cy), size_px=(width, height), distortion=(k1, k2, p1, p2, k3))
 
 
+def _require_pinhole(stated: Iterable[tuple[str, str]]) -> None:
+    """Refuse a calibration whose fields, by name and value, state another model than that of OpenCV's pinhole camera.
+
+    Fisheye models have four coefficients too, which mean something else.
+    """
+    for name, value in stated:
+        plain = re.sub(r"[\s-]+", "_", value.strip().strip("\"'").lower())
+        other = _OTHER_MODEL.search(plain) and re.search("model|type|lens", name, re.IGNORECASE)
+        if other or (_MODEL_NAME.search(name) and plain not in _PINHOLE):
+            raise ConfigError(
+                f"{name} is {value.strip()[:40]!r}, plumb_bob is understood (of OpenCV's stereoCalibrate: k1, k2, p1, "
+                "p2, k3); the coefficients of another model mean something else: calibrate again from the images with "
+                "this one, and do not only rename it"
+            )
+
+
 def _rotation(name: str, values: Sequence[float]) -> Float64[np.ndarray, "3 3"]:
     """The rotation nearest to nine numbers, row by row; `ConfigError` if they are none."""
     matrix = np.array(values).reshape(3, 3)
@@ -229,7 +263,12 @@ def _read_opencv(paths: Sequence[Path], texts: Sequence[str]) -> _Numbers:
     cv2 = opencv(f"{paths[0]}: it")
     found: _Numbers = {}
     for path, text in zip(paths, texts, strict=True):
+        if _depth(text) > _DEEPEST:
+            raise ConfigError(
+                f"{path}: it nests brackets more than {_DEEPEST} deep, a calibration needs 5; save it again"
+            )
         others: list[str] = []
+        stated: list[tuple[str, str]] = []
         try:
             storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
             for what, names in _OPENCV_NAMES.items():
@@ -239,14 +278,23 @@ def _read_opencv(paths: Sequence[Path], texts: Sequence[str]) -> _Numbers:
                 numbers = np.array(_numbers(nodes[0]), dtype=np.float64)
                 if not np.array_equal(numbers, found.setdefault(what, numbers), equal_nan=True):
                     others.append(what)
+            stated = [(name, _text_of(storage.getNode(name))) for name in map(str, storage.root().keys())]
         # OpenCV's own error comes wrapped in others.
         except (cv2.error, SystemError, TypeError, ValueError, RecursionError) as problem:
             raise ConfigError(f"{path}: OpenCV cannot read it; save the calibration again") from problem
+        with _naming(path):
+            _require_pinhole(stated)
         if others:
             raise ConfigError(
                 f"{path}: the {others[0]} differs from that of {paths[0]}; name the files of one calibration only"
             )
     return found
+
+
+def _depth(text: str) -> int:
+    """Most brackets that are open at once."""
+    steps = ((each in "[{") - (each in "]}") for each in text)
+    return max(accumulate(steps), default=0)
 
 
 def _numbers_of(found: _Numbers, what: str, *counts: int) -> list[float]:
@@ -271,6 +319,13 @@ def _numbers(node: Any) -> list[float]:
     return [float(node.real())]
 
 
+def _text_of(node: Any) -> str:
+    """Text or number of a node; empty of any other."""
+    if node.isString():
+        return str(node.string())
+    return f"{node.real():g}" if node.isInt() or node.isReal() else ""
+
+
 def _of_opencv(found: _Numbers) -> StereoCameras:
     """The pair of OpenCV's files, whose lengths have the unit of the calibration target."""
     if "size of the images" not in found:
@@ -279,7 +334,8 @@ def _of_opencv(found: _Numbers) -> StereoCameras:
             "in its own notation"
         )
     if found["size of the images"].size > 1:
-        size = _numbers_of(found, "size of the images", 2)
+        matrices = [_numbers_of(found, f"{side} camera matrix", 9) for side in ("left", "right")]
+        size = _width_and_height(_numbers_of(found, "size of the images", 2), matrices)
     else:
         size = [found["size of the images"].item(), *_numbers_of(found, "height of the images", 1)]
     left, right = (
@@ -293,6 +349,22 @@ def _of_opencv(found: _Numbers) -> StereoCameras:
     )
     turn = _rotation("rotation (R)", _numbers_of(found, "rotation", 9))
     return _pair(left, right, turn, _in_metres(_numbers_of(found, "translation", 3)))
+
+
+def _width_and_height(size: list[float], matrices: Sequence[Sequence[float]]) -> list[float]:
+    """Size of the images in OpenCV's order, also if the file has rows and columns, as NumPy's ``shape``.
+
+    Images that are higher than wide are taken for rows and columns if their principal points are then nearer to the
+    middle.
+    """
+    width, height = size
+    if not 0 < width < height:
+        return size
+
+    def off_centre(across: float, down: float) -> float:
+        return sum(abs(matrix[2] / across - 0.5) + abs(matrix[5] / down - 0.5) for matrix in matrices)
+
+    return [height, width] if off_centre(height, width) < off_centre(width, height) else size
 
 
 def _read_ini(path: Path) -> configparser.ConfigParser:
@@ -310,6 +382,7 @@ def _of_ini(sections: configparser.ConfigParser) -> StereoCameras:
     for name in ("StereoLeft", "StereoRight"):
         if name not in sections:
             raise ConfigError(f"the section [{name}] is missing; a StereoCalibrationDVRK.ini has it")
+    _require_pinhole((f"[{section}] {key}", value) for section in sections for key, value in sections[section].items())
 
     def numbers(section: str, *keys: str) -> tuple[float, ...]:
         return tuple(_number(f"[{section}] {key}", sections[section].get(key)) for key in keys)
@@ -368,9 +441,7 @@ def _read_camera_info(path: Path, text: str) -> _CameraInfo:
 
 
 def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
-    model = table.get("distortion_model", "plumb_bob")
-    if model != "plumb_bob":
-        raise ConfigError(f"distortion_model is {_shown(model)}, plumb_bob is understood; calibrate with it")
+    _require_pinhole((name, value if isinstance(value, str) else "no text") for name, value in table.items())
     matrix = _values(table, "camera_matrix", 9)
     projection = _values(table, "projection_matrix", 12)
     if not projection[0] > 0:

@@ -6,6 +6,7 @@ public contract as soon as it is open, without light and without a move.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Collection
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -32,6 +33,8 @@ from markerseek.drivers import (
     entry_of,
     is_emulated,
     metered,
+    trace_to,
+    traced,
 )
 from markerseek.guard import Admission, Guard
 from markerseek.rigs.rig import BenchRecipe, Rig, fingerprint, read_simulated, with_probe
@@ -52,6 +55,8 @@ from markerseek.supervisor import Supervisor
 from markerseek.testing import RuleCheck, check_laser, check_receiver, check_stage
 from markerseek.wire import Port
 
+_LOG = logging.getLogger(__name__)
+
 DARK_ALARM = 1e-6
 """False-alarm probability of one dark frame: a threshold of 7.3 standard deviations for an image."""
 
@@ -66,7 +71,6 @@ class OpenDevices:
 
     def __init__(self, settings: BenchSettings, *, parts: Collection[Part] = ("stage", "laser", "receiver")) -> None:
         self._settings = settings
-        self.stack = ExitStack()
         self.ports: dict[str, Port] = {}
         self._node: RosNode | None = None
         self._simulated: SimulatedParts | None = None
@@ -76,13 +80,15 @@ class OpenDevices:
         self.checks: dict[str, tuple[RuleCheck, ...]] = {}
         lines = [line for line in settings.lines if line.name in parts]
         with ExitStack() as opening:
+            if settings.trace is not None:
+                opening.enter_context(trace_to(Path(settings.trace)))
             if settings.supervisor.enabled and lines:
                 self.supervisor = opening.enter_context(Supervisor(lines=lines, period_s=settings.supervisor.lease_s))
-                self.ports = {line.name: self.supervisor.port(line.name) for line in lines}
+                self.ports = {line.name: traced(self.supervisor.port(line.name), line.name) for line in lines}
             else:
                 for line in lines:
                     serial = SerialPort(line.path, baud=line.baud, parity=line.parity, handshake=line.rtscts)
-                    self.ports[line.name] = opening.enter_context(serial)
+                    self.ports[line.name] = traced(opening.enter_context(serial), line.name)
             self.beats: list[Callable[[], None]] = [] if self.supervisor is None else [self.supervisor.beat]
             # Only now: if the second line fails to open, the first is closed by the inner stack.
             self.stack = opening.pop_all()
@@ -115,8 +121,10 @@ class OpenDevices:
             simulated=partial(self._simulated_device, clock=clock),
         )
         device = entry.open(settings, opening)
+        description = entry.describe(settings, device)
+        _LOG.debug("%s: %s", part, description)
         self._try(part, device)
-        return device, entry.describe(settings, device)
+        return device, description
 
     def _try(self, part: Part, device: Any) -> None:
         """Try a foreign driver by the contract of its part; `NotConnectedError` if it does not keep it."""

@@ -72,13 +72,13 @@ def header(*, time_s: float, frame: str = "") -> Any:
     return made("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
-def joint_state(*, time_s: float, angle_deg: float) -> Any:
-    """Angle of the probe, in radians."""
+def joint_state(*, time_s: float, angle_deg: float, joint: str = JOINT) -> Any:
+    """Return the angle of the probe, in radians, as that of a joint."""
     nothing = np.empty(0, np.float64)
     return made(
         "sensor_msgs/msg/JointState",
         header=header(time_s=time_s, frame=HOME),
-        name=[JOINT],
+        name=[joint],
         position=np.array([math.radians(angle_deg)]),
         velocity=nothing,
         effort=nothing,
@@ -321,15 +321,16 @@ class StampedCommands:
         return None
 
 
-def joint_angle_deg(message: Any) -> float | None:
-    """Angle in degrees of a JointState of the one joint; None if it holds anything else, or no finite number.
+def joint_angle_deg(message: Any, *, joint: str = JOINT) -> float | None:
+    """Return the angle of a joint in degrees; None if the message does not hold it, or no finite number.
 
-    ``message``: a sensor_msgs/JointState; its name may be left out.
+    ``message``: a sensor_msgs/JointState; of a single joint the name may be left out.
     """
-    names = list(message.name)
-    if names not in ([], [JOINT]) or len(message.position) != 1 or not is_finite(message.position[0]):
+    names = list(message.name) or [joint]
+    if names.count(joint) != 1 or len(message.position) != len(names):
         return None
-    return degrees(message.position[0])
+    position_rad = message.position[names.index(joint)]
+    return degrees(position_rad) if is_finite(position_rad) else None
 
 
 def degrees(angle_rad: float) -> float:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
+import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -15,9 +17,23 @@ from markerseek.core import ConfigError, needs_package
 from markerseek.ros import messages
 from markerseek.ros.topics import in_namespace
 
+_LOG = logging.getLogger(__name__)
+
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 _MIDDLEWARE, _RANGE = "RMW_IMPLEMENTATION", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+
+
+def _shown(message: Any) -> str:
+    """Kind of a message, its time, and its numbers or text where they are short."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    at = "" if stamp is None else f" stamped {stamp.sec}.{stamp.nanosec:09}"
+    content = next((f" {getattr(message, name)}" for name in ("position", "data") if hasattr(message, name)), "")
+    return f"{type(message).__name__}{at}{content[:_SHOWN]}"
+
+
+_SHOWN = 120
+"""Most of a message's content in a trace, in characters."""
 
 
 def reach() -> str:
@@ -43,6 +59,24 @@ def reach() -> str:
         where = f"on this computer only (127.0.0.1 and shared memory); {_TRANSPORTS}=DEFAULT opens the network"
     limit = f", {_RANGE}={os.environ[_RANGE]}" if os.environ.get(_RANGE) else ""
     return f"ROS 2 domain {os.environ.get('ROS_DOMAIN_ID') or 0} (ROS_DOMAIN_ID){limit}, {where}"
+
+
+MOST_DOMAIN = 232
+"""Largest number of a ROS 2 domain: the ports of those above do not exist."""
+
+
+def require_domain() -> None:
+    """Refuse a ROS_DOMAIN_ID that is no domain: the middleware prints errors of its own, and goes on without one."""
+    given = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (given.isascii() and given.isdigit() and int(given) <= MOST_DOMAIN):
+        raise ConfigError(f"ROS_DOMAIN_ID is {given!r}, it must be a whole number from 0 to {MOST_DOMAIN}; correct it")
+
+
+def _keep_logs_somewhere() -> None:
+    """Name a folder for the logs of ROS 2 where HOME is not set: it would refuse to start."""
+    if not os.environ.get("HOME"):
+        home = os.path.expanduser("~")  # noqa: PTH111  pathlib raises an error where there is none
+        os.environ.setdefault("ROS_LOG_DIR", str(Path(tempfile.gettempdir() if home == "~" else home, ".ros", "log")))
 
 
 def require_middleware() -> None:
@@ -105,8 +139,10 @@ class Network:
     """
 
     def __init__(self, *, arguments: Sequence[str] = ()) -> None:
+        require_domain()
         reach()
         require_middleware()
+        _keep_logs_somewhere()
         with needs_package("rclpy", extra="ros2", purpose="ROS 2"):
             import rclpy
             from rclpy.context import Context
@@ -167,6 +203,7 @@ class RosNode(Closing):
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish a message on a topic that was advertised."""
+        _LOG.debug("%s > %s", topic, _shown(message))
         self._publishers[topic].publish(message)
 
     def subscribe(
@@ -180,8 +217,9 @@ class RosNode(Closing):
     ) -> None:
         """Call a function once with each message of a topic, while the node is spun, whatever QoS its publisher has.
 
-        ``command``: whether the first message of a best-effort publisher counts: a second subscription is there from
-        the start, and not only when such a publisher appears.
+        ``latched``: whether its publisher keeps the last message for those who come later. ``command``: whether the
+        first message of a best-effort publisher counts: a second subscription is there from the start, and not only
+        when such a publisher appears.
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
@@ -191,6 +229,7 @@ class RosNode(Closing):
         def take(message: Any, info: Mapping[str, Any]) -> None:
             self.network.handled += 1
             if once.is_new(info):
+                _LOG.debug("%s < %s", topic, _shown(message))
                 callback(message)
 
         def add(wanted: Any) -> None:
@@ -231,6 +270,13 @@ class RosNode(Closing):
     def publishes(self, topic: str) -> bool:
         """Whether somebody publishes a topic that this node listens to."""
         return any(each.get_publisher_count() > 0 for each in self._subscriptions.get(topic, ()))
+
+    def is_kept(self, topic: str) -> bool:
+        """Return whether somebody publishes a topic and keeps the last message for those who come later."""
+        from rclpy.qos import DurabilityPolicy
+
+        publishers = self._node.get_publishers_info_by_topic(self._resolved(topic))
+        return any(each.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in publishers)
 
     def kind_of(self, topic: str) -> str | None:
         """Type of what somebody publishes on a topic; None if nobody does."""

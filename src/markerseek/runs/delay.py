@@ -193,7 +193,7 @@ class DelayRun:
         from markerseek.search.posterior import Posterior, centre_by, way_of
 
         way = way_of(swept, lambda samples: centre_by(Posterior(limits=self._rig.limits.search, others=0.0), samples))
-        if way is None:
+        if way is None or not way.whole:
             return None
         # The first pulses of a way back come at rest.
         sign = math.copysign(1.0, statistics.median(_timing(each).speed_deg_s for each in swept))

@@ -17,6 +17,7 @@ from markerseek.core import (
     Float64,
     Measured,
     SearchPlan,
+    estimate_of,
 )
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import Rig
@@ -132,7 +133,7 @@ class Beliefs:
         return self._asked.present if isinstance(self._asked, WholeRecording) else self._asked
 
     def _belief(self) -> AngleBelief:
-        estimate = self._policy.estimate()
+        estimate = estimate_of(self._policy)
         if isinstance(self._policy, Posterior | SweepPosterior):
             public = self._policy.belief
             if public is None:

@@ -34,6 +34,7 @@ from markerseek.core import (
     Sweep,
     SweepingPolicy,
     Swept,
+    estimate_of,
 )
 from markerseek.guard import Limits, State
 from markerseek.scan.confirmation import apply_confirmation
@@ -189,12 +190,13 @@ def _search(
             _require_budget(tally.steps, scanner.clock.now_s() - began_s, limits)
             yield from _step(policy, scanner, tally, "search", asked, limits.attempts)
             _require_order(scanner, policy)
-        estimate, known_s = policy.estimate(), scanner.clock.now_s() - began_s
+        estimate = estimate_of(policy)
+        known_s = scanner.clock.now_s() - began_s
         searching = isinstance(estimate, Found) and not plan.stay
         if searching:
             if not tally.confirmed:
                 yield from _step(policy, scanner, tally, "confirmation", estimate.mean_deg, limits.attempts)
-                estimate = policy.estimate()
+                estimate = estimate_of(policy)
             assert tally.confirmation is not None  # noqa: S101 - it was taken now or before
             searching = isinstance(policy, ConfirmablePolicy) and policy.ask() is not None
             estimate = apply_confirmation(estimate, tally.confirmation, tally.lit[:-1])

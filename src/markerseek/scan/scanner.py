@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import replace
@@ -38,6 +39,8 @@ from markerseek.scan.sweeping import SweepingDevices, SweepInProgress, SweptFram
 MIN_ENERGY = 0.1
 """Least measured energy over the usual one with which a reading is used; the most is as much above it."""
 
+
+_LOG = logging.getLogger(__name__)
 
 _THERE_DEG = 0.1
 """A probe so near to the beginning of a sweep is not moved there."""
@@ -179,8 +182,10 @@ class Scanner:
         # What a receiver may have recorded of it must not pass for the answer to the next permit.
         self._begun, self._settled, self._lit = True, False, True
         self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())
+        _LOG.debug("fire %s", permit)
         with self._faulting, self._watchdog_held:
             fired = self._laser.fire(permit)
+        _LOG.debug("fired %d pulses", fired)
         self.guard.end_fire(fired)
         return fired
 
@@ -208,6 +213,7 @@ class Scanner:
         wait_deg = devices.wait_deg(sweep)
         with self._faulting:
             devices.stage.prepare_sweep(speed_deg_s=sweep.speed_deg_s)
+            devices.laser.prepare_sweep()
         with self._refusable:
             devices.receiver.begin_sweep(permit)
         from_deg, now_s = self.angle_deg, self.clock.now_s()
@@ -300,8 +306,10 @@ class Scanner:
         """Turn the probe without light, and return where it then is."""
         self._arm_itself()
         self.guard.begin_move(angle_deg)
+        _LOG.debug("move to %.4f deg", angle_deg)
         with self._faulting, self._watchdog_held:
             reached_deg = self._stage.move_to(angle_deg)
+        _LOG.debug("at rest at %.4f deg", reached_deg)
         self.guard.end_move(reached_deg)
         return reached_deg
 
@@ -328,11 +336,14 @@ class Scanner:
         # Read after arming: a start command may take seconds, in which the probe can be moved by hand.
         before_deg = self.angle_deg
         self.guard.redeem(permit, angle_deg=before_deg, now_s=self.clock.now_s())
+        _LOG.debug("fire %s", permit)
         with self._faulting, self._watchdog_held:
             fired = self._laser.fire(permit)
+        _LOG.debug("fired %d pulses", fired)
         self.guard.end_fire(fired)
         with self._refusable:
             frame = self._receiver.acquire(permit)
+        _LOG.debug("frame %s", frame.header)
         # A second readback after the frame: the guard refuses one during which the probe moved.
         after_deg = self.angle_deg
         frame = replace(frame, header=replace(frame.header, angle_before_deg=before_deg, angle_after_deg=after_deg))
@@ -365,6 +376,7 @@ class _FaultOnError:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         # KeyboardInterrupt and GeneratorExit are no device's fault: `run` stops the rig, and it may be armed again.
         if isinstance(error, Exception) and not isinstance(error, self._recoverable):
+            _LOG.debug("fault: %s: %s", type(error).__name__, error)
             self._guard.fail(f"{type(error).__name__}: {error}")
 
 

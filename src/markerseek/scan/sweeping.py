@@ -6,6 +6,7 @@ stage, never taken from a set point.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
@@ -32,6 +33,8 @@ from markerseek.core import (
     Swept,
 )
 from markerseek.guard import Guard
+
+_LOG = logging.getLogger(__name__)
 
 SLOWEST, FASTEST = 0.08, 1.25
 """Lowest and highest speed at which the laser fires, over the speed of the sweep: it fires on the ramps, but not if the
@@ -148,6 +151,9 @@ class SweepingDevices:
 READ_S = 0.05
 """Time from one reading of a turning stage to the next."""
 
+LEAST_READ_S = 0.025
+"""The same where computer or line were held up: nearer readings do not show whether the stage turns."""
+
 BEGIN_S = 1.0
 """Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
 
@@ -173,6 +179,9 @@ BACKLASH_ERROR = 0.5
 AT_REST_DEG = 0.005
 """Most by which two readings of a stage at rest differ: ten counts of a PRM1Z8's encoder."""
 
+OFF_WAY_DEG = 0.02
+"""Most by which the servo of a PRM1Z8 is off its way while it turns, and where it begins: it settles there."""
+
 SHORT_DEG = 1.0
 """Most by which a sweep that nobody ended may end before its end: it brakes earlier, and at least as hard."""
 
@@ -185,6 +194,46 @@ class SweptFrame:
     angle_deg: float
     angle_sigma_deg: float
     timing: SweepTiming
+
+
+class Way:
+    """A way from rest to rest at the speed of a sweep, and when the stage was where its readings say.
+
+    A reading is of any moment between question and answer. On its way the stage needs a known time to each angle, and
+    it began once: the latest beginning that its readings force gives the earliest moment of each that they all allow.
+    """
+
+    def __init__(
+        self, *, start: StageReading, target_deg: float, speed_deg_s: float, acceleration_deg_s2: float
+    ) -> None:
+        self._start_deg = start.angle_deg
+        self._target_deg = target_deg
+        self._speed_deg_s = speed_deg_s
+        self._acceleration_deg_s2 = acceleration_deg_s2
+        self._began_s = start.asked_s
+
+    def moment_s(self, reading: StageReading) -> float:
+        """Earliest moment of a reading, never before its question or after its answer."""
+        done_deg = abs(reading.angle_deg - self._start_deg)
+        # By what a servo may be off its way, it needed a little less or a little more.
+        self._began_s = max(self._began_s, reading.asked_s - self._needed_s(done_deg + OFF_WAY_DEG))
+        moment_s = self._began_s + self._needed_s(done_deg - OFF_WAY_DEG)
+        return min(max(moment_s, reading.asked_s), reading.answered_s)
+
+    def _needed_s(self, done_deg: float) -> float:
+        """Time that a part of the way takes from its start."""
+        way_deg = abs(self._target_deg - self._start_deg)
+        done_deg = min(max(done_deg, 0.0), way_deg)
+        if done_deg > way_deg / 2:
+            return 2 * self._run_up_s(way_deg / 2) - self._run_up_s(way_deg - done_deg)
+        return self._run_up_s(done_deg)
+
+    def _run_up_s(self, way_deg: float) -> float:
+        """Time from rest over a way, braking left out."""
+        ramp_deg = self._speed_deg_s**2 / (2 * self._acceleration_deg_s2)
+        if way_deg <= ramp_deg:
+            return math.sqrt(2 * way_deg / self._acceleration_deg_s2)
+        return (way_deg + ramp_deg) / self._speed_deg_s
 
 
 class SweepInProgress:
@@ -220,6 +269,7 @@ class SweepInProgress:
         self._turn_away = turn_away
         self._turning_s: float | None = None
         self._readings = [at]
+        self._way = self._way_to(permit.to_deg)
         self._pulses: list[Pulse] = []
         self._frames: list[Frame] = []
         self._told = 0
@@ -275,10 +325,25 @@ class SweepInProgress:
 
     def _read(self) -> bool:
         """Read the stage after a pause, and return whether the probe may be lit."""
-        self._clock.wait(READ_S)
+        # Shorter where computer or line were held up: the guard must have a reading every `SWEEP_READING_S`.
+        since_s = self._clock.now_s() - self._readings[-1].asked_s
+        self._clock.wait(min(READ_S, max(LEAST_READ_S, READ_S + LEAST_READ_S - since_s)))
+        reading = self._next_reading()
+        return self._guard.read_sweep(reading.angle_deg, now_s=self._way.moment_s(reading))
+
+    def _next_reading(self) -> StageReading:
         reading = self._devices.stage.read_sweep()
         self._readings.append(reading)
-        return self._guard.read_sweep(reading.angle_deg, now_s=reading.at_s)
+        return reading
+
+    def _way_to(self, target_deg: float) -> Way:
+        """The way from where it stands now."""
+        return Way(
+            start=self._readings[-1],
+            target_deg=target_deg,
+            speed_deg_s=self._speed_deg_s,
+            acceleration_deg_s2=self._devices.stage.acceleration_deg_s2,
+        )
 
     def _turn_back(self) -> None:
         """Send the stage back once it is at rest where it turns; `MoveError` if it then stays there."""
@@ -286,6 +351,7 @@ class SweepInProgress:
             return
         if self._rests and self._at_turn and self._turns_back:
             self._turning_s = self._clock.now_s()
+            self._way = self._way_to(self._permit.back_deg)
             self._devices.stage.begin_sweep(self._permit.back_deg)
         elif self._rests and self._turning_s is not None and not self._clock.now_s() - self._turning_s < BACK_S:
             at_deg = self._readings[-1].angle_deg
@@ -298,8 +364,11 @@ class SweepInProgress:
 
     @property
     def _rests(self) -> bool:
-        """Whether the last two readings are those of a stage at rest."""
-        return abs(self._readings[-1].angle_deg - self._readings[-2].angle_deg) <= AT_REST_DEG
+        """Whether the last readings are those of a stage at rest."""
+        last = self._readings[-1]
+        # Readings of nearly the same moment say nothing; an answer may be old by as much as it came late.
+        apart = [each for each in self._readings if last.asked_s - each.answered_s >= 0.9 * READ_S]
+        return bool(apart) and abs(last.angle_deg - apart[-1].angle_deg) <= AT_REST_DEG
 
     @property
     def _at_turn(self) -> bool:
@@ -319,9 +388,8 @@ class SweepInProgress:
         while (self._read() and not self._at_turn) or not self._rests:
             self._require_braking(braked_s)
         self._clock.wait(READ_S)
-        last = self._devices.stage.read_sweep()
-        self._readings.append(last)
-        self._guard.end_sweep(last.angle_deg, pulses=fired, now_s=last.at_s)
+        last = self._next_reading()
+        self._guard.end_sweep(last.angle_deg, pulses=fired, now_s=self._way.moment_s(last))
         return fired
 
     def _require_braking(self, braked_s: float) -> None:
@@ -358,6 +426,7 @@ class SweepInProgress:
                     f"those before, {1e3 * self._permit.period_s:.2f} ms between two is the least that was permitted; "
                     "check the laser's trigger"
                 )
+            _LOG.debug("pulse %s", stamped)
             self._pulses.append(pulse)
 
     def _keep(self, frames: Sequence[Frame]) -> None:
@@ -370,6 +439,7 @@ class SweepInProgress:
                         f"frame {now} came after frame {before}: a trigger was lost or doubled, and the sweep is "
                         "refused whole; check the trigger's cable"
                     )
+            _LOG.debug("frame %s", frame.header)
             self._frames.append(frame)
 
     def _keep_last(self, frames: Sequence[Frame]) -> None:

@@ -29,7 +29,7 @@ from markerseek.search.evidence import (
     why_not_detected,
     with_half_width,
 )
-from markerseek.search.floor import noise_of
+from markerseek.search.floor import above_background, noise_above_background
 from markerseek.search.policy import PaperPolicy, SearchPolicy
 from markerseek.search.sweep import peak_passed
 
@@ -72,8 +72,9 @@ class CheckedPolicy(SearchPolicy):
         """Next angle of the method in degrees; None at its end."""
         intensity = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
         if self._early_end and peak_passed(intensity):
-            noise = noise_of(self._lit, dark=self._dark)
-            if why_not_detected(self._lit, dark=self._dark, noise=noise) is None:
+            noise = noise_above_background(self._lit, dark=self._dark)
+            lit = above_background(self._lit, noise.background)
+            if why_not_detected(lit, dark=self._dark, noise=noise) is None:
                 return None
         return self.inner.ask()
 
@@ -82,20 +83,22 @@ class CheckedPolicy(SearchPolicy):
 
     def estimate(self) -> Estimate:
         """Answer as far as the samples prove it; `NotFound` before the first."""
-        noise = noise_of(self._lit, dark=self._dark)
+        noise = noise_above_background(self._lit, dark=self._dark)
+        floor = noise.measured_floor
+        lit = above_background(self._lit, noise.background)
         answer = self.inner.answer(noise_sigma=noise.sigma)
-        reason = why_not_detected(self._lit, dark=self._dark, noise=noise)
+        reason = why_not_detected(lit, dark=self._dark, noise=noise)
         if reason is not None:
-            return NotFound(mean_deg=answer.mean_deg, reason=reason, floor=noise.floor)
+            return NotFound(mean_deg=answer.mean_deg, reason=reason, floor=floor)
         side = self._rising_side()
         if side is not None:
             curve = curve_of(self._lit)
             top_deg = float(curve.angle_deg[curve.strongest])
             # The stage may stop up to a count beyond the end; the answer is inside the range.
-            return AtBound(mean_deg=self._limits.nearest(top_deg), side=side, floor=noise.floor)
+            return AtBound(mean_deg=self._limits.nearest(top_deg), side=side, floor=floor)
         radius_m = marker_radius_m(self._lit)
-        found = with_half_width(replace(answer, floor=noise.floor), radius_m=radius_m)
-        inconsistent = inconsistency(self._lit, mean_deg=answer.mean_deg, noise=noise)
+        found = with_half_width(replace(answer, floor=floor), radius_m=radius_m)
+        inconsistent = inconsistency(lit, mean_deg=answer.mean_deg, noise=noise)
         if inconsistent is not None:
             return found.as_unsure("source", inconsistent)
         too_wide = beyond_tolerance(found, self._tolerance, radius_m=radius_m)

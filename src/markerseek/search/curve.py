@@ -1,4 +1,4 @@
-"""The measured intensity curve S(θ), and the statistics of its peak: maximum, width, centres, limit set by noise."""
+"""The measured intensity curve S(θ), and its statistics: maximum, width, centres, limit by noise, scatter, quartile."""
 
 from __future__ import annotations
 
@@ -110,3 +110,29 @@ def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
     if peak.max_intensity <= noise_sigma:
         return width_deg
     return 0.55 * width_deg * math.sqrt(noise_sigma / (4 * math.log(2) * peak.max_intensity))
+
+
+def scatter_of(curve: Curve) -> float:
+    """Return the scatter of the samples about the line through both neighbours, as a standard deviation of one."""
+    # 1.4826 turns a median into a standard deviation, and 1.5 is the variance with that of the two neighbours.
+    low_deg, middle_deg, high_deg = curve.angle_deg[:-2], curve.angle_deg[1:-1], curve.angle_deg[2:]
+    spaced = high_deg > low_deg
+    share = (middle_deg - low_deg)[spaced] / (high_deg - low_deg)[spaced]
+    # The line through both neighbours removes slope; a peak still bends, but the median ignores it.
+    line = (1 - share) * curve.intensity[:-2][spaced] + share * curve.intensity[2:][spaced]
+    return 1.4826 * float(np.median(np.abs(curve.intensity[1:-1][spaced] - line))) / math.sqrt(1.5)
+
+
+def lower_quartile(curve: Curve) -> float:
+    """Return the intensity below which a quarter of the measured range lies.
+
+    Each sample represents the angles nearest to it.
+    """
+    # A search that converges takes most of its samples at the maximum; a plain quartile of those would be on the peak.
+    edges = np.concatenate(
+        [curve.angle_deg[:1], (curve.angle_deg[1:] + curve.angle_deg[:-1]) / 2, curve.angle_deg[-1:]]
+    )
+    share = np.diff(edges) / (edges[-1] - edges[0])
+    order = np.argsort(curve.intensity, kind="stable")
+    below = int(np.searchsorted(np.cumsum(share[order]), 0.25))
+    return float(curve.intensity[order[min(below, len(curve) - 1)]])

@@ -13,17 +13,15 @@ from typing import Literal
 import numpy as np
 
 from markerseek.core import Found, Interval, Sample, Tolerance
+from markerseek.search.background import FLAT_SHARE
 from markerseek.search.curve import curve_of
 from markerseek.search.floor import SearchNoise
 
 UNKNOWN_RATIO = 10.0
 """Where the floor is unknown, the largest sample must be this many times the smallest."""
 
-FLAT_SHARE = 0.1
-"""A curve that falls by no more than this share of its largest sample is flat: background, no marker."""
-
 FLAT_SIGMAS = 4.5
-"""And so is one that falls by no more than this many σ, which is about the spread of tens of equal samples."""
+"""A curve that falls by no more than this many σ is flat: that is about the spread of tens of equal samples."""
 
 LATERAL_M = 3e-3
 """Largest lateral distance between strong samples of one marker; elements are 0.43 mm apart."""
@@ -39,7 +37,10 @@ CONSISTENT_SHARE = 0.8
 
 
 def why_not_detected(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: SearchNoise) -> str | None:
-    """Return why the samples are no evidence of a marker, as a message; None if they are."""
+    """Return why the samples are no evidence of a marker, as a message; None if they are.
+
+    ``lit``, ``noise``: above the background, where there is one.
+    """
     if not lit:
         return "nothing has been measured yet"
     intensities = [sample.reading.intensity for sample in lit]
@@ -55,16 +56,25 @@ def why_not_detected(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: Se
     elif not largest > level:
         return (
             f"the largest intensity, {largest:.4g}, does not exceed the detection threshold, {level:.4g} "
-            f"({noise.floor.source})"
+            f"({noise.floor.source}{_above(noise)})"
         )
     if len(lit) == 1:
         return "only one angle has been measured; a peak shows beside others"
-    flat = largest - smallest <= max(FLAT_SHARE * largest, FLAT_SIGMAS * noise.sigma_or_zero)
+    base = 0.0 if noise.background is None else noise.background.level
+    flat = largest - smallest <= max(FLAT_SHARE * (base + largest), FLAT_SIGMAS * noise.sigma_or_zero)
     # A weak marker that one or two angles show is no background: at the others there is nothing but noise.
     if flat and not (dark and np.median(intensities) <= max(sample.reading.intensity for sample in dark)):
-        return f"the intensity is the same at all measured angles, {smallest:.4g} to {largest:.4g}: there is no peak"
+        return (
+            f"the intensity is the same at all measured angles, {base + smallest:.4g} to {base + largest:.4g}: there "
+            "is no peak"
+        )
     known = noise.level_or_zero
     return _elsewhere(lit, strongest, level=known) or _incoherent(lit, strongest, dark, level=known)
+
+
+def _above(noise: SearchNoise) -> str:
+    """What intensities are counted from, for a message; empty if from zero."""
+    return "" if noise.background is None else f", both above a background of {noise.background.level:.4g}"
 
 
 def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str | None:
@@ -132,22 +142,28 @@ def rising_side(lit: Sequence[Sample], *, answer: Found, limits: Interval) -> Li
     return side if to_end_deg <= 0.75 * abs(float(curve.angle_deg[top] - neighbour_deg)) else None
 
 
-def inconsistency(lit: Sequence[Sample], *, mean_deg: float, noise: SearchNoise) -> str | None:
+def inconsistency(
+    lit: Sequence[Sample], *, mean_deg: float, noise: SearchNoise, relative_error: float = 0.0
+) -> str | None:
     """Return why the answer does not fit the samples, in words; None if it does.
 
     Next to the maximum of a unimodal curve lies its largest sample or one nearly as large. An average that falls
     between two peaks, or a bracket that dropped the peak, has none.
+
+    ``lit``, ``noise``: above the background, where there is one. ``relative_error``: standard deviation of a sample by
+    the laser's energy, over its intensity.
     """
     curve = curve_of(lit)
     # The neighbours on both sides, and every sample at the angle itself.
     first, end = (int(np.searchsorted(curve.angle_deg, mean_deg, side=side)) for side in ("left", "right"))
     near = curve.intensity[max(0, first - 1) : end + 1]
     largest = float(curve.intensity[curve.strongest])
-    if near.max() >= CONSISTENT_SHARE * largest - 3 * noise.sigma_or_zero:
+    spread = math.hypot(noise.sigma_or_zero, relative_error * largest)
+    if near.max() >= CONSISTENT_SHARE * largest - 3 * spread:
         return None
     return (
-        f"the samples next to the answer, at most {near.max():g}, are weaker than the one at "
-        f"{curve.angle_deg[curve.strongest]:.2f} deg, {largest:g}"
+        f"the samples next to the answer, at most {near.max():.4g}, are weaker than the one at "
+        f"{curve.angle_deg[curve.strongest]:.2f} deg, {largest:.4g}{_above(noise)}"
     )
 
 

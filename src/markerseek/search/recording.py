@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from markerseek.core import Estimate, Policy, PriorEvidence, Sample, Searched
+from markerseek.core import Estimate, Found, Policy, PriorEvidence, Sample, Searched, estimate_of
 
 if TYPE_CHECKING:
     from markerseek.search.posterior import Posterior
@@ -32,7 +32,7 @@ class WholeRecording:
     def searched(self) -> Searched | None:
         """What the search took and said; None before its end."""
         if self._searched is None and self._search.ask() is None:
-            self._searched = Searched(estimate=self._search.estimate(), acquisitions=self._told)
+            self._searched = Searched(estimate=estimate_of(self._search), acquisitions=self._told)
         return self._searched
 
     @property
@@ -70,5 +70,29 @@ class WholeRecording:
         self._left_deg = [each for each in self._left_deg if each != sample.angle_deg]
 
     def estimate(self) -> Estimate:
-        """The answer of the search while angles are left, then the one from all angles."""
-        return self.present.estimate()
+        """The answer of the search while angles are left, then the one from all angles.
+
+        Where both name an angle, and not the same, no angle is claimed.
+        """
+        answer = self.present.estimate()
+        if self.searched is None or not self._is_answered or not isinstance(answer, Found):
+            return answer
+        reason = contradiction(answer, self.searched.estimate)
+        return answer if reason is None else answer.as_unsure("source", reason)
+
+
+AGREEING_DEG = 1.0
+"""Distance of two answers in degrees up to which they agree, whatever their intervals are."""
+
+
+def contradiction(answer: Found, searched: Estimate) -> str | None:
+    """Return why an answer from all angles contradicts that of the search, in words; None if it does not."""
+    if not isinstance(searched, Found) or abs(answer.mean_deg - searched.mean_deg) <= AGREEING_DEG:
+        return None
+    all_angles, few = answer.interval95_deg, searched.interval95_deg
+    if few.low_deg <= all_angles.high_deg and all_angles.low_deg <= few.high_deg:
+        return None
+    return (
+        f"all angles together have the marker at {answer.mean_deg:.2f} deg, and the search of some of them at "
+        f"{searched.mean_deg:.2f} deg: one curve does not explain this recording; look at its picture"
+    )

@@ -71,6 +71,9 @@ class SimulatedLaser:
         self._clock.wait(permit.pulses / self._light.rate_hz)
         return permit.pulses
 
+    def prepare_sweep(self) -> None:
+        """Nothing to get ready."""
+
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire single pulses; refused as by `fire`."""
         self._use(permit)

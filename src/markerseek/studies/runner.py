@@ -24,7 +24,7 @@ import msgspec
 
 from markerseek._version import __version__
 from markerseek.core import RecordError
-from markerseek.files import MIB, open_input, read_input, replace_file, sync_folder
+from markerseek.files import MIB, open_for_writing, open_input, read_input, replace_file, sync_folder
 from markerseek.studies.study import Study, Value, cells
 from markerseek.studies.summary import Summary, summarise
 from markerseek.studies.trial import Row, run_trial
@@ -112,8 +112,8 @@ def _claim(folder: Path, study: Study) -> None:
 def _add_rows(study: Study, path: Path, workers: int | None, progress: Callable[[int], None]) -> None:
     """Compute the rows that an unfinished table lacks, and add each chunk as it is ready."""
     with _writing(path):
-        path.touch()
-    with path.open("r+b") as table:
+        descriptor = open_for_writing(path, os.O_RDWR | os.O_CREAT)
+    with os.fdopen(descriptor, "r+b") as table:
         done = _whole_trials(table, study)
         progress(done * len(study.policies))
         parts = in_order(partial(run_chunk, study), chunks(study, first=done), workers=workers)
@@ -165,7 +165,7 @@ def _alone(folder: Path) -> Iterator[None]:
     except ImportError:  # Windows: without the lock, two runs of one study do the work twice and write the same files
         yield
         return
-    with (folder / ".lock").open("ab") as lock:
+    with os.fdopen(open_for_writing(folder / ".lock", os.O_WRONLY | os.O_CREAT), "wb") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as problem:

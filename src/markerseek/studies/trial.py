@@ -28,6 +28,7 @@ from markerseek.core import (
     SearchError,
     Unsure,
     described,
+    estimate_of,
 )
 from markerseek.records import answer_name
 from markerseek.scan import Scanner, run
@@ -265,7 +266,7 @@ def searched(
     for event in run(policy, scanner, RunPlan(stay=stay, dark_frames=dark_frames)):
         # When acquisition n is asked for, the policy holds n − 1 samples.
         if isinstance(event, Asked) and event.role == "search" and event.index - 1 in counts:
-            answers[event.index - 1] = policy.estimate()
+            answers[event.index - 1] = estimate_of(policy)
         elif isinstance(event, Refused):
             refused += 1
         elif isinstance(event, Measured) and event.role == "search":

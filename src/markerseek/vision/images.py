@@ -14,10 +14,13 @@ from markerseek.core import ConfigError, UInt8, Within, needs_package, require_f
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 """Endings of the names of image files that are read."""
 
-_PNG, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
-_JPEG, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
-_TAIL = 1024
-"""Bytes at the end of a PNG among which its last block is looked for."""
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_END = b"IEND\xaeB`\x82"
+_JPEG = b"\xff\xd8"
+_JPEG_MARKER = re.compile(rb"\xff+([^\x00\x01\xd0-\xd7\xff])")
+"""A marker of a segment, or of the end: neither the byte FF of coded pixels nor a restart within them."""
+
+_JPEG_END = b"\xd9"
 
 _PORTABLE = re.compile(rb"P([56])\s+(?:#[^\n]*\s+)*(\d+)\s+(?:#[^\n]*\s+)*(\d+)\s+(?:#[^\n]*\s+)*(\d+)\s")
 _PURPOSE = "reading camera images"
@@ -52,20 +55,26 @@ def brightness(image: np.ndarray) -> UInt8[np.ndarray, "rows columns"]:
 
 
 def says_its_end(data: bytes) -> bool:
-    """Whether the format of this file marks its end, so that a file that is being written differs from a whole one."""
-    return data.startswith((_PNG, _JPEG))
+    """Whether a file ends with the mark of its format, so that it is whole although it may have been written just now.
+
+    False for a format without such a mark, and where something follows it: more of that may come.
+    """
+    end = _end(data)
+    return end is not None and not data[end:].strip(b"\0")
 
 
 def decoded_image(data: bytes) -> UInt8[np.ndarray, "rows columns"] | None:
     """Image of a PNG, JPEG, BMP, PGM, PPM or TIFF file; None if the file is not complete, or no image.
 
-    Raises `ConfigError` if a pixel has more than 8 bits.
+    It is turned as its EXIF orientation says, as OpenCV does unless it is told otherwise. What follows the end of a PNG
+    or JPEG is ignored. Raises `ConfigError` if a pixel has more than 8 bits.
     """
     if not _may_be_whole(data):
         return None
     cv2 = opencv(_PURPOSE)
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        # IMREAD_UNCHANGED would ignore the orientation, with which people calibrate their cameras.
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     except cv2.error:
         return None
     return None if image is None else brightness(image)
@@ -73,16 +82,44 @@ def decoded_image(data: bytes) -> UInt8[np.ndarray, "rows columns"] | None:
 
 def _may_be_whole(data: bytes) -> bool:
     """Whether nothing shows that the end is missing; OpenCV fills up what is missing without saying so."""
-    if data.startswith(_PNG):
-        return _PNG_END in data[-_TAIL:]
-    if data.startswith(_JPEG):
-        return data.rstrip(b"\0").endswith(_JPEG_END)
+    if data.startswith((_PNG, _JPEG)):
+        return _end(data) is not None
     if data.startswith(b"BM"):
         return int.from_bytes(data[2:6], "little") <= len(data)
     if (portable := _PORTABLE.match(data)) is not None:
         kind, width, height, most = map(int, portable.groups())
         return len(data) - portable.end() >= width * height * (3 if kind == 6 else 1) * (2 if most > 255 else 1)
     return len(data) > 8
+
+
+def _end(data: bytes) -> int | None:
+    """Place behind the mark with which a PNG or JPEG ends; None if it is missing, or the format has none."""
+    if data.startswith(_PNG):
+        return _png_end(data)
+    return _jpeg_end(data) if data.startswith(_JPEG) else None
+
+
+def _png_end(data: bytes) -> int | None:
+    """Place behind the last chunk: each has its length, its name, its content and a check sum."""
+    place, name = len(_PNG), b""
+    while name != b"IEND":
+        if place + 12 > len(data):
+            return None
+        length, name = int.from_bytes(data[place : place + 4], "big"), data[place + 4 : place + 8]
+        place += 12 + length
+    return place if data[:place].endswith(_PNG_END) else None
+
+
+def _jpeg_end(data: bytes) -> int | None:
+    """Place behind the mark of the end; a preview within a segment, which has such a mark of its own, is skipped."""
+    place = len(_JPEG)
+    while (marker := _JPEG_MARKER.search(data, place)) is not None:
+        place = marker.end()
+        if marker[1] == _JPEG_END:
+            return place
+        # Every other segment states its length; coded pixels may follow it.
+        place += int.from_bytes(data[place : place + 2], "big")
+    return None
 
 
 LARGEST_PX = 8192

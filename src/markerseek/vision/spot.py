@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.optimize import least_squares
 
-from markerseek.core import ConfigError, Float32, Float64, Int64, StereoPair, UInt8
+from markerseek.core import ConfigError, Float32, Float64, Int64, StereoPair, UInt8, counted
 from markerseek.vision.images import brightness, opencv
 
 MAX_SIZE_PX = 61
@@ -124,11 +124,26 @@ def find_spot(
     first = (int(column), int(row))
     spot = _fitted(mean, gray, first)
     if spot is None:
-        return NoSpot(reason="the brightest place has not the form of a spot; hide reflections, or use a smaller spot")
+        return NoSpot(reason=_no_form(gray, first))
     second = _second(height, spot, first, level=max(level, SECOND_SHARE * peak))
     if second is not None:
         return TwoSpots(places_px=((float(first[0]), float(first[1])), second))
     return _judged(spot, [frame[spot.pixels] - background[spot.pixels] for frame in gray])
+
+
+def _no_form(frames: Sequence[UInt8[np.ndarray, "rows columns"]], place: tuple[int, int]) -> str:
+    """Say that a bright place (x, y) has not the form of a spot, and whether it is saturated."""
+    column, row = place
+    half = MAX_SIZE_PX // 2
+    near = (slice(max(0, row - half), row + half + 1), slice(max(0, column - half), column + half + 1))
+    full = int((np.max([frame[near] for frame in frames], axis=0) >= _FULL_COUNTS).sum())
+    where = f"the brightest place, at ({column}, {row}) px, has not the form of a spot"
+    if full:
+        return (
+            f"{where}: {counted(full, 'pixel')} around it are saturated ({_FULL_COUNTS} counts or more); shorten the "
+            "exposure or take less light, so that a rim around the middle is not white, and hide reflections"
+        )
+    return f"{where}; hide reflections, or use a smaller spot"
 
 
 def _require_alike(images: list[UInt8[np.ndarray, " ..."]]) -> None:

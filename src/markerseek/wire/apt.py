@@ -28,6 +28,9 @@ _WITH_DATA = 0x80
 Forms = Mapping[int, frozenset[int]]
 """Identity of a message to the lengths that its data can have; 0 is the form of six bytes."""
 
+_STATUS_LENGTHS = frozenset(range(14, 30, 2))
+"""Lengths of a status: 14 bytes, and what later firmware appends."""
+
 TO_HOST: Forms = {
     0x0002: frozenset({0}),  # disconnecting
     0x0006: frozenset({84}),  # identity
@@ -45,10 +48,10 @@ TO_HOST: Forms = {
     0x0444: frozenset({0}),  # homed
     0x0447: frozenset({6}),  # stored relative move
     0x0452: frozenset({6}),  # stored target
-    0x0464: frozenset({0, 14}),  # move completed
-    0x0466: frozenset({0, 14}),  # stopped
-    0x0481: frozenset({14}),  # status
-    0x0491: frozenset({14}),  # status
+    0x0464: _STATUS_LENGTHS | {0},  # move completed
+    0x0466: _STATUS_LENGTHS | {0},  # stopped
+    0x0481: _STATUS_LENGTHS,  # status
+    0x0491: _STATUS_LENGTHS,  # status
     0x0525: frozenset({12}),  # trigger ports
     0x0528: frozenset({34}),  # trigger positions
 }
@@ -88,7 +91,7 @@ class AptFramer:
     """Splits a stream into messages, for one of the two ends.
 
     ``forms``: which messages are known, and how long their data may be. ``to``: address of this end; messages to others
-    are discarded.
+    are discarded, but for those with data to address 0, which some controllers send.
     """
 
     def __init__(self, forms: Forms = TO_HOST, *, to: int = HOST) -> None:
@@ -125,7 +128,7 @@ class AptFramer:
         ident, length, to, _source = _HEADER.unpack_from(self._held, at)
         # Known identity, own address and a length that belongs to it: together they stand in for the checksum.
         lengths = self._forms.get(ident)
-        if lengths is None or to & ~_WITH_DATA != self._to:
+        if lengths is None or (to & ~_WITH_DATA != self._to and to != _WITH_DATA):
             return None
         wanted = length if to & _WITH_DATA else 0
         if wanted not in lengths or (to & _WITH_DATA and wanted == 0):
@@ -148,7 +151,7 @@ EMULATOR = "simulated by markerseek"
 """Notes in the identity of an emulated controller."""
 
 INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS = 0x0006, 0x0415, 0x043C, 0x0425, 0x0452, 0x0491
-TRIGGER_PORTS, CHANNEL_STATE = 0x0525, 0x0212
+TRIGGER_PORTS = 0x0525
 """Identities of the answers that `decode` knows."""
 
 _DATA = {
@@ -243,13 +246,6 @@ class Counts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Channel:
-    """Whether the channel is enabled: its motor gets current."""
-
-    enabled: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TriggerPorts:
     """Modes of the two trigger ports; an active output is high."""
 
@@ -258,7 +254,7 @@ class TriggerPorts:
     polarities: tuple[int, int] = (_ACTIVE_HIGH, _ACTIVE_HIGH)
 
 
-Answer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts | Channel
+Answer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts
 
 
 def counts_of(angle_deg: float) -> int:
@@ -352,13 +348,10 @@ def decode(message: AptMessage) -> Answer | None:
 
     Raises `DeviceError` if it is of another channel, or no controller can have sent it.
     """
-    if message.ident == CHANNEL_STATE:
-        _require_channel(message.raw[2])
-        return Channel(enabled=message.raw[3] == 1)
     layout = _DATA.get(message.ident)
     if layout is None:
         return None
-    channel, *words = layout.unpack(message.data)
+    channel, *words = layout.unpack_from(message.data)
     if message.ident == INFO:
         return _info(channel, *words)
     _require_channel(channel)

@@ -1,7 +1,8 @@
 """Protocol of the laser box, which triggers laser and acquisition and counts the pulses: lines as bytes.
 
 A line is words separated by one space, a star, and the CRC-16/CCITT-FALSE of all before the star (polynomial
-0x1021, start 0xFFFF, not reflected; 0x29B1 for ``123456789``) in four upper-case digits: ``BEAT 17*97F5``, then LF.
+0x1021, start 0xFFFF, not reflected; 0x29B1 for ``123456789``) in four upper-case digits: ``BEAT 17*97F5``, then LF. A
+CR before it is dropped.
 
 ======================================================  ==========================================================
 host to box                                             box to host
@@ -290,7 +291,8 @@ class Lines:
     def feed(self, data: bytes) -> list[bytes]:
         """Lines completed by these bytes, without their ends."""
         *complete, rest = (self._rest + data).split(b"\n")
-        lines = [b"" if len(line) >= LINE_BYTES else line for line in complete]
+        # A board whose console ends its lines with CR LF ends ours so, too.
+        lines = [b"" if len(line) >= LINE_BYTES else line.removesuffix(b"\r") for line in complete]
         if complete and self._too_long:
             lines[0] = b""
         # The rest is dropped, so that a device that never ends its line cannot fill the memory.

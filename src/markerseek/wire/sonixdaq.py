@@ -28,6 +28,9 @@ MAX_BURST_BYTES = 2 << 30
 HEADER_BYTES = 12
 """Length of the longer header: the bytes that `decode_header` needs."""
 
+TAIL_BYTES = 128
+"""Bytes at the end of a file that are all 0 only if its contents have not come: 64 samples of noise never are."""
+
 _NAME = re.compile(r"CH(\d{3})(?:-\d{4})?\.daq", re.ASCII | re.IGNORECASE)
 
 
@@ -99,6 +102,24 @@ def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
     raise RecordError(
         f"{name}: {size} bytes found, expected {', or '.join(expected)}; the file is cut off, still being written, or "
         "no channel file: wait until it is complete, or acquire it again"
+    )
+
+
+def unwritten(data: bytes, *, name: str) -> str:
+    """Why the end of a channel file is not its contents, but zeros that stand for them; empty if it is.
+
+    A network share or a copy gives a file its size before its contents. A channel that is 0 everywhere is dead, and
+    whole; so is one whose noise is less than a count, which is 0 nearly everywhere.
+    """
+    values = np.frombuffer(data[: len(data) // 2 * 2], "<i2")
+    written = int(np.max(np.flatnonzero(values), initial=-1)) + 1
+    left = len(values) - written
+    samples = values[HEADER_BYTES // 2 : written]
+    if 2 * left < TAIL_BYTES or not np.count_nonzero(samples) > len(samples) / 2:
+        return ""
+    return (
+        f"{name}: the last {left} of {len(values)} values are 0, its contents have not come yet (a network share or a "
+        "copy shows the size of a file first)"
     )
 
 

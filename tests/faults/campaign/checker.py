@@ -6,10 +6,11 @@ import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from markerseek.core import Failed, Finished, Found, Measured, ReadingFrame, Refused
+from markerseek.core import Failed, Finished, Found, Measured, ReadingFrame, Refused, Sweep
+from markerseek.sim import LaserSettings, ReceiverSettings, StageMotion
 
 from .faulty import HostKilled
-from .runs import CAPS, Trace
+from .runs import CAPS, LEASE_S, Trace
 from .world import Light, Received
 
 SETTLED_DEG = 0.2
@@ -20,6 +21,21 @@ OFF_DEG = 2.0
 
 READ_WITHIN_S = 0.06
 """Time from one reading of a sweep to the next, in seconds."""
+
+PERIOD_S = max(1 / LaserSettings().rate_hz, ReceiverSettings().frame_period_s)
+"""Least time between two pulses of the simulated laser, in seconds."""
+
+FASTER, SLOWER = 1.3, 1.3
+"""How many times as fast, and as long, as it was asked for a sweep may be in light, with some room."""
+
+NOTICED_S = 0.3
+"""Time in seconds within which light ends on a probe that stands or is too fast: some readings of the stage."""
+
+TURNING_S = 1.0
+"""The same where the probe may turn back: it is lit at rest there."""
+
+DARK_S = 0.01
+"""Room of P2, in seconds."""
 
 SAMPLE_S = 120.0
 """Longest virtual time of one acquisition with all its attempts under the faults' deadlines, beside the cap."""
@@ -62,6 +78,7 @@ def check(trace: Trace) -> Verdict:
     verdict.acted = bool(trace.acted) and verdict.outcome != "killed"
     verdict.reported = any(isinstance(event, Refused | Failed) for event in events)
     _p1(trace, verdict, harmless="angle" not in harms)
+    _p2(trace, verdict, harmless="pulses" not in harms)
     _p3(trace, verdict, harmless="pulses" not in harms)
     _p6(trace, verdict, observable=harms <= {"none", "pulses"})
     if trace.left_fault:
@@ -107,12 +124,24 @@ def _left_alone(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
         verdict.broken.append(("P1", f"{said}, outside {permit}"))
 
 
+def _p2(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
+    """The laser is dark within its lease after a fault or the death of the host, and at once where it can be told."""
+    if not harmless:
+        return
+    killed = isinstance(trace.raised, HostKilled)
+    told = not killed and not any(fault.name == "unplugged" for fault in trace.acted)
+    for name, since_s, lease_s in (
+        ("the end of the run", trace.ended_s, 0.0 if told else LEASE_S),
+        ("the fault", trace.fault_s, LEASE_S),
+    ):
+        late = [light.at_s - since_s for light in trace.world.lights if light.at_s > since_s + lease_s + DARK_S]
+        if late:
+            verdict.broken.append(("P2", f"{len(late)} pulses up to {max(late):.2f} s after {name}"))
+
+
 def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     lights = trace.world.lights
-    unpermitted = sum(not _is_permitted(light, trace, verdict.injected_deg) for light in lights if light.sweeping)
-    if harmless and unpermitted:
-        verdict.broken.append(("P3", f"{unpermitted} pulses of a sweep outside its permit"))
-    verdict.broken += [("P3", said) for said in _too_many(trace) if harmless]
+    verdict.broken += [("P3", said) for said in _unasked_light(trace, verdict.injected_deg) if harmless]
     verdict.moving_pulses = sum(light.pulses for light in lights if light.moving)
     permitted = sum(pulses for _, pulses in trace.sent_permits)
     fired = sum(light.pulses for light in lights if not light.moving)
@@ -127,29 +156,62 @@ def _p3(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
         verdict.broken.append(("P3", f"{largest} pulses at once, {trace.plan.pulses} permitted, {injected} injected"))
 
 
-def _is_permitted(light: Light, trace: Trace, injected_deg: float) -> bool:
-    """Whether light on a probe that turns is inside the angles and the time of a sweep's permit."""
-    permit = next((permit for permit, began_s in reversed(trace.sweeps) if began_s <= light.at_s), None)
-    if permit is None or light.at_s > permit.expires_s:
-        return False
-    low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
-    # The guard sees its end with the next reading.
-    room_deg = SETTLED_DEG + injected_deg + READ_WITHIN_S * permit.fastest_deg_s
-    return low_deg - room_deg <= light.angle_deg <= high_deg + room_deg
-
-
-def _too_many(trace: Trace) -> list[str]:
-    """What is more, or faster, than the permit of a sweep allows."""
+def _unasked_light(trace: Trace, injected_deg: float) -> list[str]:
+    """Return what of the light on a probe that turns nobody has asked for; the guard's own permits are not used."""
     said = []
-    ends_s = [*(began_s for _, began_s in trace.sweeps[1:]), math.inf]
-    for (permit, began_s), end_s in zip(trace.sweeps, ends_s, strict=False):
-        own = [light for light in trace.world.lights if light.sweeping and began_s <= light.at_s < end_s]
-        if sum(light.pulses for light in own) > permit.pulses:
-            said.append(f"{len(own)} pulses in a sweep of {permit.pulses}")
-        apart_s = min((after.at_s - before.at_s for before, after in pairwise(own)), default=math.inf)
-        if not apart_s >= 0.999 * permit.period_s:
-            said.append(f"two pulses {apart_s:.4f} s apart in a sweep, {permit.period_s:.4f} s were permitted")
-    return said
+    ends_s = [*(asked_s for _, asked_s in trace.asked[1:]), math.inf]
+    own: list[Light] = []
+    for (sweep, asked_s), end_s in zip(trace.asked, ends_s, strict=True):
+        lights = [light for light in trace.world.lights if asked_s <= light.at_s < end_s]
+        own += lights
+        if sweep is None:
+            turning = sum(light.sweeping for light in lights)
+            said += [f"{turning} pulses on a probe that turns, and no sweep was asked for"] if turning else []
+        else:
+            said += _beyond_sweep(sweep, lights, trace, injected_deg)
+    before = sum(light.sweeping for light in trace.world.lights) - sum(light.sweeping for light in own)
+    return said + ([f"{before} pulses before a sweep was asked for"] if before else [])
+
+
+def _beyond_sweep(sweep: Sweep, lights: list[Light], trace: Trace, injected_deg: float) -> list[str]:
+    """Return what of the light of a sweep is outside its angles, its time, its rate or its speed."""
+    # Each sweep states where it begins.
+    places_deg = [each for each in (sweep.from_deg, sweep.to_deg, sweep.back_deg) if each is not None]
+    room_deg = SETTLED_DEG + injected_deg + READ_WITHIN_S * FASTER * sweep.speed_deg_s
+    low_deg, high_deg = min(places_deg) - room_deg, max(places_deg) + room_deg
+    outside = [light.angle_deg for light in lights if not low_deg <= light.angle_deg <= high_deg]
+    said = [f"{len(outside)} pulses of a sweep outside {low_deg:.1f} to {high_deg:.1f} deg"] if outside else []
+    if not lights:
+        return said
+    way_deg = sum(abs(after - before) for before, after in pairwise(places_deg))
+    longest_s = SLOWER * (way_deg / sweep.speed_deg_s + 2 * sweep.speed_deg_s / StageMotion().acceleration_deg_s2) + 2.0
+    blind_s = sum(fault.amount for fault in trace.acted if fault.name == "late readings")
+    slowed = max((fault.amount for fault in trace.acted if fault.name == "slow"), default=1.0)
+    lasted_s = lights[-1].at_s - lights[0].at_s
+    if not lasted_s <= slowed * longest_s + blind_s:
+        said.append(f"light for {lasted_s:.1f} s in a sweep that takes {longest_s:.1f} s")
+    largest = max(light.pulses for light in lights)
+    if largest > 1:
+        said.append(f"{largest} pulses at once in a sweep")
+    apart_s = min((after.at_s - before.at_s for before, after in pairwise(lights)), default=math.inf)
+    if not apart_s >= 0.999 * PERIOD_S:
+        said.append(f"two pulses {apart_s:.4f} s apart in a sweep, the laser's period is {PERIOD_S:g} s")
+    return said + _unnoticed(sweep, lights, blind_s)
+
+
+def _unnoticed(sweep: Sweep, lights: list[Light], blind_s: float) -> list[str]:
+    """Return for how long light fell on a probe that stood, or was too fast, beyond the time to notice it."""
+    stood_s = fast_s = longest_stood_s = 0.0
+    for before, after in pairwise(lights):
+        elapsed_s = after.at_s - before.at_s
+        turned_deg = abs(after.angle_deg - before.angle_deg)
+        stood_s = stood_s + elapsed_s if turned_deg < 0.005 else 0.0
+        longest_stood_s = max(longest_stood_s, stood_s)
+        # A slip or a backlash is no speed.
+        fast_s += elapsed_s if turned_deg > FASTER * sweep.speed_deg_s * elapsed_s + SETTLED_DEG else 0.0
+    most_s = blind_s + (NOTICED_S if sweep.back_deg is None else TURNING_S)
+    said = [f"light for {longest_stood_s:.2f} s on a probe that stands"] if longest_stood_s > most_s else []
+    return said + ([f"light for {fast_s:.2f} s on a probe that is too fast"] if fast_s > blind_s + NOTICED_S else [])
 
 
 def _p6(trace: Trace, verdict: Verdict, *, observable: bool) -> None:

@@ -86,6 +86,9 @@ class FaultyLaser(Faulty):
         self.reach(silently=True)
         self._inner.disarm()
 
+    def prepare_sweep(self) -> None:
+        self._inner.prepare_sweep()
+
     def begin_sweep(self, permit: SweepPermit) -> None:
         self._take(permit)
         self.sweeps.append((permit, self._clock.now_s()))

@@ -8,6 +8,7 @@ from .vocabulary import FAULTS, Fault
 
 _WORDS = {
     "P1": "the probe never leaves its limits, nor the permit of its sweep when the host has died, in truth",
+    "P2": "the laser is dark within its lease after a fault or the death of the host, at once after the end of a run",
     "P3": "pulses ≤ permitted, none while the stage moves but under the permit of a sweep, inside its angles and rate",
     "P6": "every fault that acted is reported, and no answer contains a faulty frame",
     "P7": "FAULT is left only by a person's reset (every verb tried in each run that ended there)",

@@ -7,22 +7,26 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from markerseek.core import (
     AnyPolicy,
+    Asked,
     Estimate,
     Interval,
     MarkerseekError,
     NotFound,
     Permit,
+    Reading,
     RigFacts,
     Sample,
     SearchPlan,
     Sweep,
     SweepPermit,
+    SweepTiming,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
@@ -31,7 +35,7 @@ from markerseek.rigs.bench_rig import DARK_ALARM
 from markerseek.runs import configuration_of
 from markerseek.runs.journalled import journalled
 from markerseek.scan import RunLimits, Scanner
-from markerseek.search import build
+from markerseek.search import build, build_sweeping
 from markerseek.signals import IntensityReader
 from markerseek.sim import (
     CurveWorld,
@@ -59,8 +63,14 @@ from .world import WatchedWorld
 
 CELLS = 460_000
 CAPS = RunLimits(acquisitions=60, duration_s=3600.0)
-LEASE_S, ALONE = 0.3, 400
-"""Lease of the laser box, in seconds, and tenths of a second for which a rig is watched after the death of its host."""
+LEASE_S = 0.3
+"""Lease of the laser box, in seconds."""
+
+AFTER, ALONE = 10, 400
+"""Tenths of a second for which a rig is watched after a run, and after the death of its host."""
+
+ANSWERING = 0.3
+"""Share of the runs with sweeps in which the posterior searches by them, and answers."""
 
 SWEEPS = "sweeps"
 """Method that asks for sweeps."""
@@ -93,6 +103,8 @@ class Plan:
     faults: tuple[Fault, ...]
     dies_at: int | None = None
     """Reading of a stage that sweeps at which the host dies; None: it does not."""
+    answers: bool = False
+    """Whether the posterior asks for the sweeps, and answers."""
 
 
 def draw_plan(seed: int, number: int) -> Plan:
@@ -132,6 +144,7 @@ def draw_plan(seed: int, number: int) -> Plan:
         acquisitions=acquisitions,
         faults=tuple(drawn(rng, list(FAULTS.values())[index], steps=steps) for index in chosen),
         dies_at=int(dies.integers(1, 90)) if sweeps and dies.random() < 0.3 else None,
+        answers=sweeps and dies.random() < ANSWERING,
     )
 
 
@@ -149,6 +162,12 @@ class Trace:
     sent_permits: tuple[tuple[str, int], ...]
     sweeps: tuple[tuple[SweepPermit, float], ...]
     """Permit of each sweep, and when its light was permitted to begin."""
+    asked: tuple[tuple[Sweep | None, float], ...]
+    """Each step that was asked for, a sweep or None, and when."""
+    ended_s: float
+    """When the run ended, or its host died."""
+    fault_s: float
+    """When the guard entered FAULT; infinite if it did not."""
     virtual_s: float
     real_s: float
     left_deg: tuple[float, ...] = ()
@@ -161,6 +180,7 @@ class Campaign:
     def __init__(self, folder: Path, lines: HeldLines) -> None:
         self._folder = folder
         self._lines = lines
+        _compile_kernels()
 
     def perform(self, plan: Plan) -> Trace:
         """Run a plan to its end."""
@@ -170,17 +190,23 @@ class Campaign:
         path = self._folder / f"{plan.number}.journal"
         raised: BaseException | None = None
         left_fault = faulty = False
+        asked: list[tuple[Sweep | None, float]] = []
+        fault_s = _first_fault_s(guard, clock)
         with Journal.create(path, _configuration(rig, plan)) as journal:
             self._lines.begin()
             guard.arm(by="the campaign")
             try:
                 policy = _policy(plan, rig)
-                for _ in journalled(policy, rig, journal, limits=CAPS):
+                for event in journalled(policy, rig, journal, limits=CAPS):
+                    if isinstance(event, Asked):
+                        asked.append((event.sweep, clock.now_s()))
                     left_fault = left_fault or (faulty and guard.state is not State.FAULT)
                     faulty = faulty or guard.state is State.FAULT
             except (MarkerseekError, OSError, HostKilled) as error:
                 raised = error
-        left_deg = _left_alone(world, clock, devices[1]) if isinstance(raised, HostKilled) else ()
+        virtual_s = clock.now_s()
+        killed = isinstance(raised, HostKilled)
+        left_deg = _left_alone(world, clock, devices[1], tenths=ALONE if killed else AFTER)
         left_fault = left_fault or (faulty and guard.state is not State.FAULT) or leaves_fault(guard)
         held = read_journal(path)
         path.unlink()
@@ -194,9 +220,12 @@ class Campaign:
             left_fault=left_fault,
             sent_permits=self._lines.end(),
             sweeps=tuple(devices[1].sweeps),
-            virtual_s=clock.now_s(),
+            asked=tuple(asked),
+            ended_s=virtual_s,
+            fault_s=min(fault_s, default=math.inf),
+            virtual_s=clock.now_s() if killed else virtual_s,
             real_s=time.perf_counter() - began_s,
-            left_deg=left_deg,
+            left_deg=left_deg if killed else (),
         )
 
     def _rig(
@@ -284,13 +313,39 @@ class Campaign:
         return rig, world, clock, (stage, laser, receiver)
 
 
+@cache
+def _compile_kernels() -> None:
+    """Have the posterior's kernels compiled: in a run the supervisor takes that second for a loop that hangs."""
+    limits = Interval(low_deg=-35.0, high_deg=35.0)
+    policy = build_sweeping(SearchPlan(method="posterior", sweep_speed_deg_s=10.0), limits=limits)
+    timing = SweepTiming(number=1, speed_deg_s=10.0, delay_sigma_s=0.01)
+    for angle_deg in np.arange(-20.0, 20.0, 0.5).tolist():
+        reading = Reading(intensity=4.0 + 100.0 * math.exp(-((angle_deg / 4.0) ** 2)), noise_sigma=1.0, cells=CELLS)
+        policy.tell(Sample(angle_deg=angle_deg, reading=reading, sweep=timing))
+    policy.estimate()
+
+
 _DEVICES: tuple[DeviceName, ...] = ("stage", "laser", "receiver")
 
 
-def _left_alone(world: WatchedWorld, clock: VirtualClock, laser: FaultyLaser) -> tuple[float, ...]:
+def _first_fault_s(guard: Guard, clock: VirtualClock) -> list[float]:
+    """When the guard enters FAULT: the times of all calls, none yet."""
+    times_s: list[float] = []
+    fail = guard.fail
+
+    def noted(reason: str) -> None:
+        times_s.append(clock.now_s())
+        fail(reason)
+
+    guard.fail = noted  # type: ignore[method-assign]
+    return times_s
+
+
+def _left_alone(world: WatchedWorld, clock: VirtualClock, laser: FaultyLaser, *, tenths: int) -> tuple[float, ...]:
     """Where the probe is while stage and laser go on without a host, every tenth of a second."""
-    ends_s, left_deg = clock.now_s() + LEASE_S, []
-    for _ in range(ALONE):
+    ends_s = clock.now_s() + LEASE_S
+    left_deg: list[float] = []
+    for _ in range(tenths):
         clock.wait(0.1)
         left_deg.append(world.true_at(clock.now_s()))
         if clock.now_s() - 0.1 < ends_s <= clock.now_s():
@@ -343,6 +398,17 @@ def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
     limits = rig.limits.search
     if plan.method in ("endless", "wild"):
         return Unruly(plan)
+    if plan.answers:
+        devices = rig.scanner.sweeping
+        return build_sweeping(
+            SearchPlan(
+                method="posterior",
+                start_deg=plan.start_deg,
+                sweep_speed_deg_s=devices.stage.fastest_sweep_deg_s,
+                sweep_from_end=devices.in_bursts,
+            ),
+            limits=limits,
+        )
     if plan.method == SWEEPS:
         return Sweeps(plan, fastest_deg_s=rig.scanner.sweeping.stage.fastest_sweep_deg_s)
     return build(

@@ -16,7 +16,7 @@ from .held_lines import HeldLines
 from .runs import Campaign, draw_plan
 
 CHUNK = 250
-PROMISES = ("P1", "P3", "P6", "P7", "P8")
+PROMISES = ("P1", "P2", "P3", "P6", "P7", "P8")
 
 
 class Broken(msgspec.Struct, frozen=True, kw_only=True):

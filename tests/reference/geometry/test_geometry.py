@@ -354,10 +354,52 @@ def test_different_spots_in_the_two_images_are_refused() -> None:
     left, right = CAMERAS.project(seen_points(5, 4))
     with pytest.raises(ConfigError, match=r"point 3: its two lines of sight miss each other by .* different spots"):
         triangulate(left, right + np.array([[0, 0], [0, 0], [0, 12], [0, 0]]), CAMERAS, sigma_px=0.2)
-    with pytest.raises(ConfigError, match=r"meet behind the cameras; check which image is the left one"):
-        triangulate(right, left, CAMERAS, sigma_px=0.2)
     with pytest.raises(ConfigError, match=r"pixel 1 is \(-20\.0, 30\.0\), outside the image"):
         triangulate(np.array([[-20.0, 30.0]]), np.array([[20.0, 30.0]]), CAMERAS, sigma_px=0.2)
+
+
+@pytest.mark.parametrize(
+    ("turned_left", "turned_right", "exchanged", "cause"),
+    [
+        (False, False, True, "the two images are exchanged"),
+        (True, True, False, "both images are turned by 180 deg"),
+        (True, False, False, "the left image is turned by 180 deg"),
+        (False, True, False, "the right image is turned by 180 deg"),
+    ],
+)
+def test_images_that_are_exchanged_or_turned_are_named_with_what_else_would_fit(
+    turned_left: bool, turned_right: bool, exchanged: bool, cause: str
+) -> None:
+    left, right = CAMERAS.project(seen_points(5, 6))
+    if turned_left:
+        left = np.subtract(CAMERAS.left.size_px, 1) - left
+    if turned_right:
+        right = np.subtract(CAMERAS.right.size_px, 1) - right
+    if exchanged:
+        left, right = right, left
+    with pytest.raises(ConfigError, match=rf"point \d: .*; it would fit if .*{cause}.*: compare both images with"):
+        triangulate(left, right, CAMERAS, sigma_px=0.2)
+
+
+def test_parallel_cameras_cannot_tell_exchanged_images_from_turned_ones_and_both_are_named() -> None:
+    camera = Camera(focal_px=(900.0, 900.0), centre_px=(639.5, 511.5), size_px=(1280, 1024))
+    cameras = StereoCameras(
+        left=camera,
+        right=camera,
+        left_to_right=RigidTransform(
+            source="left", target="right", rotation=np.eye(3), translation_m=np.array([-5e-3, 0.0, 0.0])
+        ),
+    )
+    left, right = cameras.project(np.array([[0.004, -0.002, 0.09]]))
+    with pytest.raises(
+        ConfigError,
+        match="meet behind the cameras; it would fit if the two images are exchanged, or if both images are turned",
+    ):
+        triangulate(right, left, cameras, sigma_px=0.2)
+    # Exchanged as well as turned they fit: then only a look at the images tells.
+    last_px = np.array([1279.0, 1023.0])
+    turned = triangulate(last_px - right, last_px - left, cameras, sigma_px=1.0)
+    assert turned.points_m[0, 2] == pytest.approx(0.09)
 
 
 @pytest.mark.parametrize(

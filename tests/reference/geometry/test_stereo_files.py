@@ -113,6 +113,7 @@ def refused(files: Sequence[Path], **options: float) -> str:
         (("T_0=-5.21", "T_0=-0.00521"), "is no distance of an endoscope"),
         (("[StereoLeft]", "no section"), "cannot be read as an INI file"),
         (("res_y=1024", "res_y=1024\nR_0=0"), "[StereoLeft] R_1 is missing"),
+        (("res_y=1024", "res_y=1024\nfisheye=true"), "[StereoLeft] fisheye is 'true', plumb_bob is understood"),
         (("res_y=1024", "res_y=1024\nkc_5=0.3"), "[StereoLeft] distortion has 6 coefficients, five"),
         (("fc_x=1103.25", "fc_x=1103,25"), "fc_x is '1103,25', it must be a finite number"),
     ],
@@ -128,6 +129,9 @@ def test_an_ini_file_that_lies_is_refused(tmp_path: Path, change: tuple[str, str
     ("change", "says"),
     [
         (("plumb_bob", "rational_polynomial"), "plumb_bob is understood"),
+        (("plumb_bob", "equidistant"), "distortion_model is 'equidistant', plumb_bob is understood"),
+        (("camera_name: left", "camera_model: kannala_brandt4"), "camera_model is 'kannala_brandt4', plumb_bob is"),
+        (("distortion_model: plumb_bob", "distortion_model: [fisheye]"), "distortion_model is 'no text'"),
         (("camera_name", "binning_x: 2.5\ncamera_name"), "binning_x is 2.5, it must be a whole number"),
         (("camera_name", "roi: 7\ncamera_name"), "roi is '7', it must be a table"),
         (("distortion_coefficients", "coefficients"), "distortion_coefficients is missing"),
@@ -159,3 +163,75 @@ def test_what_does_not_go_together_is_refused(tmp_path: Path) -> None:
     (tmp_path / "large.ini").write_bytes(b"#" * 70_000)
     assert "another kind of file" in refused([tmp_path / "large.ini"], calibration_sigma_px=0.2)
     assert isinstance(read_stereo([left, right], calibration_sigma_px=0.2), StereoSettings)
+
+
+def opencv_text(suffix: str, *, size: Sequence[int] = SIZE, **more: object) -> str:
+    """As OpenCV's own ``FileStorage`` writes it; ``more``: further fields."""
+    storage = cv2.FileStorage(suffix, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    for number, camera in enumerate((LEFT, RIGHT), start=1):
+        storage.write(f"M{number}", matrix(camera))
+        storage.write(f"D{number}", np.array([camera["d"]]))
+    storage.write("R", TURN.as_matrix())
+    storage.write("T", SHIFT_M[:, None])
+    storage.write("image_size", np.array(size, dtype=float))
+    for name, value in more.items():
+        storage.write(name, value)
+    return str(storage.releaseAndGetString())
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ({"fisheye_model": 1}, "fisheye_model is '1', plumb_bob is understood"),
+        ({"distortion_model": "equidistant"}, "distortion_model is 'equidistant'"),
+        ({"camera_model": "Omni-Directional"}, "camera_model is 'Omni-Directional'"),
+        ({"xi": 1.25}, "xi is '1.25'"),
+    ],
+)
+def test_an_opencv_file_of_another_model_is_refused_by_name(
+    tmp_path: Path, suffix: str, more: dict[str, object], says: str
+) -> None:
+    file = tmp_path / f"stereo{suffix}"
+    file.write_text(opencv_text(suffix, **more), encoding="utf-8")
+    assert says in refused([file], calibration_sigma_px=0.2)
+
+
+@pytest.mark.parametrize("more", [{"fisheye_model": 0}, {"camera_model": "pinhole"}, {"model": "Endoscope Xi 30"}])
+def test_an_opencv_file_of_this_model_is_read(tmp_path: Path, more: dict[str, object]) -> None:
+    file = tmp_path / "stereo.yml"
+    file.write_text(opencv_text(".yml", **more), encoding="utf-8")
+    assert read_stereo([file], calibration_sigma_px=0.2).left.distortion == LEFT["d"]
+
+
+@pytest.mark.parametrize("size", [SIZE, SIZE[::-1]])
+def test_the_size_of_images_is_read_as_columns_and_rows_or_rows_and_columns(
+    tmp_path: Path, size: tuple[int, int]
+) -> None:
+    file = tmp_path / "stereo.yml"
+    file.write_text(opencv_text(".yml", size=size), encoding="utf-8")
+    assert read_stereo([file], calibration_sigma_px=0.2).right.size_px == SIZE
+
+
+def test_images_that_are_higher_than_wide_keep_their_size(tmp_path: Path) -> None:
+    text = opencv_text(".yml", size=(1024, 1280)).replace("641.125", "501.5").replace("508.75", "655.25")
+    file = tmp_path / "stereo.yml"
+    file.write_text(text.replace("629.5", "520.5").replace("515.25", "633.25"), encoding="utf-8")
+    assert read_stereo([file], calibration_sigma_px=0.2).left.size_px == (1024, 1280)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "head", "deep"),
+    [
+        (".json", '{"M1": ', "["),
+        (".json", '{"M1": ', '{"a":'),
+        (".yml", "%YAML:1.0\nM1: ", "["),
+        (".yml", "%YAML:1.0\n", "{a: "),
+    ],
+)
+def test_brackets_in_brackets_do_not_reach_the_parser_of_opencv(
+    tmp_path: Path, suffix: str, head: str, deep: str
+) -> None:
+    file = tmp_path / f"stereo{suffix}"
+    file.write_text(head + deep * (50_000 // len(deep)), encoding="utf-8")
+    assert "nests brackets more than 50 deep" in refused([file], calibration_sigma_px=0.2)

@@ -26,6 +26,7 @@ from tests.registration_sessions import BEGUN
         ),
         (["--simulate", "--record", "first", "--seed", "31"], "--simulate --seed 31"),
         (["--heartbeat=/dev/fd/3", "--simulate", "--continue", "kept"], "--simulate"),
+        (["--simulate", "--asked-by=a browser at 10.0.0.7", "--heartbeat", "/dev/fd/3"], "--simulate"),
     ],
 )
 def test_a_session_goes_on_with_the_options_it_was_begun_with(
@@ -51,7 +52,7 @@ def test_a_fault_names_the_command_that_goes_on(
 
     monkeypatch.setattr(sys, "argv", ["markerseek", "register"])
     with pytest.raises(DeviceError):
-        registering._watch(Broken(), None, Path("kept"), as_json=False)  # type: ignore[arg-type]
+        registering._watch(Broken(), Path("kept"), as_json=False)  # type: ignore[arg-type]
     said = " ".join(capsys.readouterr().err.split())
     assert "once the fault is repaired, continue with: markerseek register --continue kept" in said
 

@@ -14,6 +14,7 @@ from markerseek.core import (
     PAPER_RANGE,
     ByHand,
     ConfigError,
+    Interval,
     MarkerCurve,
     MarkerseekError,
     MissingExtraError,
@@ -138,3 +139,11 @@ def test_an_error_arrives_in_another_process_as_it_was(kind: type[MarkerseekErro
     again = pickle.loads(pickle.dumps(error))
     assert (type(again), str(again)) == (kind, str(error))
     assert words[-1] in str(again)
+
+
+@pytest.mark.parametrize("ends_deg", [(-35.0, 9000.0), (-1e300, 35.0), (0.0, 361.0)])
+def test_a_range_beyond_a_turn_is_no_range_of_a_rig(ends_deg: tuple[float, float]) -> None:
+    """As a journal may hold it; a search in it would have no end."""
+    low_deg, high_deg = ends_deg
+    with pytest.raises(ConfigError, match=r"search: an end is .* deg, it must lie in \[-360, 360\] deg"):
+        RigFacts(kind="bench", description="", fingerprint="", search=Interval(low_deg=low_deg, high_deg=high_deg))

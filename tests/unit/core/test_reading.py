@@ -6,6 +6,7 @@ import math
 from dataclasses import fields, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -207,3 +208,41 @@ def test_an_arrival_refuses_what_is_no_number(name: str) -> None:
     arrival = Arrival(lateral_m=0.0, depth_m=0.05, arrival_s=3e-5, intensity=7.0, coherence=0.5)
     with pytest.raises(ConfigError, match=name):
         replace(arrival, **{name: math.nan})
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"lateral_m": 1e200}, "lateral_m is 1e\\+200, it must lie between -10 and 10"),
+        ({"depth_m": -40.0}, "depth_m is -40.0, it must lie between -10 and 10"),
+        ({"arrival_s": 7e5}, "arrival_s is 700000.0, it must lie between -1 and 1"),
+        ({"spread_s": -1e-6}, "spread_s is -1e-06, it must lie between 0 and 1"),
+        ({"noise_sigma": 1e250}, "noise_sigma is 1e\\+250, it must lie between 0 and 1e\\+60"),
+        ({"cells": -3}, "cells is -3, it must lie between 0"),
+        ({"focused_coherence": 1e12}, "focused_coherence is 1000000000000.0, it must lie between"),
+        ({"coherence": 1.01}, "coherence is 1.01"),
+        ({"saturated_fraction": 300}, "saturated_fraction is 300"),
+        (
+            {"arrivals": [{"lateral_m": 0, "depth_m": 1e300, "arrival_s": 0, "intensity": 1, "coherence": None}]},
+            "depth_m",
+        ),
+    ],
+)
+def test_features_that_no_frame_has_are_refused_when_a_journal_is_read(change: dict[str, object], said: str) -> None:
+    """Its check sums say that it was not damaged, not that its numbers are possible."""
+    event = Measured(role="search", index=1, sample=Sample(angle_deg=1.0, reading=FULL_READING))
+    encoded = encode(event)
+    held = msgspec.json.decode(encoded.body)
+    held["sample"]["reading"] |= change
+    with pytest.raises(RecordError, match=f"an entry that cannot be read: .*{said}"):
+        decode(encoded.kind, msgspec.json.encode(held), None, confirmation=None)
+
+
+@pytest.mark.parametrize("angle_deg", [1e300, -2e4, math.nan, math.inf])
+def test_an_angle_that_no_stage_reaches_is_refused(angle_deg: float) -> None:
+    with pytest.raises(ConfigError, match="sample: angle_deg is"):
+        Sample(angle_deg=angle_deg, reading=FULL_READING)
+
+
+def test_a_share_may_be_rounded_above_one() -> None:
+    assert replace(FULL_READING, coherence=1 + 1e-12).coherence == 1 + 1e-12

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 import shutil
 import subprocess
 import sys
@@ -116,6 +117,83 @@ def test_an_incomplete_file_is_named_once_and_others_come_all_the_same(
         f"{folders[1] / '1.png'}: it is not complete, or no image,"
     ]
     assert [int(pair.left[0, 0]) for pair in found] == [2]
+
+
+@pytest.mark.parametrize("takes_s", [0.15, 1.2])
+def test_where_reading_is_too_slow_whole_pairs_are_left_out_and_the_rates_are_said(
+    folders: tuple[Path, Path], source: StereoImages, monkeypatch: pytest.MonkeyPatch, takes_s: float
+) -> None:
+    decoded = folder_images.decoded_image
+
+    def slowly(data: bytes) -> np.ndarray | None:
+        time.sleep(takes_s)
+        return decoded(data)
+
+    monkeypatch.setattr(folder_images, "decoded_image", slowly)
+    with written(folders, "renamed", 250) as process:
+        with pytest.warns(UserWarning, match="are read more slowly") as said:
+            found = pairs_of(source, until=lambda pairs: len(pairs) >= 3 and process.poll() is not None, limit_s=16)
+        process.kill()
+    assert len(found) >= 3
+    for pair in found:
+        assert (pair.left == pair.right).all()
+    values = [int(pair.left[0, 0]) for pair in found]
+    assert values == sorted(values)
+    # Of the newest, and not one after another of those that wait.
+    assert values[-1] > 1.5 * len(values)
+    (sentence,) = {str(each.message) for each in said}
+    rates = re.search(r"than they come \(([0-9.]+) of ([0-9.]+) a second\); save BMP or JPEG", sentence)
+    assert rates is not None
+    assert float(rates[1]) <= 1.2 / takes_s
+    assert float(rates[2]) > 2 * float(rates[1])
+
+
+def test_slow_reading_that_gives_no_pair_is_the_reason_that_is_said(
+    folders: tuple[Path, Path], source: StereoImages, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decoded = folder_images.decoded_image
+
+    def slowly(data: bytes) -> np.ndarray | None:
+        time.sleep(4.0)
+        return decoded(data)
+
+    monkeypatch.setattr(folder_images, "decoded_image", slowly)
+    with written(folders, "renamed", 500) as process:
+        with (
+            pytest.warns(UserWarning, match="are read more slowly"),
+            pytest.raises(AcquisitionError, match=r"images are read more slowly than they come \(0\.[0-9] of"),
+        ):
+            pairs_of(source, until=lambda _: False, limit_s=25)
+        process.kill()
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".gif", ".JP2"])
+def test_files_of_another_kind_are_named_if_no_images_come(
+    folders: tuple[Path, Path], source: StereoImages, suffix: str
+) -> None:
+    for folder in folders:
+        (folder / f"1{suffix}").write_bytes(b"of another kind")
+    with pytest.raises(
+        AcquisitionError,
+        match=rf"no images come, but files that end with {suffix.lower()}; \.png, \.jpg, .*: have the program",
+    ):
+        pairs_of(source, until=lambda _: False, limit_s=6)
+
+
+def test_files_beside_the_images_are_no_error(folders: tuple[Path, Path], source: StereoImages) -> None:
+    for folder in folders:
+        (folder / "preview.gif").write_bytes(b"of another kind")
+        (folder / "1.png").write_bytes(encoded(4))
+    assert len(pairs_of(source, until=lambda _: False, limit_s=4)) == 1
+
+
+@pytest.mark.parametrize("trailer", [b"\r\n", b"\xff", b"a maker's data" * 200])
+def test_an_image_with_a_trailer_comes_once(folders: tuple[Path, Path], source: StereoImages, trailer: bytes) -> None:
+    for folder in folders:
+        for number in (1, 2, 3):
+            in_two_halves(folder / f"{number}.jpg", encoded(20 * number, ".jpg") + trailer)
+    found = pairs_of(source, until=lambda _: False, limit_s=1.5)
+    assert [round(int(pair.left[0, 0]) / 20) for pair in found] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("number", [errno.EACCES, errno.EBUSY, errno.ESTALE])

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
+import numpy as np
 import pytest
 
-from markerseek.core import ConfigError, DeviceError, NotConnectedError
+from markerseek.core import ConfigError, DeviceError, Interval, LaserError, NotConnectedError
 from markerseek.drivers import BenchSettings, StandardStage, bench_settings_from
+from markerseek.drivers.entry import Opening
+from markerseek.drivers.foreign import ForeignLaser, ForeignStage, OwnLaser, OwnStage
 from markerseek.rigs import BenchRecipe, bench, fingerprint, read_rig_file
 from markerseek.runs.rebuild import differences_of_benches
 from markerseek.sim import VirtualClock
 from markerseek.testing import check_laser, check_receiver
 
 STAGE = """
+import numpy as np
 from markerseek.drivers import StageStatus
 from markerseek.sim import SimulatedStage
 from helper_of_this_lab import SPEED
@@ -48,6 +54,11 @@ class Anything(Stage):
 class Nowhere(Stage):
     def read(self):
         return StageStatus(angle_deg=float("nan"))
+
+class Numpy(Stage):
+    resolution_deg, begin_s = np.float32(0.005), np.int64(2)
+    def read(self):
+        return StageStatus(angle_deg=np.float32(self.at_deg), moving=np.False_, since_s=np.float32(1.5))
 
 class Number(Stage):
     def read(self):
@@ -196,12 +207,51 @@ def test_an_error_of_the_class_names_it(rig: Callable[..., Path]) -> None:
         bench(read(rig("lab_stage:Broken")))
 
 
+def test_numbers_of_numpy_become_numbers_of_python(rig: Callable[..., Path]) -> None:
+    """Only these can be written into a journal."""
+    settings = read(rig("lab_stage:Numpy")).stage
+    assert isinstance(settings, ForeignStage)
+    stage = OwnStage(settings, opening())
+    status, rules = stage.read(), stage.rules()
+    assert [type(each) for each in (status.angle_deg, status.moving, status.since_s)] == [float, bool, float]
+    assert [type(each) for each in (rules.speed_deg_s, rules.resolution_deg, rules.begin_s)] == [float] * 3
+    with bench(read(rig("lab_stage:Numpy"))) as opened:
+        opened.arm(by="a test")
+        msgspec.json.encode(opened.scanner.measure(0.0).angle_deg)
+
+
+@pytest.mark.parametrize("fired", [3, np.int64(3), np.uint8(3), None, 3.0, True])
+def test_a_count_of_pulses_is_a_whole_number_of_python_or_numpy(tmp_path: Path, fired: object) -> None:
+    (tmp_path / "lab_laser.py").write_text(
+        "class Laser:\n    def __init__(self): self.says = None\n    def fire(self, pulses): ...\n"
+        "    def fired(self): return self.says\n    def off(self): ...\n"
+    )
+    laser = OwnLaser(ForeignLaser(driver="lab_laser:Laser", beside=str(tmp_path)), opening())
+    laser.device.says = fired
+    if isinstance(fired, float | bool):
+        with pytest.raises(LaserError, match=r"fired\(\) returned .*, it must be the number of pulses"):
+            laser.fired()
+    else:
+        assert type(laser.fired()) is (type(None) if fired is None else int)
+
+
+def opening() -> Opening:
+    return SimpleNamespace(  # type: ignore[return-value]
+        clock=VirtualClock(),
+        limits=SimpleNamespace(travel=Interval(low_deg=-40, high_deg=40)),
+        pulses=3,
+        stack=ExitStack(),
+        line=None,
+    )
+
+
 def test_a_driver_of_another_unit_is_refused_at_its_first_move(rig: Callable[..., Path]) -> None:
     """At rest at 0 nothing shows it; light is only permitted at an angle that was reached."""
     with bench(read(rig("lab_stage:Radians"))) as opened:
         opened.arm(by="a test")
         with pytest.raises(
-            DeviceError, match=r"the stage did not begin to move at .* deg from its target; look for an obstacle"
+            DeviceError,
+            match=r"the stage did not begin to move at .* obstacle; the reading is 1/57.3 x what was",
         ):
             opened.scanner.measure(20.0)
         assert opened.facts.emulated == ("laser", "receiver")

@@ -158,7 +158,8 @@ def test_zero_and_direction_are_those_of_the_rig_file() -> None:
         ({"reach_deg": 5.0}, "reach_deg is 5.0 deg"),
         ({"reach_deg": math.nan}, "reach_deg is nan"),
         ({"steady_deg": 0.5, "reach_deg": 0.4}, "must be finer"),
-        ({"device": "a name of more than 20 characters"}, "1 to 20 characters"),
+        ({"device": ""}, "one or more characters"),
+        ({"device": "Schallköpf"}, "characters of ASCII"),
     ],
 )
 def test_keys_that_cannot_be_used_are_refused(keys: dict[str, object], says: str) -> None:
@@ -179,14 +180,14 @@ class Server:
         )
         self.line, _ = self.listening.accept()
 
-    def send(self, matrix: object, *, stamp_s: float | None = None, status: str = "OK") -> float | None:
-        """Send a transform, and read the encoder."""
+    def send(self, matrix: object, *, stamp_s: float | None = None, **metadata: str) -> float | None:
+        """Send a transform, and read the encoder; without ``metadata`` its ``TransformStatus`` is OK."""
         stamp_s = self.now_s if stamp_s is None else stamp_s
         message = igtl.Message(
             device="ProbeToProbeHome",
             content=igtl.Transform(matrix=None if matrix is None else np.asarray(matrix, np.float64)),
             time_s=stamp_s,
-            metadata={"TransformStatus": status},
+            metadata=metadata or {"TransformStatus": "OK"},
         )
         return self.send_bytes(igtl.encode(message))
 
@@ -226,12 +227,42 @@ def test_messages_that_are_not_of_now_tell_no_angle(server: Server) -> None:
     assert "ahead of this computer's clock" in server.encoder.unused
     assert server.send(home, stamp_s=0.0) is None
     assert "carry no time" in server.encoder.unused
-    assert server.send(home, status="INVALID") is None
+    assert server.send(home, TransformStatus="INVALID") is None
     assert "INVALID" in server.encoder.unused
+
     assert server.send(None) is None
     assert server.encoder.unused == "its transform is NaN"
     assert server.send(home) == pytest.approx(1.0, abs=1e-4)
     assert server.encoder.unused == ""
+
+
+def test_transforms_of_other_devices_are_named(server: Server) -> None:
+    for device in ("ProbeToReference", "StylusToReference"):
+        content = igtl.Transform(matrix=np.eye(4))
+        assert server.send_bytes(igtl.encode(igtl.Message(device=device, content=content, time_s=server.now_s))) is None
+    assert server.encoder.unused == (
+        "TRANSFORM came of 'ProbeToReference', 'StylusToReference', none of 'ProbeToProbeHome'"
+    )
+
+
+@pytest.mark.parametrize(
+    ("metadata", "said"),
+    [
+        ({"TransformValid": "1"}, ""),
+        ({"TransformValid": "true", "TransformStatus": "OK"}, ""),
+        ({"TransformValid": "0"}, "not valid: TransformValid is '0'"),
+        ({"TransformValid": "False", "TransformStatus": "OK"}, "not valid: TransformValid is 'False'"),
+        ({"TransformValid": "1", "TransformStatus": "MISSING"}, "it says that its transform is 'MISSING'"),
+        ({"Other": "1"}, "does not state by TransformStatus in its metadata that it is valid"),
+    ],
+)
+def test_older_servers_state_by_another_name_whether_a_transform_is_valid(
+    server: Server, metadata: dict[str, str], said: str
+) -> None:
+    angle_deg = server.send(probe_to_probe_home(-7.0), **metadata)
+    assert said in server.encoder.unused
+    assert (angle_deg is None) == bool(said)
+    assert "require_status" not in server.encoder.unused
 
 
 @pytest.mark.parametrize(
@@ -270,6 +301,9 @@ class Node:
 
     def __init__(self) -> None:
         self.time_s = 1.75e9
+
+    def publishes(self, _topic: str) -> bool:
+        return True
 
     def subscribe(self, _topic: str, kind: str, callback: Callable[[object], None]) -> None:
         if kind == "std_msgs/msg/String":
@@ -321,6 +355,10 @@ def test_a_joint_of_ros_2_is_in_radians() -> None:
     encoder = Ros2Encoder(node=node, settings=GuidedStageSettings(encoder="ros2"))  # type: ignore[arg-type]
     node.hand_over(node.stamped(name=["trus_roll"], position=[math.radians(-12.5)]))
     assert encoder.read() == pytest.approx(-12.5)
+    node.time_s += 1
+    node.hand_over(node.stamped(name=["yaw", "insertion"], position=[0.1, 0.2]))
+    assert math.isnan(encoder.read() or 0.0)
+    assert encoder.unused == "its message has the joints yaw, insertion, and no number of 'trus_roll'"
     late = node.stamped(name=["trus_roll"], position=[0.0])
     node.time_s += 3
     node.hand_over(late)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from itertools import pairwise
@@ -27,11 +28,13 @@ from markerseek.wire import laserbox as wire
 from tests.emulated_lines import BenchClock, DirectPort, FaultyLine
 from tests.unit.drivers.laserbox_bench import Lit
 
+Late = float | tuple[float, float]
+
 
 class Bench:
     """A box that sweeps, and its driver, whose beat is in each wait."""
 
-    def __init__(self, *, metered: bool = False, late_s: float = 1e-3) -> None:
+    def __init__(self, *, metered: bool = False, late_s: Late = 1e-3) -> None:
         self.world = Lit()
         self.triggers: list[int] = []
         light = LaserSettings(energy_meter_noise=0.0 if metered else None)
@@ -191,7 +194,48 @@ def test_a_line_too_slow_for_the_time_of_a_pulse_is_refused() -> None:
     bench = Bench(late_s=0.01)
     bench.driver.begin_sweep(permit())
     with pytest.raises(LaserError, match=r"the time of a pulse is known to \d\.\d ms only, the limit is 1 ms"):
-        bench.turn(1.0)
+        bench.turn(1.5)
+
+
+@pytest.mark.parametrize("rate", [-0.009, -300e-6, 1e-3, 0.008])
+@pytest.mark.parametrize("late_s", [0.0, (0.0, 0.006)])
+def test_a_clock_that_is_fast_or_slow_gives_each_pulse_its_time(
+    rate: float, late_s: float | tuple[float, float]
+) -> None:
+    bench = Bench(late_s=late_s)  # type: ignore[arg-type]
+    bench.box.faults.inject("clock drift", rate)
+    bench.driver.begin_sweep(permit())
+    pulses = bench.turn(4.0)
+    fired = bench.driver.end_sweep()
+    pulses += bench.driver.pulses()
+    truth_s = [pulse.at_s for pulse in bench.box.pulses]
+    assert fired == len(pulses) == len(truth_s) >= 60
+    assert max(abs(pulse.at_s - true) for pulse, true in zip(pulses, truth_s, strict=True)) <= 1e-3
+
+
+@pytest.mark.parametrize(("rate", "said"), [(0.017, "1.7% fast"), (-0.04, "4.[0-2]% slow")])
+def test_a_clock_that_is_too_fast_or_too_slow_is_named_with_its_rate(rate: float, said: str) -> None:
+    bench = Bench()
+    bench.box.faults.inject("clock drift", rate)
+    bench.driver.begin_sweep(permit())
+    with pytest.raises(LaserError, match=rf"its clock is {said} against this computer's, the limit is 1%;"):
+        bench.turn(3.0)
+
+
+def test_an_answer_that_comes_between_two_looks_was_not_there_at_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where the computer is held up between them: no clock has jumped."""
+    bench = Bench()
+    bench.driver.begin_sweep(permit())
+    read = bench.port.read
+    looks = itertools.count()
+
+    def held_up(size: int, *, timeout_s: float) -> bytes:
+        if size > 1 and next(looks) % 4 == 0:
+            bench.clock.wait(0.01)
+        return read(size, timeout_s=timeout_s)
+
+    monkeypatch.setattr(bench.port, "read", held_up)
+    assert len(bench.turn(1.0)) > 10
 
 
 @pytest.mark.parametrize(
@@ -259,7 +303,7 @@ def test_whatever_a_box_says_a_pulse_has_a_time_or_there_is_none(said: list[tupl
         for reply, later_s in said:
             now_s += later_s
             sweep.hear(reply, now_s=now_s)
-            pulses += sweep.new_pulses()
+            pulses += sweep.new_pulses(now_s=now_s)
     except LaserError:
         pass
     assert len(pulses) <= 4

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Mapping
+from contextlib import closing
 from types import MappingProxyType
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 from markerseek.core import (
     AcquisitionError,
     ConfigError,
+    DeviceTimeoutError,
     Laser,
     NotConnectedError,
     Permit,
@@ -181,3 +183,26 @@ def test_no_server_is_a_sentence() -> None:
 def test_a_device_has_a_name() -> None:
     with pytest.raises(ConfigError, match="device is ''"):
         PlusSettings(device="")
+
+
+def test_images_of_other_devices_are_named(plus: EmulatedPlus) -> None:
+    allowed = permit(pulses=2)
+    plus.receiver.arm(allowed)
+    plus.send(2, device="Video_Tracked")
+    with pytest.raises(DeviceTimeoutError, match=f"IMAGE came of 'Video_Tracked', none of '{DEVICE}'"):
+        plus.receiver.acquire(allowed)
+
+
+def test_of_a_long_name_the_part_counts_that_the_protocol_has() -> None:
+    server, connection = socket.socketpair()
+    clock = VirtualClock()
+    settings = PlusSettings(device="RfVideo_ProbeToReferenceTracked", timeout_s=1.0, quiet_s=0.1)
+    with closing(server), closing(PlusReceiver(
+        connection=connection, clock=clock, settings=settings, dark_triggers=1, unix_s=clock.now_s,
+    )) as receiver:  # fmt: skip
+        allowed = permit(pulses=1)
+        receiver.arm(allowed)
+        content = igtl.Image(pixels=np.full((1, 2, 3), 7, np.int16), matrix=np.eye(4))
+        cut = igtl.Message(device="RfVideo_ProbeToRefer", content=content, time_s=clock.now_s())
+        server.sendall(igtl.encode(cut))
+        assert np.array_equal(receiver.acquire(allowed).samples, np.full((2, 3), 7))

@@ -48,7 +48,7 @@ def keys_of(table: dict[str, object], prefix: str = "") -> set[str]:
 def test_the_commented_example_names_every_key_and_holds_the_defaults() -> None:
     settings = read_rig_file(EXAMPLE)
     assert isinstance(settings, BenchSettings)
-    assert keys_of(tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))) == keys_of(settings.table()) | {"kind"}
+    assert keys_of(tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))) == keys_of(settings.table()) | {"kind", "trace"}
     assert settings == BenchSettings(
         stage=Kdc101Settings(port="/dev/ttyUSB0", zero_deg=0.0),
         laser=LaserBoxSettings(port="/dev/ttyACM0"),

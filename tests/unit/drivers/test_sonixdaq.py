@@ -121,6 +121,40 @@ def test_a_file_that_stays_half_written_is_not_taken(bench: Bench) -> None:
         bench.take()
 
 
+@pytest.mark.parametrize("late_s", [0.3, 1.7])
+def test_files_that_have_their_size_before_their_contents_are_waited_for(bench: Bench, late_s: float) -> None:
+    """As on a network share, or while they are copied: neither size nor time shows that the contents come."""
+    bench.daq.faults.inject("size first", late_s)
+    for token in "ab":
+        np.testing.assert_array_equal(bench.take(token).samples, bench.received[-1])
+
+
+def test_files_whose_contents_do_not_come_are_refused_by_name(bench: Bench) -> None:
+    bench.daq.faults.inject("size first", 60.0)
+    with pytest.raises(DeviceTimeoutError, match=r"CH000\.daq: the last 10\d of 262 values are 0, its contents"):
+        bench.take()
+
+
+@pytest.mark.parametrize("white_sigma", [0.2, 0.4])
+def test_noise_of_less_than_a_count_is_no_hole(tmp_path: Path, white_sigma: float) -> None:
+    """Most of it is 0, also at the end."""
+    bench = Bench(tmp_path, white_sigma=white_sigma)
+    np.testing.assert_array_equal(bench.take().samples, bench.received[-1])
+
+
+def test_a_dead_channel_is_no_hole_and_a_folder_of_zeros_is(bench: Bench) -> None:
+    bench.world._noise = Noise(white_sigma=0.0)
+    with pytest.raises(DeviceTimeoutError, match="all samples of all files are 0; their contents have not come"):
+        bench.take()
+    pulses = np.random.default_rng(2).integers(-50, 50, (3, 400)).astype(np.int16)
+    for dead, missing in ((pulses * 0, ""), (pulses, "")):
+        assert wire.unwritten(wire.encode_file(dead, number=7), name="CH007.daq") == missing
+    pulses[2, 330:] = 0
+    assert wire.unwritten(wire.encode_file(pulses, number=None), name="x").startswith("x: the last 70 of 1204 values")
+    pulses[2, 340:] = 1
+    assert not wire.unwritten(wire.encode_file(pulses, number=None), name="x")
+
+
 def test_a_slow_device_is_waited_for_and_a_too_slow_one_is_not(tmp_path: Path) -> None:
     slow = Bench(tmp_path / "slow", readout_s=4.5)
     np.testing.assert_array_equal(slow.take().samples, slow.received[-1])

@@ -137,6 +137,15 @@ def test_frames_that_are_not_of_the_trigger_are_refused_and_the_next_are_taken(s
     assert sender.receiver.acquire(permit()).header.pulses == 4
 
 
+def test_a_receiver_that_nobody_triggers_in_the_dark_names_who_should(sender: Sender) -> None:
+    """A laser of one's own whose fire(0) does nothing."""
+    dark = permit("d", pulses=0)
+    sender.receiver.arm(dark)
+    said = r"0 of (\d+) frames came within 1 s in the dark: the laser's fire\(0\) must trigger the receiver \1 times"
+    with pytest.raises(DeviceTimeoutError, match=said):
+        sender.receiver.acquire(dark)
+
+
 def test_too_few_frames_are_a_timeout_and_the_next_acquisition_misses_none(sender: Sender) -> None:
     sender.receiver.arm(permit())
     sender.send(3)

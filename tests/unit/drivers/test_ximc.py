@@ -13,6 +13,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ConfigError, Interval, LimitError, MoveError, NotConnectedError, SearchPlan
 from markerseek.drivers import BenchSettings, SystemClock, XimcSettings, XimcStage
+from markerseek.drivers.ximc import ENTRY
 from markerseek.runs import find_marker
 from markerseek.sim import VirtualClock
 from markerseek.testing import StageContract
@@ -95,13 +96,16 @@ class Axis:
     def __init__(self, _uri: str) -> None:
         self.steps, self.flags, self.commands = 0.0, highlevel.StateFlags.STATE_IS_HOMED, highlevel.MvcmdStatus(0)
         self.stuck, self.stops = False, 0
+        self.microstep_mode = 9
         self.moves = SimpleNamespace(Speed=0, uSpeed=0, Accel=0, Decel=0)
         self.borders = SimpleNamespace(BorderFlags=0, LeftBorder=0, uLeftBorder=0, RightBorder=0, uRightBorder=0)
 
     def __getattr__(self, name: str) -> Any:
         held = {
             "get_serial_number": 7,
-            "get_engine_settings": SimpleNamespace(MicrostepMode=9, EngineFlags=highlevel.EngineFlags(8)),
+            "get_engine_settings": SimpleNamespace(
+                MicrostepMode=self.microstep_mode, EngineFlags=highlevel.EngineFlags(8)
+            ),
             "get_move_settings": self.moves,
             "get_edges_settings": self.borders,
         }
@@ -184,6 +188,29 @@ def test_a_stage_that_is_not_ready_is_refused(made: Axis, fail: Any, error: type
     fail(made)
     with pytest.raises(error, match=says):
         real()
+
+
+@pytest.mark.parametrize(
+    ("mode", "steps_per_deg", "said"),
+    [
+        (
+            1,
+            20.0,
+            r"turns in full steps of 0\.05 deg, too coarse for an arrival_deg of 0\.02 deg; set 1/256 as",
+        ),
+        (3, 5.0, r"turns in 1/4 steps of 0\.05 deg, too coarse"),
+    ],
+)
+def test_a_controller_that_turns_in_steps_too_coarse_is_refused_by_name(
+    made: Axis, mode: int, steps_per_deg: float, said: str
+) -> None:
+    """And not as an obstacle, once it stands between two steps."""
+    made.microstep_mode = mode
+    with pytest.raises(ConfigError, match=said):
+        real(steps_per_deg=steps_per_deg)
+    made.microstep_mode = 9
+    stage = real(steps_per_deg=steps_per_deg)
+    assert f"in 1/256 steps of {1 / 256 / steps_per_deg:.4g} deg" in ENTRY.describe(settings(Path("x")), stage)
 
 
 def test_another_controller_is_refused(made: Axis) -> None:

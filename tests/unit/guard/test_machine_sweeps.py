@@ -162,7 +162,7 @@ def test_a_reading_too_far_backwards_or_late_is_a_fault(turned_deg: float, elaps
     with pytest.raises(MoveError) as refusal:
         made.read_sweep(-29.5 + turned_deg, now_s=0.1 + elapsed_s)
     why = f"the probe turned by {turned_deg:.3f} deg in {elapsed_s:.3f} s to {-29.5 + turned_deg:.3f} deg"
-    when = f"at {0.1 + elapsed_s:.3f} s, outside {permit}; check stage and host"
+    when = f"at {0.1 + elapsed_s:.3f} s, outside {permit.words}; check stage and host"
     assert str(refusal.value) == f"{why} {when}"
     assert made.state is State.FAULT
     assert made.fault == str(refusal.value)

@@ -39,13 +39,15 @@ def test_the_receives_without_a_transmit_come_back(tmp_path, repeats):
 
 def test_without_events_all_receives_are_photoacoustic(tmp_path):
     def one_kind(workspace):
+        """The first acquisition of each frame is as the second."""
         del workspace.file["Receive/sampleMode"]
+        rows = workspace.file[workspace.file["RcvData"][()].flat[0]]
+        rows[:, :, :60] = rows[:, :, 60:120]
 
     path = write_workspace(tmp_path / "run.mat", FRAMES, mixed=False, change=one_kind)
     bank = read(path)
-    # The first acquisition of each frame is averaged with the second.
     assert {bank.frame(index).header.pulses for index in range(5)} == {2}
-    assert not np.array_equal(frames_of(bank), FRAMES)
+    np.testing.assert_array_equal(frames_of(bank), FRAMES)
 
 
 def test_samples_count_from_the_trigger(tmp_path):
@@ -114,6 +116,20 @@ def every(field, value):
     return change
 
 
+def with_field(name, value):
+    """Each receive has this field."""
+
+    def change(workspace):
+        count = workspace.file["Receive/framenum"].size
+        if name in workspace.file["Receive"]:
+            del workspace.file[f"Receive/{name}"]
+        fields = workspace.structures(workspace.file, "more", **{name: [value] * count})
+        workspace.file.move(f"more/{name}", f"Receive/{name}")
+        del workspace.file[fields.name]
+
+    return change
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -134,6 +150,11 @@ def every(field, value):
         (every("Receive/framenum", 77.0), "fill frames 77 to 77, and RcvData holds 5"),
         (every("Receive/bufnum", 2.0), "RcvData has 1 buffers, and the receives fill number 2"),
         (every("Receive/startDepth", 1e12), "µs after the trigger, at most 200 µs may be, .*; correct it"),
+        (
+            with_field("sampleMode", "NS200BWI"),
+            "Receive.sampleMode is 'NS200BWI', whose samples are not equally spaced in",
+        ),
+        (with_field("aperture", 33.0), "Receive.aperture is 33: the probe switches its elements; acquire with a probe"),
         (emptied("RcvData"), "RcvData has 0 buffers"),
         (emptied("Receive/framenum"), "Receive.framenum is missing"),
         (emptied("Trans/Connector"), "Trans.Connector is missing; save Trans too"),
@@ -205,3 +226,62 @@ def test_octave_writes_the_same_workspace(tmp_path):
     np.testing.assert_array_equal(frames_of(bank), FRAMES)
     assert bank.facts.sampling_hz == 40e6
     assert bank.facts.pitch_m == pytest.approx(0.3e-3)
+
+
+SCAN_DEG = np.arange(-20.0, 20.0, 1.6)
+
+
+def scan_of(marker, other, *, energies):
+    """Frames of a marker at 5 degrees and another absorber at -9, deeper, beside a pick-up that all frames have."""
+    rng = np.random.default_rng(17)
+    frames = rng.normal(0, 20, (len(SCAN_DEG), ELEMENTS, 400))
+    for start, strength in ((10, 900 * np.ones_like(SCAN_DEG)), (150, marker * lobe(5.0)), (290, other * lobe(-9.0))):
+        wave = np.cos(np.arange(24) * 1.2) * np.hanning(24)
+        frames[:, :, start : start + 24] += (energies * strength)[:, None, None] * wave
+    return np.rint(frames).astype(np.int16)
+
+
+def lobe(at_deg):
+    return np.exp(-(((SCAN_DEG - at_deg) / 2.5) ** 2))
+
+
+def write_pairs(path, first, second):
+    """A workspace without Event, whose frames have two acquisitions each."""
+    both = np.concatenate([first, second], axis=2)
+
+    def change(workspace):
+        del workspace.file["Receive/sampleMode"]
+        rows = workspace.file[workspace.file["RcvData"][()].flat[0]]
+        for element, channel in enumerate(CONNECTOR):
+            rows[:, channel - 1, : both.shape[2]] = both[:, element]
+
+    return write_workspace(path, first, mixed=False, change=change)
+
+
+def test_repeats_whose_energies_differ_are_averaged(tmp_path):
+    rng = np.random.default_rng(2)
+    pair = [scan_of(700, 350, energies=rng.uniform(0.7, 1.3, len(SCAN_DEG))) for _ in range(2)]
+    bank = read_arrays(write_pairs(tmp_path / "run.mat", *pair), TableFormat(first_and_step_deg=(-20, 1.6)))
+    np.testing.assert_array_equal(frames_of(bank), np.rint(np.mean(pair, axis=0)))
+
+
+@pytest.mark.parametrize("second", [(100, 800), (0, 600), (300, 0)])
+def test_acquisitions_at_two_wavelengths_are_not_averaged(tmp_path, second):
+    """The second wavelength shows another absorber, or nothing of the first."""
+    energies = np.random.default_rng(3).uniform(0.8, 1.2, (2, len(SCAN_DEG)))
+    first = scan_of(700, 350 if second[1] else 900, energies=energies[0])
+    path = write_pairs(tmp_path / "run.mat", first, scan_of(*second, energies=energies[1]))
+    with pytest.raises(RecordError, match=r"2 acquisitions of a frame are no repeats.*Receive = Receive\(1:2:end\)"):
+        read_arrays(path, TableFormat(first_and_step_deg=(-20, 1.6)))
+
+
+@pytest.mark.parametrize("saved", [True, False])
+def test_a_buffer_of_one_frame_holds_the_scan_in_its_acquisitions(tmp_path, saved):
+    """Seven acquisitions, the first with a transmit; all but this one have an angle."""
+    path = write_workspace(tmp_path / "run.mat", FRAMES[:1], repeats=6, last_saved=saved)
+    with h5py.File(path) as file:
+        rows = file[file["RcvData"][()].flat[0]][0]
+    bank = read_arrays(path, TableFormat(first_and_step_deg=(-4.0, 2.0)))
+    assert bank.angles_deg == (-4.0, -2.0, 0.0, 2.0, 4.0, 6.0)
+    expected = rows[np.array(CONNECTOR) - 1, 60:420].reshape(ELEMENTS, 6, 60).transpose(1, 0, 2)
+    np.testing.assert_array_equal(frames_of(bank), expected)

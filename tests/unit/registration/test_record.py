@@ -9,12 +9,15 @@ import signal
 import subprocess
 import sys
 import threading
+import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 
-from markerseek.core import RecordError
+from markerseek.core import MarkerCandidate, MarkerPosition, RecordError
 from markerseek.registration import (
     REGISTRATION,
     Registered,
@@ -264,3 +267,50 @@ def test_a_session_that_is_killed_in_a_search_looks_for_the_same_marker_again(tm
     require_whole(folder, run(folder))
     assert (folder / "2.journal").read_bytes() == former
     assert {path.name for path in folder.glob("*.journal")} == {"1.journal", "2.journal", "2-2.journal", "3.journal"}
+
+
+SPOT_M2 = [[1e-8, 0.0, 0.0], [0.0, 1e-8, 0.0], [0.0, 0.0, 1e-6]]
+
+
+def candidate(**changes: object) -> MarkerCandidate:
+    position = {"position_m": (0.0, 0.01, 0.05), "sigma_m": (2e-4, 3e-4, 3e-4)} | changes
+    return MarkerCandidate(angle_deg=4.0, probability=0.9, position=MarkerPosition(**position))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"camera_m": [0.0, 1e200, 0.1]}, "camera_m is [0.0, 1e+200, 0.1], 3 numbers within ± 10 are expected"),
+        ({"camera_m": [0.0, 0.1]}, "camera_m is [0.0, 0.1], 3 numbers"),
+        ({"camera_shared_m": [[0.0], [0.0, 1.0], [0.0]]}, "camera_shared_m is"),
+        ({"camera_shared_m": [[0.0], [-1e30], [0.0]]}, "3 x n numbers within ± 10"),
+        ({"camera_covariance_m2": [[1e-8, 0.0, 0.0]] * 3}, "which is no covariance of a spot"),
+        ({"camera_covariance_m2": [[-1e-8, 0, 0], [0, 1e-8, 0], [0, 0, 1e-6]]}, "which is no covariance of a spot"),
+        ({"candidates": [candidate(position_m=(1e30, 0.0, 0.0))]}, "the position of a candidate is (1e+30"),
+        ({"candidates": [candidate(sigma_m=(0.0, 3e-4, 3e-4))]}, "from 1e-09 are expected"),
+        ({"candidates": [replace(candidate(), probability=7.0)]}, "the probability of a candidate is 7"),
+        ({"candidates": [replace(candidate(), angle_deg=1e9)]}, "the angle of a candidate is 1"),
+    ],
+)
+def test_numbers_that_no_marker_has_are_named_though_their_sum_is_right(
+    tmp_path: Path, changes: dict[str, object], said: str
+) -> None:
+    good = taken("1", camera_covariance_m2=SPOT_M2, candidates=[candidate()])
+    record = begin(tmp_path / "s")
+    record.add(good)
+    record.close()
+    assert good in read_session(tmp_path / "s")[0]
+    path = tmp_path / "s" / "session.jsonl"
+    path.write_bytes(path.read_bytes().replace(*changed_line(good, changes)))
+    with pytest.raises(RecordError) as caught:
+        read_session(tmp_path / "s")
+    assert said in str(caught.value)
+
+
+def changed_line(step: TakenMarker, changes: dict[str, object]) -> tuple[bytes, bytes]:
+    """The JSON of a step, and the same with other values; each behind its check sum."""
+    lines = []
+    for values in (msgspec.to_builtins(step), msgspec.to_builtins(step) | msgspec.to_builtins(changes)):
+        text = msgspec.json.encode(values) + b"\n"
+        lines.append(b"%08x " % zlib.crc32(text) + text)
+    return lines[0], lines[1]

@@ -81,13 +81,16 @@ def test_a_stamp_is_used_once_and_none_is_none() -> None:
         (["trus_roll"], [math.pi / 6], 30.0),
         ([], [math.pi / 6], 30.0),
         (["other"], [0.1], None),
-        (["trus_roll", "other"], [0.1, 0.2], None),
+        (["insertion", "trus_roll", "other"], [0.1, math.pi / 9, 0.2], 20.0),
+        (["trus_roll", "trus_roll"], [0.1, 0.2], None),
+        (["trus_roll", "other"], [0.1], None),
+        ([], [0.1, 0.2], None),
         (["trus_roll"], [], None),
         (["trus_roll"], [math.nan], None),
         (["trus_roll"], [math.inf], None),
     ],
 )
-def test_a_joint_state_is_one_finite_angle_of_the_one_joint(
+def test_a_joint_state_is_one_finite_angle_of_the_joint(
     names: list[str], position: list[float], angle_deg: float | None
 ) -> None:
     assert joint_angle_deg(SimpleNamespace(name=names, position=position)) == angle_deg

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import cast
 
 import pytest
 
@@ -84,6 +85,12 @@ def test_without_a_found_marker_or_with_stay_the_probe_stays(stay: bool, answer:
     events = list(run(Tour(0.0, answer=answer), scanner(bench), RunPlan(stay=stay)))
     assert kinds(events) == ["Started", "search", "Finished"]
     assert bench.angle_deg == 0.0
+
+
+@pytest.mark.parametrize("answer", [None, 3.5, (FOUND,)])
+def test_an_estimate_that_is_none_names_the_policy(answer: object) -> None:
+    with pytest.raises(SearchError, match=r"policy .*scan_bench\.Tour: estimate\(\) returned .* must return a Found"):
+        list(run(Tour(0.0, answer=cast("Found", answer)), scanner(Bench())))
 
 
 def test_a_refused_frame_is_reported_and_taken_again() -> None:

@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from markerseek.core import (
     AcquisitionError,
@@ -22,6 +24,7 @@ from markerseek.core import (
     NotConnectedError,
     Refused,
     Sample,
+    StageReading,
     Sweep,
     SweepPermit,
     Swept,
@@ -29,7 +32,9 @@ from markerseek.core import (
 from markerseek.guard import State
 from markerseek.scan import RunLimits
 from markerseek.scan.scanner import _WatchdogHeld
+from markerseek.scan.sweeping import Way
 from markerseek.sim import SimulatedLaser, SimulatedReceiver, SimulatedStage, StageMotion
+from markerseek.sim.stage import Leg
 from tests.unit.scan.scan_bench import drain
 from tests.unit.scan.sweep_bench import (
     TO_END,
@@ -44,6 +49,41 @@ from tests.unit.scan.sweep_bench import (
     SweepBench,
     Sweeps,
 )
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.floats(2.0, 25.0), st.floats(2.0, 25.0), st.floats(0.0, 0.1), st.floats(-0.02, 0.02)
+)
+def test_the_moment_of_a_reading_leaves_a_sound_stage_time_for_the_next(
+    seed: int, speed_deg_s: float, acceleration_deg_s2: float, late_s: float, off_deg: float
+) -> None:
+    """Never after the true one, nor out of question and answer; and a prompt reading is of its question."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    start_deg, target_deg = rng.uniform(-35.0, 35.0, 2).tolist()
+    leg = Leg(
+        began_s=float(rng.uniform(0.0, 0.1)),
+        start_deg=start_deg,
+        speed_deg_s=0.0,
+        target_deg=target_deg,
+        top_deg_s=speed_deg_s,
+        acceleration_deg_s2=acceleration_deg_s2,
+    )
+    way = Way(
+        start=StageReading(angle_deg=start_deg, asked_s=0.0, answered_s=0.0),
+        target_deg=target_deg,
+        speed_deg_s=speed_deg_s,
+        acceleration_deg_s2=acceleration_deg_s2,
+    )
+    asked_s = 0.01
+    for _ in range(80):
+        answered_s = asked_s + float(rng.choice([1e-3, late_s]))
+        true_s = float(rng.uniform(asked_s, answered_s))
+        angle_deg = leg.at(true_s)[0] + off_deg * float(rng.uniform(-1, 1))
+        moment_s = way.moment_s(StageReading(angle_deg=angle_deg, asked_s=asked_s, answered_s=answered_s))
+        assert asked_s <= moment_s <= answered_s
+        assert moment_s <= true_s + 1e-6
+        asked_s = answered_s + 0.05
+
 
 FAST = StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0)
 

@@ -121,7 +121,7 @@ class TestFloor:
     def test_the_quartile_is_of_the_range_and_not_of_the_samples(self):
         """A converged search has most samples on the peak; they stand for a small part of the range."""
         far = [sample(-35.0 + 5 * index, 0.1) for index in range(7)]
-        near = [sample(0.01 * index, 1.0) for index in range(60)]
+        near = [sample(0.01 * index, 1.0 + 0.02 * (index % 2)) for index in range(60)]
         floor = noise_of([*far, *near, sample(20.0, 0.1), sample(35.0, 0.1)]).floor
         expected = (
             0.1 * noise_factor(cells=FEWEST_CELLS, frames=69) / math.sqrt(-2 * math.log(1 - 0.25 ** (1 / FEWEST_CELLS)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +56,16 @@ def test_a_saturated_spot_is_found_at_its_middle() -> None:
     found = find_spot(images((150.3, 99.6), spot_counts=255.0, tissue_counts=150.0, spot_sigma_px=0.0))
     assert isinstance(found, LaserSpot)
     assert (found.x_px, found.y_px) == pytest.approx((150.3, 99.6), abs=0.05)
+
+
+def test_a_spot_without_flanks_is_said_to_be_saturated() -> None:
+    columns, rows = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    white = np.where(np.hypot(columns - 140, rows - 90) < 28, 255, 40).astype(np.uint8)
+    found = find_spot([white] * 4)
+    assert isinstance(found, NoSpot)
+    assert re.search(
+        r"at \(\d+, \d+\) px, has not the form of a spot: \d{3,} pixels around it are saturated", found.reason
+    )
 
 
 def blurred(rng: np.random.Generator, sigma_px: float) -> np.ndarray:

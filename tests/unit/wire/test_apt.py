@@ -44,7 +44,6 @@ PACKED = {
     "05 00 00 00 50 01": apt.ask(apt.INFO),
     "90 04 01 00 50 01": apt.ask(apt.STATUS),
     "10 02 01 01 50 01": apt.enable_channel(),
-    "11 02 01 00 50 01": apt.ask(apt.CHANNEL_STATE),
     "13 04 0e 00 d0 01 01 00 00 00 00 00 93 00 00 00 69 8d 06 00": apt.set_velocity(
         apt.Velocity(acceleration=147, speed=429417)
     ),

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import logging
 import time
+import traceback
 from collections.abc import AsyncIterator, Collection
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any, Literal
-from urllib.parse import urlencode
+from urllib.parse import quote, urlencode
 
-from fastapi import FastAPI, Request, Response
+from fastapi import FastAPI, Request, Response, WebSocket, WebSocketDisconnect
 from nicegui import Client, ui
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from markerseek.bridges.page.connections import Listener
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PAGES
 from markerseek.bridges.page.registration_page import build_registration_page
 from markerseek.bridges.page.search_page import build_search_page
 
 WATCH_S = 0.5
-"""Time between two looks whether anybody watches, in seconds."""
+"""Time between two looks whether anybody watches, and who has connected, in seconds."""
 
-UNWATCHED_S = 5.0
-"""Time without any viewer after which a search is stopped, in seconds: nobody would see it, or press STOP."""
+STOP_PATH = "/stop"
+"""Path of STOP, which is always let in."""
 
 MAX_VIEWERS = 16
 """Most tabs that may show the page at one time."""
@@ -37,42 +40,93 @@ class Gate:
     ``token``: secret of this page. ``once``: secret that opens the page one time, for the browser that the page itself
     starts. ``origins``: values of the Origin header that are accepted. ``cookie``: name of the cookie that holds the
     token; cookies are shared by all ports of a host, so it names the port. ``secure``: whether the page has TLS.
+    ``prefix``: path in front of all paths of the page where it is behind a proxy. ``connections``: is told which of
+    them have shown the token.
     """
 
     def __init__(
-        self, app: ASGIApp, *, token: str, once: str, origins: Collection[str], cookie: str, secure: bool
+        self,
+        app: ASGIApp,
+        *,
+        token: str,
+        once: str,
+        origins: Collection[str],
+        cookie: str,
+        secure: bool,
+        prefix: str,
+        connections: Listener,
     ) -> None:
         self.app = app
-        self._token, self._once, self._origins, self._cookie, self._secure = token, once, origins, cookie, secure
+        self._token = token
+        self._once = once
+        self._origins = origins
         self._hosts = {each.partition("://")[2] for each in origins}
+        self._cookie = cookie
+        self._secure = secure
+        self._prefix = prefix
+        self._connections = connections
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request, one WebSocket, or the start and end of the server."""
-        answer = None if scope["type"] == "lifespan" else self._answered(HTTPConnection(scope))
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        scope = self._below_prefix(scope)
+        answer = self._answered(HTTPConnection(scope))
         await (answer or self.app)(scope, receive, send)
+
+    def _below_prefix(self, scope: Scope) -> Scope:
+        """The request with the prefix in its path: some proxies pass it on, and others take it away."""
+        # Nobody but the user of the page says where it is: what is in this header would be written into it.
+        headers = [each for each in scope["headers"] if each[0] != b"x-forwarded-prefix"]
+        path, raw = scope["path"], scope.get("raw_path") or b""
+        if not f"{path}/".startswith(f"{self._prefix}/"):
+            path = self._prefix + path
+            raw = self._prefix.encode() + raw
+        return {**scope, "headers": headers, "root_path": self._prefix, "path": path, "raw_path": raw}
 
     def _answered(self, asked: HTTPConnection) -> Response | None:
         """The answer to a link or to a stranger; None for all others."""
-        query, origin = asked.query_params, asked.headers.get("origin")
-        if asked.headers.get("host", "").lower() not in self._hosts:
+        query = asked.query_params
+        hosts = asked.headers.getlist("host")
+        origins = asked.headers.getlist("origin")
+        # One line each: of two, whoever is in front of the page might have judged the other.
+        if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
             return _refusal(f"the Host header is not the address of this page; {_TUNNEL}")
         reads = asked.scope.get("method") in {"GET", "HEAD"}
+        path = asked.scope["path"].removeprefix(self._prefix) or "/"
         opened = _same(query.get("once", ""), self._once)
         if reads and (opened or _same(query.get("token", ""), self._token)):
             self._once = "" if opened else self._once
             # The token goes from the address into a cookie that scripts cannot read.
             rest = urlencode([each for each in query.multi_items() if each[0] not in {"token", "once"}])
             # The path as one of this host: for a browser "//elsewhere" would be another one.
-            moved = RedirectResponse(f"/{asked.url.path.lstrip('/')}?{rest}".rstrip("?"), status_code=303)
-            moved.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", secure=self._secure)
+            to = f"{self._prefix}/{quote(path.lstrip('/'))}?{rest}".rstrip("?")
+            moved = RedirectResponse(to, status_code=303)
+            moved.set_cookie(
+                self._cookie,
+                self._token,
+                path=self._prefix or "/",
+                httponly=True,
+                samesite="strict",
+                secure=self._secure,
+            )
+            self._admits(asked)
             return moved
         if not _same(asked.cookies.get(self._cookie, ""), self._token):
             return _refusal("open the link that markerseek page printed in the terminal")
-        if origin not in self._origins and not (reads and origin is None):
+        if not (reads and not origins) and (len(origins) != 1 or origins[0] not in self._origins):
             return _refusal(f"the Origin header is not the address of this page; {_TUNNEL}")
-        if asked.url.path in PAGES and _viewers() >= MAX_VIEWERS:
+        if not self._admits(asked) and path != STOP_PATH:
+            return _refusal("too many connections are open; close some tabs")
+        if path in PAGES and _viewers() >= MAX_VIEWERS:
             return _refusal(f"{MAX_VIEWERS} tabs show the page already; close one of them")
         return None
+
+    def _admits(self, asked: HTTPConnection) -> bool:
+        """Whether there is room for a connection that has shown the token."""
+        client = asked.client
+        return client is not None and self._connections.admit((client.host, client.port))
 
 
 def _same(given: str, secret: str) -> bool:
@@ -86,31 +140,63 @@ _TUNNEL = (
 
 
 def _refusal(reason: str) -> Response:
-    return PlainTextResponse(f"markerseek: {reason}\n", status_code=403)
+    # Closed: a stranger is not kept.
+    return PlainTextResponse(f"markerseek: {reason}\n", status_code=403, headers={"Connection": "close"})
+
+
+class UnreadableMessages(logging.Filter):
+    """Says once that a browser has sent what no page of ours sends, in place of a traceback for each such message.
+
+    The libraries of the WebSocket ignore the message, or close the connection. A fault in a handler of ours is logged
+    by NiceGUI, and is not meant here.
+    """
+
+    LOGGERS = ("engineio.server", "asyncio", "uvicorn.error")
+    """Where these libraries report it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._said = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a record is printed; one of such a message is shortened first."""
+        problem = record.exc_info[1] if record.exc_info else None
+        if problem is None or not _passes_socket(problem):
+            return True
+        said, self._said = self._said, True
+        record.msg = "a browser sent a message that no page of markerseek sends (%s); such messages are ignored"
+        record.args = (type(problem).__name__,)
+        record.exc_info = None
+        return not said
+
+
+def _passes_socket(problem: BaseException) -> bool:
+    """Whether an error was raised where the libraries of the WebSocket read a message."""
+    modules = (frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(problem.__traceback__))
+    return any(name.partition(".")[0] in {"engineio", "socketio"} for name in modules)
 
 
 def _viewers() -> int:
     return sum(client.has_socket_connection for client in Client.instances.values())
 
 
-def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
+def page_application(searches: PageSearches, *, connections: Listener, **gate: Any) -> FastAPI:
     """The application with all pages; ``gate``: arguments of `Gate`."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        watching = asyncio.create_task(_stop_unwatched(searches))
+        watching = asyncio.create_task(_look_after(searches, connections))
         yield
         watching.cancel()
         await asyncio.to_thread(searches.close)
 
+    unreadable = UnreadableMessages()
+    for name in UnreadableMessages.LOGGERS:
+        logging.getLogger(name).addFilter(unreadable)
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
-    application.add_middleware(Gate, **gate)
+    application.add_middleware(Gate, connections=connections, **gate)
 
-    @application.post("/stop")
-    async def stop() -> Response:
-        """STOP, by a plain request: it needs no connection of NiceGUI, and does not wait for a thread."""
-        searches.stop()
-        return Response(status_code=204)
+    _add_stop(application, searches)
 
     @application.get("/camera/{side}.jpg")
     def camera(side: Literal["left", "right"]) -> Response:
@@ -124,7 +210,7 @@ def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
     @ui.page("/")
     def register(request: Request) -> Response | None:
         if not searches.rig.registers:
-            return RedirectResponse("/search")
+            return RedirectResponse(f"{request.scope['root_path']}/search")
         build_registration_page(searches, request.query_params)
         return None
 
@@ -148,12 +234,33 @@ def page_application(searches: PageSearches, **gate: Any) -> FastAPI:
     return application
 
 
-async def _stop_unwatched(searches: PageSearches) -> None:
-    """Stop searches that nobody watches."""
+def _add_stop(application: FastAPI, searches: PageSearches) -> None:
+    """Add STOP to an application: as a request, and as a line that is open already."""
+
+    @application.post(STOP_PATH)
+    async def stop() -> Response:
+        """STOP, by a plain request: it needs no connection of NiceGUI, and does not wait for a thread."""
+        searches.stop()
+        return Response(status_code=204)
+
+    @application.websocket(STOP_PATH)
+    async def stop_line(line: WebSocket) -> None:
+        """STOP by a connection that each tab keeps for it: it need not wait until the page takes another one."""
+        await line.accept()
+        with suppress(WebSocketDisconnect):
+            while True:
+                await line.receive_text()
+                searches.stop()
+                await line.send_text("stopped")
+
+
+async def _look_after(searches: PageSearches, connections: Listener) -> None:
+    """Stop what nobody watches, and drop connections that do not show the token."""
     watched_s = time.monotonic()
     while True:
         await asyncio.sleep(WATCH_S)
+        connections.drop_late()
         if _viewers() or not searches.busy:
             watched_s = time.monotonic()
-        elif time.monotonic() - watched_s > UNWATCHED_S:
-            searches.stop()
+        else:
+            searches.stop_unwatched(time.monotonic() - watched_s)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 from nicegui import ui
@@ -10,7 +12,7 @@ from nicegui import ui
 from markerseek.bridges.asked import AnyAsked, AskedRegistration, AskedSearch
 from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.core import ConfigError, SimulationOptions
+from markerseek.core import ConfigError, Option, SimulationOptions, as_text
 from markerseek.records import with_minus
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES
@@ -48,12 +50,15 @@ class Settings:
     """Fields for the settings of a run, folded but for the seed; what is wrong with one of them stands below.
 
     ``usual``: settings that are not named beside the fold. ``query``: of the link, which holds the settings.
+    ``prefix``: path in front of all paths of the page.
     """
 
-    def __init__(self, usual: AnyAsked, query: Mapping[str, str], *, simulated: bool) -> None:
+    def __init__(self, usual: AnyAsked, query: Mapping[str, str], *, simulated: bool, prefix: str) -> None:
         linked, problems = usual.with_query(query)
-        self._usual, self._options, self._values = usual, usual.options(), linked.values
-        self._path = "/search" if isinstance(usual, AskedSearch) else "/"
+        self._usual = usual
+        self._options = usual.options()
+        self._values = linked.values
+        self._path = prefix + ("/search" if isinstance(usual, AskedSearch) else "/")
         self._fields: dict[str, Any] = {}
         self.linked = bool(query)
         """Whether the link had settings of its own."""
@@ -74,7 +79,7 @@ class Settings:
     @property
     def asked(self) -> AnyAsked:
         """What the fields show."""
-        return self._usual.changed(**self._values)
+        return self._usual.changed(**{name: self._read(name) for name in self._values})
 
     def follow(self, asked: AnyAsked) -> None:
         """Show the settings of a run that was started, here or elsewhere."""
@@ -99,27 +104,51 @@ class Settings:
         self._fields[name] = field.classes(f"ms-field-{name}")
 
     def _set(self, name: str, value: Any) -> None:
-        if self._options[name].kind is int and value is not None and float(value).is_integer():
-            value = int(value)
-        value = self._options[name].default if value is None else value
         if value == self._values[name]:
             return
         # Kept as it is shown, right or wrong: a run with other settings than those on the page must not start.
         self._values[name] = value
+        for each in self._fields:
+            try:
+                self._read(each)
+            except ConfigError as problem:
+                self._say(str(problem), wrong=each)
+                return
         try:
             query = self.asked.query(usual=self._usual)
         except ConfigError as problem:
-            self._say(str(problem), wrong=name)
+            self._say(str(problem), wrong=self._wrong(name))
             return
         self._say("")
         ui.navigate.history.replace(f"{self._path}?{query}".rstrip("?"))
+
+    def _wrong(self, changed: str) -> str:
+        """The field without which the others can be used; the one that was changed last if several are such."""
+        for name in (changed, *self._fields):
+            with suppress(ConfigError):
+                self._usual.changed(**self._values | {name: self._usual.values[name]})
+                return name
+        return changed
+
+    def _read(self, name: str) -> Any:
+        """The value of a setting from what its field shows; `ConfigError` if that is none."""
+        value, usual = self._values[name], self._usual.values[name]
+        if value is None and usual is not None:
+            # A field that is usually empty has a meaning when it is empty; this one has none.
+            raise ConfigError(f"{name} is empty, it needs a value, such as {as_text(usual)}")
+        # A number of the browser has no type.
+        whole = self._options[name].kind is int and isinstance(value, float)
+        return self._options[name].read(as_text(value)) if whole else value
 
     def _say(self, problem: str, *, wrong: str = "") -> None:
         """Say what is wrong, and with which setting, and name beside the fold what differs from the usual."""
         self.usable = not wrong
         for name, field in self._fields.items():
             field.props(add="error") if name == wrong else field.props(remove="error")
-        self._problem.set_text(with_minus(problem))
+        said = _with_labels(problem, self._options)
+        # What a rig calls a setting may be another name.
+        said = said if _label(wrong) in said else f"{_label(wrong)}: {said}"
+        self._problem.set_text(with_minus(said))
         self._problem.set_visibility(bool(problem))
         changed = [
             f"{_label(name)} {_CHOICES.get(name, {}).get(value, '' if value is True else value)}".strip()
@@ -140,11 +169,12 @@ class RunControls:
             self._go_on = ui.button("Go on", icon="play_arrow").props("outline")
             for each in (self._start, self._go_on):
                 each.props("dense padding='6px 10px'")
-            self._settings = Settings(usual, query, simulated=self._searches.rig.simulated)
+            simulated = self._searches.rig.simulated
+            self._settings = Settings(usual, query, simulated=simulated, prefix=shell.prefix)
             other = "registration" if isinstance(usual, AskedSearch) else "search"
             self._elsewhere = ui.label(f"a {other} runs on the other page").classes("ms-note")
         shell.on_click(self._start, lambda: self._searches.start(self._settings.asked, asked_by=shell.viewer))
-        shell.on_click(self._go_on, lambda: self._searches.go_on(self._shown))
+        shell.on_click(self._go_on, lambda: self._searches.go_on(self._shown, asked_by=shell.viewer))
 
     def update(self, live: ChildSearch | None) -> None:
         """Show what can be pressed now, and the settings of the run that is shown."""
@@ -156,6 +186,13 @@ class RunControls:
         self._start.set_enabled(not busy and self._settings.usable)
         self._go_on.set_visibility(not busy and live is not None and live.can_go_on)
         self._elsewhere.set_visibility(busy and not is_here)
+
+
+def _with_labels(message: str, options: Mapping[str, Option]) -> str:
+    """A message with the labels of the page in place of the names of settings, and of their options."""
+    for name, option in options.items():
+        message = re.sub(rf"(?<![\w-])({option.flag}|{name})(?![\w-])", _label(name), message)
+    return message
 
 
 def _label(name: str) -> str:

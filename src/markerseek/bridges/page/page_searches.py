@@ -6,21 +6,34 @@ All viewers share both; only one runs at a time.
 from __future__ import annotations
 
 import shlex
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from urllib.parse import parse_qsl
 
-from markerseek.bridges.asked import AnyAsked, AskedSearch
-from markerseek.bridges.child import ChildRun, FollowedChild, Outcome
+import msgspec
+
+from markerseek.bridges.asked import AnyAsked, AskedRegistration, AskedSearch
+from markerseek.bridges.child import ChildRun, EndedRun, FollowedChild, Outcome
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.session_state import SessionState
-from markerseek.core import Interval, SearchError
+from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
+from markerseek.files import MIB, data_folder, read_input, replace_file
 from markerseek.records.journal import Configuration, JournalItem, default_journal, follow, make_folder
-from markerseek.registration import CAMERA_IMAGES, SpotSeen, default_folder, follow_session
+from markerseek.registration import (
+    CAMERA_IMAGES,
+    Ended,
+    SpotSeen,
+    default_folder,
+    follow_session,
+    is_running,
+    read_session,
+)
 from markerseek.runs import STOPPED, RunView, Verdict, verdict_of
 from markerseek.sim import SimulatedSettings
 
@@ -33,8 +46,11 @@ class ChildSearch:
 
     ``asked``: what a person chose on the page. ``journal``: the journal of the command. ``goes_on``: the command that
     continues it here; empty if a person must continue it in the terminal. ``simulated``: whether no hardware is
-    involved.
+    involved. ``because``: why it was stopped, if that was no person.
     """
+
+    unwatched_s = 5.0
+    """Time without any viewer after which it is stopped, in seconds: nobody would see it, or press STOP."""
 
     def __init__(
         self,
@@ -44,8 +60,13 @@ class ChildSearch:
         journal: Path,
         goes_on: Sequence[str] = (),
         simulated: bool = True,
+        because: str = "",
     ) -> None:
-        self.asked, self.journal, self.goes_on, self._simulated = asked, journal, goes_on, simulated
+        self.asked = asked
+        self.journal = journal
+        self.goes_on = goes_on
+        self._simulated = simulated
+        self._because = because
         self.run: RunHistory | None = None
         self.outcome: Outcome | None = None
         """How it ended; None before."""
@@ -57,13 +78,18 @@ class ChildSearch:
         return self.run is not None
 
     @property
+    def _is_starting(self) -> bool:
+        """Whether the command has not begun: what its record holds by then is of a run that it continues."""
+        return self.outcome is None and not self._followed.child.has_written
+
+    @property
     def message(self) -> str:
         """One sentence on how it ended; empty before."""
         return "" if self.outcome is None else self._end_of(self.outcome)
 
     def _end_of(self, outcome: Outcome) -> str:
         if outcome.stopped:
-            return STOPPED
+            return STOPPED.replace("stopped: ", f"stopped: {self._because}; ") if self._because else STOPPED
         # A search of devices that was killed could not see to laser and stage itself.
         killed = outcome.failed and outcome.answer is None and not self._simulated
         return outcome.message + (f"; {SUPERVISED_END}" if killed else "")
@@ -79,7 +105,7 @@ class ChildSearch:
     def next_step(self) -> str:
         """What a person can do next; empty while it runs, but for devices that a person must arm."""
         if self.outcome is None:
-            asks = not (self._simulated or self._has_begun or self._stopping)
+            asks = self._is_starting and not (self._simulated or self._stopping)
             return "answer in the terminal where the page was started" if asks else ""
         if self.can_go_on:
             return "Go on continues it; Start begins a new search"
@@ -92,20 +118,28 @@ class ChildSearch:
 
     def verdict(self, view: RunView | None) -> Verdict:
         """What it says in large letters; ``view``: the event that is shown."""
-        if self.outcome is None and (view is None or self._stopping):
+        if self.outcome is None and (view is None or self._stopping or self._is_starting):
             word = "STOPPING" if self._stopping else "STARTING"
             return Verdict(word=word, kind="busy", next_step=self.next_step)
         if view is not None:
-            return verdict_of(view, next_step=self.next_step)
+            verdict = verdict_of(view, next_step=self.next_step)
+            return replace(verdict, reason=self._reason) if self._because and verdict.kind == "stopped" else verdict
         if self.outcome is not None and self.outcome.failed:
             return Verdict(word="FAULT", kind="fault", problem=self.message, next_step=self.next_step)
-        word, _, reason = self.message.partition(": ")
-        return Verdict(word=word.upper(), kind="stopped", reason=reason, next_step=self.next_step)
+        word = self.message.partition(": ")[0]
+        return Verdict(word=word.upper(), kind="stopped", reason=self._reason, next_step=self.next_step)
 
-    def stop(self) -> None:
-        """Stop it; allowed at any time, also twice."""
+    @property
+    def _reason(self) -> str:
+        """How it ended, without the word that stands beside it."""
+        return self.message.partition(": ")[2]
+
+    def stop(self, *, because: str = "") -> None:
+        """Stop it; allowed at any time, also twice. ``because``: why, if it is not a person who stops it."""
+        if not self._stopping:
+            self._because = because
         self._stopping = True
-        self._followed.child.stop()
+        self._followed.child.stop(signal.SIGTERM if because else signal.SIGINT)
 
     def end(self, timeout_s: float) -> None:
         """Wait until it has ended, and kill it if it has not by then."""
@@ -132,6 +166,9 @@ class ChildSearch:
 
 class ChildRegistration(ChildSearch):
     """A session; its journal is the folder of its record, and its run the search that goes on, or the last one."""
+
+    unwatched_s = 60.0
+    """The same for a session: a person beside the patient may reload the page, or open it on another computer."""
 
     state = SessionState()
     """What its steps say together."""
@@ -160,7 +197,7 @@ class ChildRegistration(ChildSearch):
     @property
     def said(self) -> Verdict:
         """What the session says in large letters, and what a person has to do."""
-        goes_on = self.outcome is None and self._has_begun and not self._stopping
+        goes_on = self.outcome is None and self._has_begun and not (self._stopping or self._is_starting)
         if goes_on or (self.outcome is not None and self.state.ended is not None and not self.outcome.failed):
             return self.state.verdict(next_step=self.next_step)
         return self.verdict(None)
@@ -179,6 +216,21 @@ class ChildRegistration(ChildSearch):
                 self.run = None
                 search = follow(folder / step.journal, is_over=is_searched, wait=child.wait)
                 self._add(child.beating(search), pictures=False)
+
+
+class BegunSession(msgspec.Struct, frozen=True, kw_only=True):
+    """The session that a page began last: what another page needs to continue it."""
+
+    folder: str
+    """Folder of its record."""
+    command: list[str]
+    """The command of the session, without its folder."""
+    settings: str
+    """What was chosen of it, as the query of a link."""
+
+
+def _page_file() -> Path:
+    return data_folder() / "page.json"
 
 
 END_S, DEVICES_END_S = 2.5, 10.0
@@ -260,22 +312,57 @@ class PageSearches:
             elif not self.rig.registers:
                 raise SearchError("this rig cannot register: start the page with --cameras and --images")
             else:
-                command, folder = self.rig.command(asked), default_folder()
-                goes_on = [*command, "--continue", str(folder)]
-                self._begin(ChildRegistration, [*command, "--record", str(folder)], asked, folder, goes_on)
+                command = self.rig.command(asked)
+                folder = default_folder()
+                settings = asked.query(usual=AskedRegistration())
+                _keep(BegunSession(folder=str(folder), command=command, settings=settings))
+                begin = [*command, "--record", str(folder), f"--asked-by={asked_by}"]
+                self._begin(ChildRegistration, begin, asked, folder, _continuing(command, folder))
 
-    def go_on(self, before: ChildSearch | None) -> None:
-        """Continue what was broken off; raises as `start`."""
+    def go_on(self, before: ChildSearch | None, *, asked_by: str) -> None:
+        """Continue what was broken off; ``asked_by`` and errors as of `start`."""
         with self._idle():
             if before is None or not before.can_go_on:
                 raise SearchError("there is nothing to go on with here; press Start, or resume it in the terminal")
-            self._begin(type(before), before.goes_on, before.asked, before.journal, before.goes_on)
+            # A search that can go on here has no devices, and nobody is asked.
+            asks = [f"--asked-by={asked_by}"] if isinstance(before, ChildRegistration) else []
+            self._begin(type(before), [*before.goes_on, *asks], before.asked, before.journal, before.goes_on)
+
+    def offer_interrupted(self) -> None:
+        """Offer the session that a page of this rig began last, if its record says that it has not ended."""
+        try:
+            begun = msgspec.json.decode(read_input(_page_file(), most_bytes=MIB), type=BegunSession)
+            folder = Path(begun.folder)
+            steps, _ = read_session(folder)
+            if isinstance(steps[-1], Ended) or is_running(folder):
+                return
+        except (OSError, RecordError, msgspec.MsgspecError):
+            # There was none, or nothing can be continued of it.
+            return
+        asked, problems = AskedRegistration().with_query(dict(parse_qsl(begun.settings)))
+        if problems or self.rig.command(asked) != begun.command or not self.rig.registers:
+            return
+        self.registration = ChildRegistration(
+            EndedRun(),
+            asked=asked,
+            journal=folder,
+            goes_on=_continuing(begun.command, folder),
+            simulated=self.rig.simulated,
+            because="the program that ran this session has ended",
+        )
 
     def stop(self) -> None:
         """Stop what runs; allowed at any time, by any thread."""
         with self._lock:
             for each in self._running:
                 each.stop()
+
+    def stop_unwatched(self, unwatched_s: float) -> None:
+        """Stop what must not run on after a time in which nobody has had the page open."""
+        with self._lock:
+            for each in self._running:
+                if unwatched_s > each.unwatched_s:
+                    each.stop(because=f"nobody had the page open for {each.unwatched_s:g} s")
 
     def close(self) -> None:
         """Stop what runs and wait for its end; what has not ended after `END_S` or `DEVICES_END_S` is killed."""
@@ -306,3 +393,16 @@ class PageSearches:
             self.registration = child
         else:
             self.search = child
+
+
+def _continuing(command: Sequence[str], folder: Path) -> list[str]:
+    """Return the command that continues a session."""
+    return [*command, "--continue", str(folder)]
+
+
+def _keep(begun: BegunSession) -> None:
+    """Keep which session was begun last, for a page that is started again; `OSError` if that cannot be written."""
+    path = _page_file()
+    make_folder(path.parent)
+    with replace_file(path) as part:
+        part.write_bytes(msgspec.json.encode(begun))

@@ -78,7 +78,10 @@ class PageShell:
 
     def __init__(self, searches: PageSearches, path: str) -> None:
         self.searches = searches
-        self.viewer = f"a browser at {ui.context.client.ip}"
+        client = ui.context.client
+        self.viewer = f"a browser at {client.ip}"
+        self.prefix: str = client.request.scope["root_path"]
+        """Path in front of all paths of the page, behind a proxy."""
         # The first tick sends one, so that a page that has just connected may be used.
         self._beat_s = -math.inf
         ui.page_title(f"markerseek: {PAGES[path]}")

@@ -32,6 +32,9 @@ VERDICT = {
 }
 """Class of each part of a verdict, in the order in which it is read."""
 
+LIVE = {"turn": "polite", "problem": "assertive"}
+"""Parts that a screen reader reads when they change: what a person has to do, and what went wrong; and how soon."""
+
 HINTS = {
     "fan": "The probe turns here. The glow shows where the marker probably is.",
     "curve": "Each acquisition becomes a dot: how strong the signal is at that angle. The blue area is the probability "
@@ -54,8 +57,12 @@ class VerdictPanel:
         with ui.element("section").props('aria-label="verdict"') as self._band:
             self._labels = {"word": ui.label("").classes("ms-badge").props('role="status"')}
             for group, names in VERDICT.items():
-                with ui.element("div").classes(f"ms-{group}"):
+                with ui.element("div").classes(f"ms-{group}") as part:
                     self._labels |= {name: ui.label("").classes(f"ms-{css}") for name, css in names.items()}
+            # A long message is scrolled, with the keyboard too.
+            part.props("tabindex=0")
+            for name, how in LIVE.items():
+                self._labels[name].props(f'aria-live="{how}"')
 
     def show(self, verdict: Verdict) -> None:
         """Show another verdict."""

@@ -24,9 +24,10 @@ FIRST = Verdict(next_step="press Start: light spots where the page says, until t
 
 
 class RegistrationPanels:
-    """Cameras, fan, curve, expected error and markers, in a grid."""
+    """Cameras, fan, curve, expected error and markers, in a grid; ``prefix``: in front of all paths of the page."""
 
-    def __init__(self, search: Interval) -> None:
+    def __init__(self, search: Interval, *, prefix: str) -> None:
+        self._prefix = prefix
         self._images: dict[Side, ui.html] = {}
         self._marks: dict[Side, ui.html] = {}
         with ui.element("div").classes("ms-registration") as self._grid:
@@ -53,7 +54,7 @@ class RegistrationPanels:
         self._shown = (state, images_ns)
         show_hints(self._grid, are_shown=state.begun is None)
         for side in SIDES:
-            image = f'<img src="/camera/{side}.jpg?{images_ns}" alt="newest image of the {side} camera">'
+            image = f'<img src="{self._prefix}/camera/{side}.jpg?{images_ns}" alt="newest image of the {side} camera">'
             self._images[side].set_content(image if images_ns else "")
             self._marks[side].set_content(state.marks(side))
         self._chart.set_content(state.chart())
@@ -66,7 +67,7 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
     with ui.element("div").classes("ms-session"):
         verdict = VerdictPanel()
     controls = RunControls(shell, USUAL_REGISTRATION, query)
-    panels = RegistrationPanels(searches.rig.search)
+    panels = RegistrationPanels(searches.rig.search, prefix=shell.prefix)
     with ui.element("div").classes("ms-foot"):
         save = ui.button("registration JSON", icon="download").props("flat dense")
     save.on_click(lambda: _download(searches.registration))

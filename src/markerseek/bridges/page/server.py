@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import re
 import secrets
 import socket
 import ssl
@@ -11,20 +12,21 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from ipaddress import IPv4Address
+from ipaddress import IPv4Address, IPv6Address
 from pathlib import Path
 from types import FrameType
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
+from markerseek.bridges.page.connections import Listener
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.core import ConfigError, needs_package
 
 LOOPBACK = "127.0.0.1"
 """Address that only programs on this computer reach."""
 
-_LOOPBACK_NAMES = frozenset({LOOPBACK, "localhost"})
+_LOOPBACK_NAMES = frozenset({LOOPBACK, "::1", "localhost"})
 
-_FOREIGN = "name an IPv4 address of this computer as --host"
+_FOREIGN = "name an address of this computer as --host"
 
 USUAL_PORT = 8765
 """Port where none is named."""
@@ -33,6 +35,9 @@ MESSAGE_BYTES = 64 * 1024
 """Largest message of a browser, in bytes."""
 
 _PORTS = {"http": 80, "https": 443}
+
+_PATH = re.compile(r"(/[\w.~@+:-]+)*/?", re.ASCII)
+"""A path that needs no escape where it is written into a page."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,14 +53,13 @@ class Address:
     key: Path | None = None
     """PEM file with the key of the certificate."""
     public_url: str | None = None
-    """Address in a browser at the other end of a tunnel, such as ``http://localhost:9000``."""
-    ip: IPv4Address = field(init=False)
+    """Address in a browser at the other end of a tunnel or proxy, such as ``http://localhost:9000``."""
+    ip: IPv4Address | IPv6Address = field(init=False)
 
     def __post_init__(self) -> None:
         try:
-            # What is judged is what is listened on: "0" is all addresses, "0x7f.1" the loopback address.
-            ip = IPv4Address(socket.gethostbyname(self.host))
-        except (OSError, UnicodeError) as problem:
+            ip = _resolved(self.host)
+        except (OSError, ValueError) as problem:
             raise ConfigError(f"host is {self.host!r}: {_FOREIGN}") from problem
         object.__setattr__(self, "ip", ip)
         if ip.is_unspecified:
@@ -72,7 +76,7 @@ class Address:
                 f"and --tls-key, or leave the host out for {LOOPBACK}"
             )
         # Checked now, not once the page is served.
-        _ = self.public
+        _ = self._public_parts
         if self.certificate is not None and self.key is not None:
             try:
                 ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key)
@@ -82,25 +86,54 @@ class Address:
                 ) from problem
 
     @property
-    def public(self) -> str | None:
-        """Origin of ``public_url`` as browsers send it: in small letters, without the usual port of its scheme."""
+    def _public_parts(self) -> SplitResult | None:
+        """Parts of ``public_url``; `ConfigError` if it cannot be used."""
         if self.public_url is None:
             return None
         wrong = ConfigError(
             f"public url is {self.public_url!r}: name what stands in the browser, http://localhost:PORT or "
-            "https://NAME, without a path; http is for localhost and 127.0.0.1 only, others would see the token"
+            "https://NAME, behind a proxy with its path, http://localhost:8888/proxy/8765/; http is for localhost, "
+            "127.0.0.1 and [::1] only, others would see the token"
         )
         try:
             parts = urlsplit(self.public_url)
-            name, port = parts.hostname, parts.port
+            # Reading the port checks it.
+            _ = parts.port
         except ValueError as problem:
             raise wrong from problem
-        bare = parts.path in ("", "/") and not (parts.query or parts.fragment or "@" in parts.netloc)
-        private = parts.scheme == "https" or (parts.scheme == "http" and name in _LOOPBACK_NAMES)
-        if not name or not bare or not private:
+        bare = _PATH.fullmatch(parts.path) and not (parts.query or parts.fragment or "@" in parts.netloc)
+        private = parts.scheme == "https" or (parts.scheme == "http" and parts.hostname in _LOOPBACK_NAMES)
+        climbs = {".", ".."} & set(parts.path.split("/"))
+        if not parts.hostname or parts.port == 0 or not bare or not private or climbs:
             raise wrong
-        usual = port in (None, _PORTS[parts.scheme])
-        return f"{parts.scheme}://{name}" if usual else f"{parts.scheme}://{name}:{port}"
+        return parts
+
+    @property
+    def public(self) -> str | None:
+        """Origin of ``public_url`` as browsers send it: in small letters, without the usual port of its scheme."""
+        parts = self._public_parts
+        if parts is None or parts.hostname is None:
+            return None
+        return _origin(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
+
+    @property
+    def prefix(self) -> str:
+        """Path of ``public_url``, without a slash at its end; empty if the page is no part of another site."""
+        parts = self._public_parts
+        return "" if parts is None else parts.path.rstrip("/")
+
+    def origins(self, port: int) -> set[str]:
+        """The origins of a page that is served at this port: scheme, name and port, as browsers send them."""
+        names = {self.host.lower().strip("[]"), str(self.ip)}
+        if str(self.ip) in _LOOPBACK_NAMES:
+            names.add("localhost")
+        own = {_origin(self.scheme, name, port) for name in names}
+        return own | ({self.public} if self.public else set())
+
+    def link(self, port: int, query: str) -> str:
+        """A link to the page that is served at this port, as a browser opens it."""
+        origin = self.public or _origin(self.scheme, self.host.strip("[]"), port)
+        return f"{origin}{self.prefix}/?{query}"
 
     @property
     def scheme(self) -> str:
@@ -110,13 +143,32 @@ class Address:
     def listening(self) -> socket.socket:
         """A socket that listens there."""
         try:
-            return socket.create_server((str(self.ip), self.port))
+            family = socket.AF_INET6 if self.ip.version == 6 else socket.AF_INET
+            return socket.create_server((str(self.ip), self.port), family=family)
         except OSError as problem:
             # An address of another computer is no better on another port.
             cure = _FOREIGN if problem.errno == errno.EADDRNOTAVAIL else "name another --port"
             raise ConfigError(
                 f"{self.host}:{self.port}: the page cannot be served there: {problem.strerror}; {cure}"
             ) from problem
+
+
+def _resolved(host: str) -> IPv4Address | IPv6Address:
+    """The address that a host names: what is judged is what is listened on.
+
+    "0" is all addresses, "0x7f.1" the loopback address, and "::ffff:127.0.0.1" an address of IPv4. Raises `OSError` or
+    `ValueError` if there is none.
+    """
+    if ":" not in host:
+        return IPv4Address(socket.gethostbyname(host))
+    ip = IPv6Address(host[1:-1] if host.startswith("[") and host.endswith("]") else host)
+    return ip.ipv4_mapped or ip
+
+
+def _origin(scheme: str, name: str, port: int) -> str:
+    """An origin as browsers send it: an address of IPv6 in brackets, the usual port of the scheme left out."""
+    shown = f"[{name}]" if ":" in name else name
+    return f"{scheme}://{shown}" if port == _PORTS[scheme] else f"{scheme}://{shown}:{port}"
 
 
 def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, str], None]) -> None:
@@ -150,17 +202,16 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, 
 
     # While kernels are loaded the event loop takes no STOP: before the port is open.
     warm_up()
-    with address.listening() as listener:
+    searches.offer_interrupted()
+    with address.listening() as listening, Listener(listening) as listener:
         port = listener.getsockname()[1]
-        # Browsers send names in small letters.
-        names = {address.host.lower(), str(address.ip)} | (_LOOPBACK_NAMES if str(address.ip) == LOOPBACK else set())
-        own = {f"{address.scheme}://{name}" for name in names}
-        # Browsers leave out the usual port of a scheme.
-        own |= {f"{each}:{port}" for each in own} if port != _PORTS[address.scheme] else set()
-        token, once = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+        token = secrets.token_urlsafe(32)
+        once = secrets.token_urlsafe(32)
         application = page_application(
             searches,
-            origins=own | ({address.public} if address.public else set()),
+            connections=listener,
+            origins=address.origins(port),
+            prefix=address.prefix,
             token=token,
             once=once,
             cookie=f"markerseek_{port}",
@@ -183,8 +234,7 @@ def serve(searches: PageSearches, address: Address, *, on_ready: Callable[[str, 
             timeout_graceful_shutdown=1,
             server_header=False,
         )
-        origin = address.public or f"{address.scheme}://{address.host}:{port}"
-        on_ready(f"{origin}/?token={token}", f"{origin}/?once={once}")
+        on_ready(address.link(port, f"token={token}"), address.link(port, f"once={once}"))
         # Ctrl-C is the ordinary end of the page.
         with suppress(KeyboardInterrupt):
             Server(config).run(sockets=[listener])

@@ -51,7 +51,8 @@ class StageNode(Served):
     def _on_joint(self, message: Any) -> None:
         stamp_ns = messages.stamp_ns(message)
         reason = self._commands.refusal(stamp_ns, now_s=self.node.now_s())
-        self._take(joint_angle_deg(message), reason, stamp_ns=stamp_ns)
+        alone = len(message.position) == 1
+        self._take(joint_angle_deg(message) if alone else None, reason, stamp_ns=stamp_ns)
 
     def _take(self, angle_deg: float | None, reason: str | None, *, stamp_ns: int) -> None:
         """Note an angle that is wanted; if there is a reason against it, publish the reason."""

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Int16, RecordError
-from markerseek.files import as_read_error, unit_in
+from markerseek.files import DEGREES, as_read_error, unit_in
 from markerseek.records.banks.bank import (
     AXES,
     NUMERIC_FACTS,
@@ -38,10 +38,11 @@ from markerseek.records.banks.foreign_frames import (
     unpadded,
     without_channels_of,
 )
+from markerseek.records.banks.iq import CARRIERS, carrier_of, envelope_peaks, is_paired, paired, radio_frequency
 from markerseek.records.banks.repeats import Merged, merged
 from markerseek.records.banks.table import amplitudes, decibels, warn_skipped
 from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
-from markerseek.records.named_arrays import arrays_in, content
+from markerseek.records.named_arrays import NamedArrays, arrays_in, content
 from markerseek.records.vantage import LAST, NUMBERS
 
 LATEST_FIRST_S = 200e-6
@@ -84,8 +85,11 @@ def bank_of_arrays(
     held = content(found)
     if ordered and table.axes is not None:
         raise ConfigError(f"{path}: the axes of this format are known; leave --axes out")
+    units = found.units if isinstance(found, NamedArrays) else {}
     arrays = _named(path, dict(found))
-    angle, value = _picked(path, arrays, table, held=held)
+    # Units that the file states count as those in a name.
+    titles = {name: f"{name} [{units[name]}]" if name in units else name for name in arrays}
+    angle, value = _picked(path, arrays, table, titles=titles, held=held)
     if value is None:
         raise RecordError(
             f"{path}: intensity or frames expected, it holds {held}; name its variables, --columns ANGLE,INTENSITY or "
@@ -97,16 +101,20 @@ def bank_of_arrays(
             "--step-deg 0.5, or a file of angles, --angles FILE, or name its variables, --columns ANGLE,INTENSITY or "
             "ANGLE,FRAMES"
         )
-    counted = arrays[angle].size if angle is not None else len(table.angles_deg or ()) or None
-    arrays = in_scan_order(path, arrays, value, angles=counted, first_frame=table.first_frame)
-    values, frames = arrays[value], value == "frames" or arrays[value].ndim == len(AXES)
+    listed = arrays[angle].ravel() if angle is not None else np.array(table.angles_deg or ())
+    counted = listed.size or None
+    arrays = in_scan_order(path, arrays, value, angles=listed if counted else None, first_frame=table.first_frame)
+    values = paired(arrays[value])
+    frames = value == "frames" or values.ndim == len(AXES)
     if frames:
         values = turned(path, values, AXES if ordered else table.axes, angles=counted)
     elif table.axes is not None or table.without_channels:
         option = "--axes" if table.axes is not None else "--without-channel"
         raise RecordError(f"{path}: {option} is for frames, it holds {held}; leave it out")
     count = len(values) if frames else values.size
-    degrees = _degrees(path, arrays, angle, table, count)
+    degrees = _degrees(path, arrays, angle, table, count, titles=titles)
+    _require_units(path, units, arrays, frames=value if frames else None)
+    facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
@@ -114,14 +122,13 @@ def bank_of_arrays(
         if padding:
             warn(path, padding)
         values = without_channels_of(path, values, table.without_channels)
-        # Without the carrier of IQ data there is no image.
-        frames = values.dtype.kind != "c"
-        values = values if frames else _of_iq(path, values)
+        values, sampling_hz = _of_iq(path, arrays, values, facts.sampling_hz, ordered=ordered)
+        facts = replace(facts, sampling_hz=sampling_hz)
+        frames = values.ndim == len(AXES)
     values = values if frames else _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table) & held_by
-    facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     scan = _Scan(path=path, degrees=degrees[kept], values=values[kept], kept=kept, arrays=arrays, facts=facts)
-    return scan.frames(blanked) if frames else scan.intensities(db=decibels(table.db, value))
+    return scan.frames(blanked) if frames else scan.intensities(db=decibels(table.db, titles[value]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -180,14 +187,17 @@ class _Scan:
         return _energies(self.path, self.arrays, self.kept)
 
 
-def _of_iq(path: Path, frames: np.ndarray) -> np.ndarray:
-    """Intensities of IQ data, whose carrier is not known: the mean over the channels of their largest magnitudes."""
-    warn(
-        path,
-        "its frames are IQ data, without the carrier that imaging would need; the intensity at an angle is "
-        "the mean over the channels of the envelope's peak, and there is no image",
-    )
-    return np.array([loudness(each, 0) for each in frames])
+def _of_iq(
+    path: Path, arrays: Mapping[str, np.ndarray], frames: np.ndarray, sampling_hz: float | None, *, ordered: bool
+) -> tuple[np.ndarray, float | None]:
+    """IQ data as frames of radio frequency with their sampling frequency, or intensities; other frames as they are."""
+    carrier_hz = carrier_of(path, arrays, frames, ordered=ordered)
+    if frames.dtype.kind != "c":
+        return frames, sampling_hz
+    if carrier_hz is None:
+        # The sampling frequency of no image.
+        return envelope_peaks(path, frames), None
+    return radio_frequency(path, frames, carrier_hz=carrier_hz, sampling_hz=sampling_hz)
 
 
 def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -210,7 +220,7 @@ def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _picked(
-    path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat, *, held: str
+    path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat, *, titles: Mapping[str, str], held: str
 ) -> tuple[str | None, str | None]:
     """Names of the angles, and of the intensities or frames; None if there are none."""
     if table.columns is not None:
@@ -221,11 +231,13 @@ def _picked(
     angle = next((name for name in _ANGLES if name in arrays), None)
     # A fact such as reference_angle_deg is one number.
     named = [
-        name for name, each in arrays.items() if each.size > 1 and max(each.shape) == each.size and _says_unit(name)
+        name
+        for name, each in arrays.items()
+        if each.size > 1 and max(each.shape) == each.size and _says_unit(titles[name])
     ]
     angle = named[0] if angle is None and len(named) == 1 else angle
     value = next((name for name in ("frames", *_INTENSITIES) if name in arrays), None)
-    deep = [name for name, each in arrays.items() if each.ndim == len(AXES) and each.size > 1]
+    deep = [name for name, each in arrays.items() if (each.ndim == len(AXES) or is_paired(each)) and each.size > 1]
     if value is None and len(deep) > 1:
         raise RecordError(
             f"{path}: frames expected, and several arrays have {len(AXES)} axes: {', '.join(deep)}; name one, "
@@ -241,9 +253,18 @@ def _says_unit(name: str) -> bool:
 
 
 def _degrees(
-    path: Path, arrays: Mapping[str, np.ndarray], name: str | None, table: TableFormat, count: int
+    path: Path,
+    arrays: Mapping[str, np.ndarray],
+    name: str | None,
+    table: TableFormat,
+    count: int,
+    *,
+    titles: Mapping[str, str],
 ) -> Float64[np.ndarray, " angles"]:
-    """Return the angles in degrees, of the variable of that name or as stated; ``count``: how many there must be."""
+    """Return the angles in degrees, of the variable of that name or as stated; ``count``: how many there must be.
+
+    ``titles``: names with the units that the file states.
+    """
     if name is None:
         return table.stated_deg(path, count, what="frames")
     if table.states_angles:
@@ -254,7 +275,33 @@ def _degrees(
     angles = arrays[name]
     if angles.dtype.kind not in "iuf":
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
-    return table.degrees(path, name, angles.ravel().astype(np.float64))
+    return table.degrees(path, titles[name], angles.ravel().astype(np.float64))
+
+
+_UNITS_OF_FACTS = {
+    "sampling_hz": ("hz", "hertz", "1/s", "s-1"),
+    "sound_speed_m_s": ("m/s", "m s-1", "m.s-1", "meters/second", "metres/second"),
+    "reference_angle_deg": ("deg", *DEGREES),
+    "pulse_energy_j": ("j", "joule", "joules"),
+    **dict.fromkeys(CARRIERS, ("hz", "hertz", "1/s", "s-1")),
+    **dict.fromkeys(("pitch_m", "wavelength_m", "face_radius_m"), ("m", "metre", "metres", "meter", "meters")),
+    **dict.fromkeys(("clock_zero_unix_s", "first_sample_s", "started_s"), ("s", "sec", "second", "seconds")),
+}
+"""Units, in lower case, that a file may state for what has its unit in its name."""
+
+
+def _require_units(
+    path: Path, units: Mapping[str, str], arrays: Mapping[str, np.ndarray], *, frames: str | None
+) -> None:
+    """Refuse facts whose stated unit is not that of their name, and frames in decibels (``frames``: their name)."""
+    for name, understood in _UNITS_OF_FACTS.items():
+        if name in arrays and units.get(name, understood[0]).lower() not in understood:
+            raise RecordError(
+                f"{path}: {name} has the unit {units[name]!r}, {understood[0]} is expected; convert it, and correct "
+                "the attribute"
+            )
+    if frames is not None and frames in units and decibels(False, f"[{units[frames]}]"):
+        raise RecordError(f"{path}: {frames} has the unit {units[frames]!r}; save the frames as they were sampled")
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:
@@ -347,13 +394,13 @@ def _scalar(path: Path, arrays: Mapping[str, np.ndarray], name: str) -> float | 
 
 
 def in_scan_order(
-    path: Path, arrays: Mapping[str, np.ndarray], value: str, *, angles: int | None, first_frame: int | None
+    path: Path, arrays: Mapping[str, np.ndarray], value: str, *, angles: np.ndarray | None, first_frame: int | None
 ) -> dict[str, np.ndarray]:
-    """The arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of the scan.
+    """The arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of their angles.
 
-    ``value``: name of the array that is read; `NUMBERS` are left out where it is not that of the ring. ``angles``: how
-    many numbers the variable of the angles holds; None: each frame has its angle by its place, so that the first frame
-    must be known. ``first_frame``: number of the frame with the first angle, where a person states it.
+    ``value``: name of the array that is read; `NUMBERS` are left out where it is not that of the ring. ``angles``: as
+    they are stated, in the order of the scan or of the buffer; None: each frame has its angle by its place in the scan.
+    ``first_frame``: number of the frame with the first angle, where a person states it.
     """
     if NUMBERS not in arrays or value != "frames":
         if first_frame is not None:
@@ -363,29 +410,56 @@ def in_scan_order(
         return {name: each for name, each in arrays.items() if name != NUMBERS}
     numbers = arrays[NUMBERS]
     empty = ~_held(arrays["frames"])
+    if first_frame is not None and first_frame not in numbers:
+        raise ConfigError(f"{path}: --first-frame is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
     if first_frame is not None:
-        if first_frame not in numbers:
-            raise ConfigError(f"{path}: --first-frame is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
         start: int | None = int(np.flatnonzero(numbers == first_frame)[0])
     else:
-        start = _start(empty, _last_index(arrays))
-    if start is None and angles is None:
+        start = _start_by_angles(path, arrays, angles, _start(empty, _last_index(arrays)))
+    if start is None:
         raise RecordError(
             f"{path}: {_unknown(arrays)}, and the angle of a frame follows from its place in the scan; save Resource "
             f"(its RcvBuffer.lastFrame) too, or name the frame with the first angle: --first-frame {numbers[0]} if the "
-            "ring has not gone round"
+            "ring has not gone round, or the angles are in the order of the buffer"
         )
-    if start is None:
-        warn(
-            path,
-            f"{_unknown(arrays)}; the angles are taken in the order of the buffer, frame {numbers[0]} first "
-            "(--first-frame)",
-        )
-    order = np.roll(np.arange(len(numbers)), -(start or 0))
-    if angles is not None and angles != len(order):
+    order = np.roll(np.arange(len(numbers)), -start)
+    if angles is not None and len(angles) != len(order):
         # Frames behind the end of the scan have no angle.
         order = order[: np.flatnonzero(~empty[order])[-1] + 1]
     return {**arrays, **{name: arrays[name][order] for name in ("frames", "pulses", NUMBERS)}}
+
+
+def _start_by_angles(
+    path: Path, arrays: Mapping[str, np.ndarray], angles: np.ndarray | None, start: int | None
+) -> int | None:
+    """Index of the frame with the first of the angles; None if nothing proves which one it is.
+
+    Angles that rise or fall all around but for one jump are in the order of a ring that has gone round: the first of
+    them belongs to the first frame of the buffer. ``start``: index of the oldest frame, None if it is not known.
+    """
+    jump = None if angles is None or len(angles) != len(arrays[NUMBERS]) else _jump_of(angles)
+    if jump is None:
+        return start
+    if start not in (None, jump):
+        numbers = arrays[NUMBERS]
+        raise RecordError(
+            f"{path}: the angles begin anew at frame {numbers[jump]}, and the oldest frame is {numbers[start]}; name "
+            "the frame with the first of the angles: --first-frame"
+        )
+    return 0
+
+
+def _jump_of(angles: np.ndarray) -> int | None:
+    """Place at which a list that otherwise rises, or falls, all around begins anew; None if it has no such place.
+
+    A list that rises or falls from its beginning to its end has none.
+    """
+    steps = np.sign(np.diff(angles, append=angles[:1]))
+    for direction in (1, -1):
+        back = np.flatnonzero(steps != direction)
+        if back.size == 1 and back[0] < len(angles) - 1 and steps[back[0]] == -direction:
+            return int(back[0]) + 1
+    return None
 
 
 def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarray, " frames"]:

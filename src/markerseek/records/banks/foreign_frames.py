@@ -84,8 +84,15 @@ def unpadded(frames: np.ndarray) -> tuple[np.ndarray, str]:
         warnings.simplefilter("ignore", RuntimeWarning)
         for index in short.tolist():
             length = lengths[index]
-            cut[index, :, length:] = np.nanmedian(cut[index, :, :length], axis=1, keepdims=True)
+            cut[index, :, length:] = _median(cut[index, :, :length])
     return cut, said
+
+
+def _median(frame: np.ndarray) -> np.ndarray:
+    """Median of each channel, NaN aside; of IQ data those of I and of Q, which NumPy would order by I alone."""
+    if frame.dtype.kind == "c":
+        return np.asarray(_median(frame.real) + 1j * _median(frame.imag))
+    return np.asarray(np.nanmedian(frame, axis=1, keepdims=True))
 
 
 def _length(frame: np.ndarray) -> int:
@@ -97,8 +104,7 @@ def _length(frame: np.ndarray) -> int:
 def loudness(frame: np.ndarray, blanked: int) -> float:
     """Return the mean over the channels of their largest magnitudes; ``blanked``: samples that do not count."""
     imaged = frame[:, blanked:] if blanked < frame.shape[1] else frame
-    numbers = imaged if imaged.dtype.kind == "c" else _without_offset(imaged.astype(np.float64))
-    return float(np.abs(numbers).max(axis=1).mean())
+    return float(np.abs(_without_offset(imaged.astype(np.float64))).max(axis=1).mean())
 
 
 _FEW_CHANNELS, _NOISE_RATIO, _LOOKED_AT = 0.05, 5.0, 16

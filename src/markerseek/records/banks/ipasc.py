@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
+from markerseek.files import DEGREES
 from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced, warn
 from markerseek.records.banks.table import amplitudes
 from markerseek.records.hdf5 import CheckedHdf5, as_record_error
@@ -78,6 +79,9 @@ _RANGES = {
 }
 """Physical ranges of such numbers, and the unit in which they are written."""
 
+_OFF_AXIS_RAD, _POSE_DIGITS = 1e-3, 5
+"""Largest rotation of a pose about another axis than the array's; decimals of an angle: poses may be float32."""
+
 # In digits: int() of a longer text takes time with the square of its length.
 _LONGEST_SEED = 100
 
@@ -132,7 +136,7 @@ def read_probed(path: Path) -> IntensityBank | IpascBank:
 def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
     if not file.has(ANGLES):
         raise RecordError(f"{path}: {ANGLES} is missing; without the angles it is no bank of a scan")
-    angles_deg, order = rising(path, file.numbers(ANGLES))
+    angles_deg, order = rising(path, file.numbers(ANGLES, units=DEGREES))
     count = len(angles_deg)
 
     def column(name: str, otherwise: float = math.nan) -> tuple[float, ...]:
@@ -245,19 +249,51 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
             )
         array = element_row(path, file, elements=shape[0])
         pitch_m, count = array.pitch_m, shape[3]
-        frames = np.asarray(data[()]).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
+        frames = file.values(data, name=FRAMES).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
         arrays["frames"] = frames[:, ::-1] if array.falling else frames
     else:
         arrays["intensity"] = intensities = file.numbers(INTENSITIES)
         count = intensities.size
     if file.has(ANGLES):
-        arrays["angle_deg"] = file.numbers(ANGLES)
+        arrays["angle_deg"] = file.numbers(ANGLES, units=DEGREES)
+    else:
+        arrays["angle_deg"] = _angles_of_poses(path, file, count)
     if _numbers_of(file, TIMES).size:
         # Seconds since 1970.
         arrays |= {"started_s": _one_each(file, TIMES, count), "clock_zero_unix_s": np.array(0.0)}
     facts = _read_facts(path, file, pitch_m=pitch_m)
     known = {name: getattr(facts, name) for name in NUMERIC_FACTS} | _energies(path, file, count) | arrays
     return {name: np.asarray(value) for name, value in known.items() if value is not None}
+
+
+def _angles_of_poses(path: Path, file: CheckedHdf5, count: int) -> Float64[np.ndarray, " measurements"] | None:
+    """Angle of each measurement by its pose, in degrees; None if poses are not stated, or all are alike.
+
+    A pose is a position and the rotations about x1, along the array, x2 and x3, in radians.
+    """
+    values = _numbers_of(file, POSES)
+    if not values.size or not np.isfinite(values).all():
+        return None
+    if values.size != 6 * count:
+        raise RecordError(
+            f"{path}: {POSES} holds {values.size} numbers for {count} measurements, 6 for each are expected"
+        )
+    about_rad = values.reshape(count, 6)[:, 3:]
+    if not np.ptp(about_rad):
+        return None
+    others_rad = float(np.abs(about_rad[:, 1:]).max())
+    if others_rad > _OFF_AXIS_RAD:
+        raise RecordError(
+            f"{path}: {POSES} turns about another axis than x1, that of the array, by up to "
+            f"{math.degrees(others_rad):.3g} deg; give poses in the frame of the array at 0 deg, or "
+            "meta_data/trus_angle_deg"
+        )
+    if np.abs(about_rad).max() > 2 * math.pi:
+        raise RecordError(
+            f"{path}: {POSES} turns by up to {np.abs(about_rad).max():.4g} rad; write radians, within a turn"
+        )
+    warn(path, f"its angles are the rotations about x1 of {POSES}, and count from the pose without rotation")
+    return np.asarray(np.round(np.degrees(about_rad[:, 0]), _POSE_DIGITS))
 
 
 def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:

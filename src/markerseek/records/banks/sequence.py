@@ -72,7 +72,19 @@ _MOST_TILT_DEG = 1.0
 _LINES = ("RF_REAL", "RF_IQ_LINE", "RF_I_LINE_Q_LINE")
 """Types of images that are lines of radio frequency: real, I and Q in turn in a line, lines of I and of Q in turn."""
 
-_FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,6})_(.+)", re.ASCII)
+_FRAME_FIELD = re.compile(r"(?:Seq_Frame|sequence frame ?)(\d{1,6})[_ ](.+)", re.ASCII)
+
+_TYPES_OF_IMAGES = (*_LINES, "BRIGHTNESS", "RGB_COLOR", "XX", "")
+"""Types of images in PLUS's words; XX is unknown."""
+
+_NEUTRAL = {
+    "ElementToIntensityFunctionSlope": "1",
+    "ElementToIntensityFunctionOffset": "0",
+    "space units": "mm",
+    "units": "mm",
+    **dict.fromkeys(("old min", "oldmin", "old max", "oldmax", "axis mins", "axismins", "axis maxs", "axismaxs"), ""),
+}
+"""Fields that would change the pixels or their size, and the value that changes nothing; empty where none does."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +125,7 @@ class ImageSequence:
         """Where columns and rows run, in PLUS's letters: M or U across, F or N in depth."""
         named = self.fields.get("UltrasoundImageOrientation", "").upper()[:2]
         usual = "FM" if self.fields.get("UltrasoundImageType", "").upper() in _LINES else "MF"
-        return named if re.fullmatch("[MU][FN]|[FN][MU]", named) else usual
+        return usual if named in ("", "XX") else named
 
     def valid_image(self, number: int) -> bool:
         """Whether a frame, counted from 0, has an image; as in PLUS, one without a status has."""
@@ -180,6 +192,7 @@ def open_sequence(path: Path) -> ImageSequence:
     said = {name: value for name, value in held.items() if not _FRAME_FIELD.fullmatch(name)}
     if nrrd:
         said = _as_meta(path, said)
+    _require_understood(path, said)
     if said.get("BinaryData", "True").lower() != "true" or said.get("HeaderSize", "0") != "0":
         raise RecordError(f"{path}: its pixels are text, or have a header of their own; save it as binary")
     columns, rows, components, frames = _sizes(path, said)
@@ -187,7 +200,9 @@ def open_sequence(path: Path) -> ImageSequence:
     for name, value in held.items():
         match = _FRAME_FIELD.fullmatch(name)
         if match and int(match[1]) < frames:
-            per_frame[int(match[1])][match[2]] = value
+            # A NRRD of PLUS has another name for it than a MetaImage.
+            status = nrrd and match[2].lower() in ("status", "image status")
+            per_frame[int(match[1])]["ImageStatus" if status else match[2]] = value
     place = said.get("ElementDataFile", "LOCAL")
     local = place.upper() == "LOCAL"
     if Path(place).name != place or place.startswith("LIST"):
@@ -199,7 +214,7 @@ def open_sequence(path: Path) -> ImageSequence:
         frame_fields=per_frame,
         dtype=(">" if order.lower() == "true" else "<") + _TYPE_OF[said["ElementType"]],
         shape=(rows, columns, components),
-        spacing=_spacing(said.get("ElementSpacing", "").split()),
+        spacing=_spacing(said.get("ElementSpacing", said.get("ElementSize", "")).split()),
         data=path if local else path.with_name(place),
         start=start if local else 0,
         packed=said.get("CompressedData", "").lower() == "true",
@@ -227,11 +242,12 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
     chosen = _field_of_angles(path, names, angle_field)
     turns = chosen.endswith("Transform")
     status = f"{chosen}Status" if turns else _STEPPER.get(chosen, f"{chosen}Status")
-    usual = "missing" if turns or status in names else "OK"
+    stated = {status, f"{status.removesuffix('Status')}Valid"} & names
+    usual = "missing" if turns or stated else "OK"
     kept: dict[int, np.ndarray] = {}
     left_out: list[str] = []
     for number, each in enumerate(frames):
-        said, values = each.get(status, usual), _numbers(each.get(chosen, ""), 16 if turns else 1)
+        said, values = _validity(each, status, usual), _numbers(each.get(chosen, ""), 16 if turns else 1)
         if not sequence.valid_image(number):
             left_out.append(f"Seq_Frame{number:04d} (ImageStatus {each['ImageStatus']})")
         elif said.upper() != "OK":
@@ -253,6 +269,14 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
     return dict(zip(kept, unwrapped(path, np.array(angles_deg)).tolist(), strict=True))
 
 
+def _validity(fields: Mapping[str, str], status: str, usual: str) -> str:
+    """Status of a transform or field; older servers state ``…Valid``, 1 or 0, beside it or in place of it."""
+    valid = fields.get(f"{status.removesuffix('Status')}Valid")
+    if valid is not None and valid.lower() not in ("1", "true"):
+        return f"not valid: {valid[:20]}"
+    return fields.get(status, usual if valid is None else "OK")
+
+
 def _field_of_angles(path: Path, names: set[str], angle_field: str | None) -> str:
     """Name of the field that has the angles."""
     if angle_field in _NO_ANGLES:
@@ -265,7 +289,7 @@ def _field_of_angles(path: Path, names: set[str], angle_field: str | None) -> st
         wanted = (*ANGLE_FIELDS, *(f"{name}Transform" for name in ANGLE_TRANSFORMS))
     chosen = next((name for name in wanted if name in names), None)
     if chosen is None:
-        held = ", ".join(sorted(each for each in names if not each.endswith("Status"))[:8]) or "none"
+        held = ", ".join(sorted(each for each in names if not each.endswith(("Status", "Valid")))[:8]) or "none"
         raise RecordError(
             f"{path}: no frame has {angle_field or ' or '.join(wanted)}; its fields are {held}; name the one with the "
             "angle, --angle-field, or state the angles: --first-deg -35 --step-deg 0.5, or --angles FILE"
@@ -326,6 +350,27 @@ def read_sequence(path: Path, *, angle_field: str | None = None, table: TableFor
     )
 
 
+def _require_understood(path: Path, said: Mapping[str, str]) -> None:
+    """Refuse what would change the pixels, their size or their place in a frame, and is not read."""
+    orientation, kind = said.get("UltrasoundImageOrientation", ""), said.get("UltrasoundImageType", "")
+    if not re.fullmatch("([MU][FN]|[FN][MU]|XX|)[AD]?", orientation.upper()):
+        raise RecordError(
+            f"{path}: UltrasoundImageOrientation is {orientation[:40]!r}, M or U across and F or N in depth are "
+            "understood; correct it"
+        )
+    if kind.upper() not in _TYPES_OF_IMAGES:
+        known = ", ".join(filter(None, _TYPES_OF_IMAGES))
+        raise RecordError(f"{path}: UltrasoundImageType is {kind[:40]!r}, it must be one of: {known}; correct it")
+    for name, neutral in _NEUTRAL.items():
+        words = {word.strip("\"'") for word in said.get(name, "").split()} - {"", "none", "???"}
+        if any(word != neutral and _number(word) != _number(neutral) for word in words):
+            expected = f"{neutral} is expected" if neutral else "only files without it are read"
+            raise RecordError(
+                f"{path}: its header has {name}, {said[name][:40]!r}, and {expected}; save the pixels as they were "
+                "acquired, with spacings in millimetres"
+            )
+
+
 def _lines(path: Path, file: BinaryIO, *, nrrd: bool) -> dict[str, str]:
     """Fields of a header by name; the file is left where the pixels begin."""
     kind = "a NRRD" if nrrd else "a MetaImage"
@@ -349,6 +394,8 @@ def _lines(path: Path, file: BinaryIO, *, nrrd: bool) -> dict[str, str]:
 
 
 _META_NAMES = {
+    "ultrasound image orientation": "UltrasoundImageOrientation",
+    "ultrasound image type": "UltrasoundImageType",
     "sizes": "DimSize",
     "kinds": "Kinds",
     "type": "ElementType",
@@ -364,7 +411,12 @@ _INTERLEAVED = "list first"
 
 def _as_meta(path: Path, said: Mapping[str, str]) -> dict[str, str]:
     """Fields of a NRRD as those of a MetaImage."""
-    meta = {_META_NAMES.get(name, name): value for name, value in said.items()}
+    meta = {_META_NAMES.get(name.lower(), name): value for name, value in said.items()}
+    if "ElementSpacing" not in meta and "space directions" in said:
+        # Of each axis its vector, whose length is the distance of two pixels, or none.
+        axes = re.findall(r"none|\(([^()]*)\)", said["space directions"])
+        steps = [np.linalg.norm([_number(word) for word in axis.split(",")]) for axis in axes]
+        meta["ElementSpacing"] = " ".join(f"{step:.17g}" for step in steps)
     encoding = meta.get("encoding", "").lower()
     if encoding not in ("raw", "gzip", "gz") or {"line skip", "lineskip", "byte skip", "byteskip"} & set(said):
         raise RecordError(f"{path}: its encoding is {encoding!r}, or bytes are to be skipped; save it as raw or gzip")

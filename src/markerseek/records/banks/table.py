@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError
+from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file, unit_in
 from markerseek.records.banks.bank import IntensityBank, first_of, warn
 from markerseek.records.banks.repeats import merged
@@ -79,7 +79,7 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
     if columns.angle is not None:
         most[columns.angle] = table.largest(path, names[columns.angle] if names else "")
     texts = rows.numbers(path, indices, most=[most.get(each) for each in indices])
-    cells = {line: _row(path, rows, line, indices, texts[line], table) for line in rows.cells}
+    cells = {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
     kept = [line for line, row in cells.items() if None not in row]
     warn_skipped(path, "line", [str(line) for line in cells if line not in set(kept)])
     values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, len(indices))
@@ -270,6 +270,7 @@ def amplitudes(
 
     ``db``: whether they are in dB. ``where``: file and line of each, for the messages.
     """
+    _refuse_overloads(values, where)
     if db:
         with np.errstate(over="ignore"):
             values = 10 ** (values / 20)
@@ -286,6 +287,26 @@ def amplitudes(
     return values
 
 
+OVERLOADS = (9.9e37, 9.91e37, float(np.finfo(np.float32).max))
+"""Numbers by which an instrument says that its range was exceeded: SCPI-99's infinity and no number, and the largest of
+single precision."""
+
+_INFINITE = re.compile(r"\+?(?:inf|infinity)", re.IGNORECASE)
+
+_OVERLOADED = (
+    "by which an instrument says that its range was exceeded, most probably on the marker; reduce gain or light and "
+    "scan again, or take these rows out of the file: an answer is then that of the flanks"
+)
+
+
+def _refuse_overloads(values: Float64[np.ndarray, " n"], where: Callable[[int], str]) -> None:
+    """Refuse intensities that are no measurement but the sign of an overload, single precision or not."""
+    marked = np.isclose(values[:, None], OVERLOADS, rtol=1e-6, atol=0.0).any(axis=1)
+    for index in np.flatnonzero(marked)[:1]:
+        rows = counted(int(marked.sum()), "row has", "rows have")
+        raise RecordError(f"{where(index)}: intensity is {values[index]:g} ({rows} such a number), {_OVERLOADED}")
+
+
 def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
     """Say which rows were left out; ``what``: line, or number of an angle."""
     if names:
@@ -293,7 +314,7 @@ def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
 
 
 def _row(
-    path: Path, rows: CsvRows, line: int, columns: Sequence[int], texts: Sequence[str], table: TableFormat
+    path: Path, rows: CsvRows, line: int, columns: _Columns, texts: Sequence[str], table: TableFormat
 ) -> list[float | None]:
     """The finite numbers of a row; None for a cell without one, if such rows are left out."""
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
@@ -301,7 +322,11 @@ def _row(
         raise RecordError(
             f"{path}, line {line}: it has {len(rows.cells[line])} columns, {rows.width} are expected; {DECIMAL_COMMA}"
         )
-    return [_value(path, rows, line, column, text, table) for column, text in zip(columns, texts, strict=True)]
+    intensity = texts[columns.indices.index(columns.intensity)].strip()
+    if _INFINITE.fullmatch(intensity):
+        # Not left out with rows that have no number: those of an overload are the strongest.
+        raise RecordError(f"{path}, line {line}: intensity is {intensity}, {_OVERLOADED}")
+    return [_value(path, rows, line, column, text, table) for column, text in zip(columns.indices, texts, strict=True)]
 
 
 def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: TableFormat) -> float | None:

@@ -61,6 +61,7 @@ def zea_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     known = {
         "sampling_hz": file.number(f"{track}scan/sampling_frequency"),
         "sound_speed_m_s": file.number(f"{track}scan/sound_speed"),
+        "demodulation_frequency": file.number(f"{track}scan/demodulation_frequency"),
     }
     times = f"{track}scan/initial_times"
     if file.has(times) and file.numbers(times).size:
@@ -94,7 +95,7 @@ def _frames(path: Path, file: CheckedHdf5, track: str) -> np.ndarray:
         )
     if data.dtype.kind not in "iuf" or data.dtype.itemsize > 8:
         raise RecordError(f"{path}: {track}{RAW} is {data.dtype}, counts or floating-point numbers are expected")
-    values = np.asarray(data[()], dtype=data.dtype.newbyteorder("="))
+    values = file.values(data, name=f"{track}{RAW}")
     pairs = values[:, 0].transpose(0, 2, 1, 3)
     return pairs[..., 0] + 1j * pairs[..., 1] if of_iq else pairs[..., 0]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from markerseek.core import Failed, Finished, RecordError
-from markerseek.files import create_atomically
+from markerseek.files import create_atomically, open_for_writing
 from markerseek.records.journal.entries import Configuration, Entry, Interrupted, JournalEvent
 from markerseek.records.journal.file import as_record_error, exists_error, flush, lock, open_for_reading
 from markerseek.records.journal.lines import VERSION, EntryReader, entry_line, first_line
@@ -62,7 +62,7 @@ class Journal:
         """
         with as_record_error(path, verb="written"), contextlib.ExitStack() as undo:
             os.close(open_for_reading(path))
-            descriptor = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+            descriptor = open_for_writing(path, os.O_RDWR)
             undo.callback(os.close, descriptor)
             lock(descriptor)
             reader = EntryReader(path, descriptor)

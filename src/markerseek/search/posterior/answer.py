@@ -38,11 +38,12 @@ from markerseek.search.evidence import (
     KNOWN_SIGMA_DEG,
     UNKNOWN_RATIO,
     beyond_tolerance,
+    inconsistency,
     marker_radius_m,
     why_not_detected,
     with_half_width,
 )
-from markerseek.search.floor import MAX_CELLS, SearchNoise, noise_of
+from markerseek.search.floor import MAX_CELLS, SearchNoise, above_background, noise_above_background
 from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
 from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
 from markerseek.search.posterior.shapes import log_curve
@@ -57,6 +58,7 @@ from markerseek.search.posterior.sources import (
     gap_angle_deg,
     is_background,
     is_burst,
+    outliers_of,
     samples_at,
     sources_of,
     suspect_level,
@@ -133,18 +135,36 @@ class Analysis:
         single: bool,
         expected: ExpectedAngle | None = None,
     ) -> None:
-        self.lit, self.limits, self._dark = lit, limits, dark
+        self._measured = lit
+        self.limits = limits
+        self._dark = dark
         self._inference, self._single, self._expected = inference, single, expected
+
+    @cached_property
+    def noise(self) -> SearchNoise:
+        """Noise, its floor, and the background."""
+        return noise_above_background(self._measured, dark=self._dark)
+
+    @cached_property
+    def _above(self) -> Sequence[Sample]:
+        """Samples with the laser on, above the background."""
+        return above_background(self._measured, self.noise.background)
+
+    @cached_property
+    def outliers(self) -> Sequence[Sample]:
+        """Samples that are left out."""
+        level = self.noise.floor.level
+        return [] if level is None else outliers_of(self._above, level=level)
+
+    @cached_property
+    def lit(self) -> Sequence[Sample]:
+        """Samples with the laser on, above the background, without outliers."""
+        return [sample for sample in self._above if sample not in self.outliers] if self.outliers else self._above
 
     @property
     def measured_deg(self) -> list[float]:
         """Angles of the samples."""
-        return [sample.angle_deg for sample in self.lit]
-
-    @cached_property
-    def noise(self) -> SearchNoise:
-        """Noise and its floor."""
-        return noise_of(self.lit, dark=self._dark)
+        return [sample.angle_deg for sample in self._measured]
 
     @property
     def detected(self) -> bool:
@@ -260,6 +280,19 @@ class Analysis:
         return predictive_check(self.sources[0], self.measured_deg, limits=self.limits)
 
     @cached_property
+    def inconsistency(self) -> str | None:
+        """Why the strongest source is not where the samples are largest; None of sources that have places."""
+        first = self.sources[0]
+        if first.has_positions:
+            return None
+        return inconsistency(
+            self.lit,
+            mean_deg=self.limits.nearest(first.posterior.mean_deg),
+            noise=self.noise,
+            relative_error=first.posterior.sample_error,
+        )
+
+    @cached_property
     def unresolved_rival(self) -> tuple[Candidate, float | None] | None:
         """A source that may still be the marker, as of the function of this name; None without one."""
         # Of a single source the strongest is the marker.
@@ -370,9 +403,30 @@ SHOULDER_SHARE = 0.5
 
 
 def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
-    """Return the sources, the strongest first; those whose angle or existence is not known come last."""
+    """Return the sources, the strongest first.
+
+    Those whose angle or existence is not known come last, but for one that was measured and is far stronger than any
+    whose angle is known.
+    """
     # While a source is only seen from far away, its strength may come out as anything.
-    return sorted(sources, key=lambda each: (each.missing is not None, not each.known, -each.log_snr))
+    first, *others = sorted(sources, key=lambda each: (each.missing is not None, not each.known, -each.log_snr))
+    stronger = [
+        each
+        for each in others
+        if each.missing is None and each.strength_known and not each.beyond and _is_far_stronger(each, first)
+    ]
+    strongest = max(stronger, key=lambda each: each.log_snr, default=first)
+    return [strongest, *(each for each in (first, *others) if each is not strongest)]
+
+
+def _is_far_stronger(source: Candidate, other: Candidate) -> bool:
+    """Whether a source is so much stronger that the other cannot be the marker."""
+    return source.relative_db(other) - RIVAL_SIGMAS * _spread_db(source, other) > RIVAL_DB
+
+
+def _spread_db(source: Candidate, other: Candidate) -> float:
+    """Standard deviation of the ratio of two strengths, in dB."""
+    return math.hypot(source.log_snr_sigma, other.log_snr_sigma) * 20 / math.log(10)
 
 
 def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
@@ -393,8 +447,7 @@ def _may_be_as_strong(source: Candidate, first: Candidate, *, by_db: float, sigm
     if source.beyond:
         seen = max(sample.reading.intensity for sample in source.samples) / source.posterior.sigma
         return seen > math.exp(first.log_snr) * 10 ** (by_db / 20)
-    spread_db = math.hypot(source.log_snr_sigma, first.log_snr_sigma) * 20 / math.log(10)
-    return source.relative_db(first) + sigmas * spread_db > by_db
+    return source.relative_db(first) + sigmas * _spread_db(source, first) > by_db
 
 
 def unresolved_rival(
@@ -494,11 +547,14 @@ def answer_of(
     it does, or was not made. ``more``: how to have more samples than these, for a person.
     """
     first, *seen = known.sources
-    posterior, floor, limits = first.posterior, known.noise.floor, known.limits
+    posterior = first.posterior
+    floor = known.noise.measured_floor
+    outliers_deg = tuple(sorted(sample.angle_deg for sample in known.outliers))
+    limits = known.limits
     mean_deg = limits.nearest(posterior.mean_deg)
     if first.missing is not None:
         reason = first.missing + missed_marker(known.lit, known.noise, limits)
-        return NotFound(mean_deg=mean_deg, reason=reason, floor=floor)
+        return NotFound(mean_deg=mean_deg, reason=reason, floor=floor, outliers_deg=outliers_deg)
     beside = [each.as_other_source(first) for each in seen if each.missing is None and each.strength_known]
     seen_so_far: dict[str, Any] = {
         "sigma_deg": posterior.sigma_deg,
@@ -507,6 +563,7 @@ def answer_of(
         "floor": floor,
         "others": tuple(sorted(beside, key=lambda each: -each.relative_db)),
         "surveyed": None if known.survey is None else known.survey.surveyed,
+        "outliers_deg": outliers_deg,
     }
     probability = other_probability(known, others=others)
     # With a prior of a single source, the strongest is the marker. A source that is not known enough may be stronger.
@@ -527,7 +584,7 @@ def answer_of(
     found = Found(mean_deg=mean_deg, other_probability=probability, curve=_curve(first), **seen_so_far)
     found = with_half_width(found, radius_m=radius_m)
     # An answer that is unsure for its width alone is of the marker: registration takes it.
-    other = weaker_than_predicted or unmeasured or known.misfit
+    other = weaker_than_predicted or unmeasured or known.misfit or known.inconsistency
     if other is None and probability > STATED:
         other = _other(
             known, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"

@@ -34,14 +34,14 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from markerseek.core import Float64, Int64, Interval, MarkerCurve, Sample
 from markerseek.search.evidence import FACE_RADIUS_M
-from markerseek.search.floor import SearchNoise, noise_of
+from markerseek.search.floor import SearchNoise, above_background, noise_above_background
 from markerseek.search.posterior.arrival import arrival_likelihood
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer, mean_and_sigma
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
@@ -206,6 +206,8 @@ class Inference:
         self._observations: list[Observation] = []
         self._added: list[tuple[float, float, int | None]] = []
         self._swept = False
+        self.order_sigma_deg = 0.0
+        """Standard deviation of the angle by what the order of the frames of sweeps leaves open, in degrees."""
 
     def anew(self) -> Inference:
         """An inference as this one was before its first sample."""
@@ -236,6 +238,9 @@ class Inference:
         known = coarse.marginals(log_prior(self._coarse_deg), particles=particles)
         observations = self._observations if "intensity" in self.cues else []
         centre = refine(self._shapes, coarse, known, observations, log_prior, particles=particles)
+        if self.order_sigma_deg > 0:
+            wider = blurred(centre.angles_deg, centre.probability, sigma_deg=self.order_sigma_deg)
+            centre = replace(centre, angles_deg=wider[0], probability=wider[1])
         angle_deg, probability = self._with_asymmetry(lit, centre, log_arrival)
         scale = self._scale
         log_unit = math.log(scale.unit) - math.log(scale.sigma)
@@ -643,7 +648,8 @@ def energy_spread(lit: Sequence[Sample], dark: Sequence[Sample] = (), *, limits:
     measured = [math.log(energy) for energy in energies if energy is not None]
     if len(measured) >= MIN_ENERGIES:
         return statistics.stdev(measured)
-    noise = noise_of(lit, dark=dark)
+    noise = noise_above_background(lit, dark=dark)
+    lit = above_background(lit, noise.background)
     level = math.inf if noise.floor.level is None else noise.floor.level
     if sum(sample.reading.intensity > level for sample in lit) < MIN_ENERGIES:
         return None

@@ -23,6 +23,7 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
+from markerseek.search.floor import above_background
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
 from markerseek.search.posterior.answer import (
     Analysis,
@@ -223,9 +224,13 @@ class Posterior(SearchPolicy):
         """Samples with the laser on, in the order of `tell`, without pulses that gave no light."""
         return with_light(self._lit)
 
-    def take_out_delay(self, delay_s: float) -> None:
-        """Take for granted that the light of sweeps comes later than their angles say, by this in seconds."""
+    def take_out_delay(self, delay_s: float, *, order_sigma_deg: float = 0.0) -> None:
+        """Take for granted that the light of sweeps comes later than their angles say, by this in seconds.
+
+        ``order_sigma_deg``: standard deviation of the angle by what the order of their frames leaves open.
+        """
         self._delay_s = delay_s
+        self._inference.order_sigma_deg = order_sigma_deg
         self._next = self._cached = None
 
     def state_swept(self) -> None:
@@ -293,7 +298,9 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._analysis.first
-        self._confirmation_taken, self._confirmation_failure = True, weaker_than_predicted(first, sample)
+        (above,) = above_background([sample], self._analysis.noise.background)
+        self._confirmation_taken = True
+        self._confirmation_failure = weaker_than_predicted(first, above)
         self._lit.append(sample)
         self._next = self._cached = None
 

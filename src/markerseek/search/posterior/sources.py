@@ -16,7 +16,8 @@ from typing import TypeAlias
 import numpy as np
 
 from markerseek.core import Arrival, Float64, Interval, OtherSource, Reading, Sample
-from markerseek.search.evidence import FLAT_SHARE, KNOWN_SIGMA_DEG
+from markerseek.search.background import FLAT_SHARE
+from markerseek.search.evidence import KNOWN_SIGMA_DEG
 from markerseek.search.floor import FEWEST_CELLS, SearchNoise, noise_factor
 from markerseek.search.posterior.inference import AnglePosterior
 
@@ -401,6 +402,27 @@ def is_background(at: Sequence[Sample]) -> bool:
     """Whether a place is equally strong at all angles, as an artefact of the rig is."""
     intensities = [sample.reading.intensity for sample in at]
     return len(at) > 1 and max(intensities) - min(intensities) <= FLAT_SHARE * max(intensities)
+
+
+OUTLIER_RATIO = 3.0
+"""An intensity over the largest of those beside it from which it is an outlier: the narrowest curve changes by 2."""
+
+
+def outliers_of(lit: Sequence[Sample], *, level: float) -> list[Sample]:
+    """Return the samples that no curve explains, because each is far stronger than all samples beside it.
+
+    Of samples that have places in the image none: there a burst is no source (`is_burst`). Of a sample without others
+    within `ALIKE_DEG` it is not known. ``level``: the detection threshold, which an outlier exceeds.
+    """
+    if any(sample.reading.local_maxima is not None or sample.sweep is not None for sample in lit):
+        return []
+    angle_deg = np.array([sample.angle_deg for sample in lit])
+    height = np.array([sample.reading.intensity for sample in lit])
+    near = np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG
+    np.fill_diagonal(near, False)
+    strongest_beside = np.where(near, height, 0.0).max(axis=1, initial=0.0)
+    far = near.any(axis=1) & (height > level) & (height > OUTLIER_RATIO * np.maximum(strongest_beside, level))
+    return [sample for sample, out in zip(lit, far, strict=True) if out]
 
 
 DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0

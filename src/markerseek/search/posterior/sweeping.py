@@ -5,9 +5,10 @@
    sweep is over once the marker is known and both of its flanks are swept. Where the frames of a sweep are read at its
    end, the probe turns to the nearer end without light, and sweeps there and back in one burst: the order of its frames
    is not believed. While they are read it turns to the middle of the range, which is nearer to most markers.
-2. It sweeps back over the flanks where the delay between pulse and angle may shift the angle by too much, since that
-   shifts the two directions against one another (11), and where the centre is not known well enough, the slower the
-   more is missing. Where another source may still hide, it sweeps back over the whole range.
+2. It sweeps back over the flanks unless both directions have passed them, since a delay between pulse and angle shifts
+   the two against one another (11): a delay that the rig states is compared, and not believed. It does so too where the
+   centre is not known well enough, the slower the more is missing. Where another source may still hide, it sweeps back
+   over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
    nothing was detected there and back, a search at rest begins: the mean of some pulses shows what one does not.
 
@@ -33,7 +34,6 @@ import numpy as np
 
 from markerseek.core import AnglePrior, Estimate, Found, Interval, PriorEvidence, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
-from markerseek.search.posterior.answer import Progress
 from markerseek.search.posterior.next_angle import Belief
 from markerseek.search.posterior.policy import Posterior
 from markerseek.search.posterior.survey import STATED
@@ -62,6 +62,8 @@ class Way:
     sigma_deg: float
     speed_deg_s: float
     """Mean speed, positive."""
+    whole: bool
+    """Whether both flanks were swept, and not one and a part of the other: then the centre is that of the curve."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,6 +75,8 @@ class Delay:
     """Standard deviation of the measurement."""
     prior_s: float
     """Standard deviation of what the rig states."""
+    whole: bool
+    """Whether both flanks were swept both ways."""
 
     @property
     def mean_s(self) -> float:
@@ -99,45 +103,151 @@ Centre = tuple[float, float, float]
 
 
 def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Delay | None:
-    """Return the delay by (11); None unless both flanks were swept both ways.
+    """Return the delay by (11); None unless the marker was passed both ways.
 
     ``samples``: all samples with light. ``centre_of``: fits a curve to samples; None if they show no curve.
     """
-    swept = [(sample, sample.sweep) for sample in samples if sample.sweep is not None]
-    ways = [way_of([sample for sample, sweep in swept if sign * sweep.speed_deg_s > 0], centre_of) for sign in (1, -1)]
-    if None in ways:
+    swept = [sample.sweep for sample in samples if sample.sweep is not None]
+    up = way_of(_in_direction(samples, 1), centre_of)
+    down = way_of(_in_direction(samples, -1), centre_of)
+    if up is None or down is None:
         return None
-    up, down = (way for way in ways if way is not None)
     speed = up.speed_deg_s + down.speed_deg_s
-    backlash_deg = max(sweep.play_sigma_deg for _, sweep in swept)
+    backlash_deg = max(sweep.play_sigma_deg for sweep in swept)
     return Delay(
         measured_s=(down.centre_deg - up.centre_deg) / speed,
         sigma_s=math.hypot(up.sigma_deg, down.sigma_deg, backlash_deg) / speed,
-        prior_s=max(sweep.delay_sigma_s for _, sweep in swept),
+        prior_s=max(sweep.delay_sigma_s for sweep in swept),
+        whole=up.whole and down.whole,
     )
 
 
 def way_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Way | None:
-    """Return the centre by the pulses of one direction; None unless both flanks are among them.
+    """Return the centre by the pulses of one direction; None unless it lies between two of them.
 
     ``samples``: samples of sweeps in one direction. ``centre_of``: see `delay_of`.
     """
-    # Without the errors that they share with the other direction: these are what the comparison shows.
-    alone = [
-        (sample, replace(sample.sweep, delay_sigma_s=0.0, play_sigma_deg=0.0))
-        for sample in samples
-        if sample.sweep is not None
-    ]
-    centre = centre_of([replace(sample, sweep=sweep) for sample, sweep in alone]) if alone else None
+    alone = _by_themselves(samples)
+    centre = centre_of(alone) if alone else None
     if centre is None:
         return None
     mean_deg, sigma_deg, fwhm_deg = centre
-    angles_deg = [sample.angle_deg for sample, _ in alone]
-    if not min(angles_deg) + LEAST_FLANK * fwhm_deg <= mean_deg <= max(angles_deg) - LEAST_FLANK * fwhm_deg:
+    angles_deg = [sample.angle_deg for sample in alone]
+    if not min(angles_deg) <= mean_deg <= max(angles_deg):
         return None
-    near = [sweep for sample, sweep in alone if abs(sample.angle_deg - mean_deg) <= fwhm_deg] or [alone[0][1]]
-    speed = float(np.mean([abs(sweep.speed_deg_s) for sweep in near]))
-    return Way(centre_deg=mean_deg, sigma_deg=sigma_deg, speed_deg_s=speed)
+    near = [sample for sample in alone if abs(sample.angle_deg - mean_deg) <= fwhm_deg] or alone[:1]
+    speed = float(np.mean([abs(sample.sweep.speed_deg_s) for sample in near if sample.sweep is not None]))
+    flank_deg = LEAST_FLANK * fwhm_deg
+    return Way(
+        centre_deg=mean_deg,
+        sigma_deg=sigma_deg,
+        speed_deg_s=speed,
+        whole=min(angles_deg) + flank_deg <= mean_deg <= max(angles_deg) - flank_deg,
+    )
+
+
+def _in_direction(samples: Sequence[Sample], sign: int) -> list[Sample]:
+    """Return the samples of sweeps in which the angle rises (1) or falls (-1)."""
+    return [sample for sample in samples if sample.sweep is not None and sign * sample.sweep.speed_deg_s > 0]
+
+
+def _by_themselves(samples: Sequence[Sample]) -> list[Sample]:
+    """Return samples of sweeps without the errors that they share with others, which a comparison is to show."""
+    return [
+        replace(sample, sweep=replace(sample.sweep, delay_sigma_s=0.0, play_sigma_deg=0.0))
+        for sample in samples
+        if sample.sweep is not None
+    ]
+
+
+SHIFTED = 0.05
+"""Prior probability that the frames of one way of a burst are late by one, and that they are early by one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameOrder:
+    """What a burst there and back says of the order of its frames.
+
+    A trigger that is lost and another one that is doubled leave the number of frames right, and shift those between
+    them by one. If these are of one flank, the flanks on which the probe came to the marker have another centre than
+    those on which it left; a delay moves neither centre. If they are of one whole way, that looks like a delay of half
+    a period.
+    """
+
+    delay: Delay
+    apart_deg: float
+    """Difference between the centre of the flanks before the marker and that of the flanks after it."""
+    apart_sigma_deg: float
+    """Standard deviation of it."""
+    frame_deg: float
+    """Angle by which the probe turns from pulse to pulse at the marker."""
+    period_s: float
+    """Time in which it does."""
+
+    @property
+    def contradictory(self) -> bool:
+        """Whether no order in which one frame follows the other explains the flanks."""
+        return abs(self.apart_deg) > UNEXPLAINED_SIGMAS * self.apart_sigma_deg
+
+    @property
+    def flank_sigma_deg(self) -> float:
+        """Standard deviation of the angle by what the flanks lie further apart than they scatter."""
+        # One of four flanks that is shifted by e shifts its pair by e/2, and the mean of all by e/4.
+        return math.sqrt(max(0.0, self.apart_deg**2 - self.apart_sigma_deg**2)) / 2
+
+    @property
+    def way_sigma_deg(self) -> float:
+        """Standard deviation of the angle by the probability that the frames of one way are shifted."""
+        sigma_s = math.hypot(self.delay.prior_s, self.delay.sigma_s)
+        # ln of the probability of the delay that is then left, over that of the one measured.
+        log_ratios = [
+            (self.delay.measured_s**2 - (self.delay.measured_s + shift_s) ** 2) / (2 * sigma_s**2)
+            for shift_s in (self.period_s / 2, -self.period_s / 2)
+        ]
+        odds = SHIFTED * sum(map(math.exp, log_ratios))
+        return math.sqrt(odds / (1 + odds)) * self.frame_deg / 2
+
+
+def order_of(
+    burst: Sequence[Sample], delay: Delay, centre_of: Callable[[Sequence[Sample]], Centre | None]
+) -> FrameOrder | None:
+    """Return what the flanks of a burst say of the order of its frames; None if they do not show the marker.
+
+    ``burst``: its samples with light. ``delay``: that of the burst. ``centre_of``: see `delay_of`.
+    """
+    before: list[Sample] = []
+    after: list[Sample] = []
+    speeds_deg_s: list[float] = []
+    periods_s: list[float] = []
+    for sign in (1, -1):
+        own = _in_direction(burst, sign)
+        way = way_of(own, centre_of)
+        if way is None:
+            return None
+        before += [sample for sample in own if sign * (sample.angle_deg - way.centre_deg) < 0]
+        after += [sample for sample in own if sign * (sample.angle_deg - way.centre_deg) >= 0]
+        speeds_deg_s.append(way.speed_deg_s)
+        periods_s += [
+            abs((now.angle_deg - before_it.angle_deg) / now.sweep.speed_deg_s)
+            for before_it, now in pairwise(own)
+            if now.sweep is not None
+        ]
+    first = centre_of(_by_themselves(before))
+    last = centre_of(_by_themselves(after))
+    apart_deg = 0.0
+    apart_sigma_deg = math.inf
+    if first is not None and last is not None:
+        apart_deg = first[0] - last[0]
+        apart_sigma_deg = math.hypot(first[1], last[1])
+    # The median: a pulse without light leaves a gap.
+    period_s = float(np.median(periods_s))
+    return FrameOrder(
+        delay=delay,
+        apart_deg=apart_deg,
+        apart_sigma_deg=apart_sigma_deg,
+        frame_deg=float(np.mean(speeds_deg_s)) * period_s,
+        period_s=period_s,
+    )
 
 
 JUDGED_EVERY_S = 0.1
@@ -146,10 +256,6 @@ JUDGED_EVERY_S = 0.1
 SWEPT_SIGMA_DEG = 0.6
 """Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less: 1 mm near the probe
 does not."""
-
-DELAY_SHARE = 0.5
-"""Share of the standard deviation that is allowed up to which the delay may add to it: of many markers it is the same,
-and no further pulse averages it."""
 
 AT_END_DEG, AT_END = 1.0, 0.05
 """Distance from an end of the range within which a sweep to it is not worth its light; and of the range at most."""
@@ -391,7 +497,7 @@ class SweepPosterior:
             return []
         self._range_swept = True
         self._posterior.state_swept()
-        delay = self._measured_delay()
+        delay = self._judged_delay()
         progress = self._posterior.progress or progress
         if self._back >= MOST_BACK:
             return []
@@ -402,7 +508,7 @@ class SweepPosterior:
             return [self._over(self._part.low_deg, self._part.high_deg, speed_deg_s=self._speed_deg_s)]
         slower = (progress.sigma_deg / progress.target_deg) ** 2 - 1
         again = self._in_bursts and delay is not None and delay.doubtful and self._back == 0
-        if slower <= 0 and not (again or self._delay_counts(progress, delay)):
+        if slower <= 0 and delay is not None and not again:
             return []
         if progress.sigma_deg > WORTH * self._sigma_deg:
             return []
@@ -415,15 +521,11 @@ class SweepPosterior:
         slowness = 1.0 if unswept and self._back == 1 else min(max(slower, 1.0), SLOWEST)
         return [self._over(low_deg, high_deg, speed_deg_s=self._speed_deg_s / slowness)]
 
-    def _delay_counts(self, progress: Progress, delay: Delay | None) -> bool:
-        """Whether the delay, or the order of the frames, may still shift the angle by too much."""
-        if delay is not None:
-            return False
-        sigmas_deg = [abs(each.sweep.speed_deg_s) * each.sweep.delay_sigma_s for each in self._lit if each.sweep]
-        return self._in_bursts or max(sigmas_deg) > DELAY_SHARE * progress.target_deg
+    def _judged_delay(self) -> Delay | None:
+        """Compare the ways there and back, and take the delay that they show out of the angles.
 
-    def _measured_delay(self) -> Delay | None:
-        """What the ways there and back say of the delay, which is taken out of the angles; None if one is missing."""
+        None if both flanks were not swept both ways: then the difference shows a wrong order alone.
+        """
         delay = delay_of(self._posterior.lit, self._centre_of)
         if delay is None:
             return None
@@ -434,24 +536,21 @@ class SweepPosterior:
                 "ms: frames are late by one or more, the stage answers late, or the delay that is stated is wrong; "
                 "check the trigger's cable, and measure the delay: markerseek calibrate --delay"
             )
-        elif self._in_bursts:
-            self.disorder = self._different_delays()
-        self._posterior.take_out_delay(delay.mean_s)
+        orders = self._orders() if self._in_bursts else []
+        self.disorder = self.disorder or _disorder_of(orders)
+        if not delay.whole:
+            return None
+        self._posterior.take_out_delay(delay.mean_s, order_sigma_deg=_order_sigma_deg(orders))
         return delay
 
-    def _different_delays(self) -> str | None:
-        """Why bursts differ in their delays: in one of them the frames are not of the pulses in their order."""
+    def _orders(self) -> list[FrameOrder]:
+        """Return what each burst that passed the marker both ways says of the order of its frames."""
         lit = self._posterior.lit
         numbers = sorted({sample.sweep.number for sample in lit if sample.sweep is not None})
         bursts = [[each for each in lit if each.sweep is not None and each.sweep.number == one] for one in numbers]
-        delays = [delay for burst in bursts if (delay := delay_of(burst, self._centre_of)) is not None]
-        for one, other in pairwise(delays):
-            if one.differs_from(other):
-                return (
-                    f"the light came {1e3 * one.measured_s:.0f} ms later than the rig states in one burst and "
-                    f"{1e3 * other.measured_s:.0f} ms in the next: a trigger was lost or doubled; check its cable"
-                )
-        return None
+        delays = [(burst, delay_of(burst, self._centre_of)) for burst in bursts]
+        orders = [order_of(burst, delay, self._centre_of) for burst, delay in delays if delay is not None]
+        return [order for order in orders if order is not None]
 
     def _centre_of(self, samples: Sequence[Sample]) -> Centre | None:
         """The centre of the curve of some samples by themselves."""
@@ -480,3 +579,30 @@ class SweepPosterior:
             back_deg=from_deg,
             wait_deg=wait_deg,
         )
+
+
+def _disorder_of(orders: Sequence[FrameOrder]) -> str | None:
+    """Return why the frames of some bursts are not of the pulses in their order; None if nothing contradicts it."""
+    for order in orders:
+        if order.contradictory:
+            return (
+                f"the flanks on which the probe came to the marker have a centre {order.apart_deg:+.2f} ± "
+                f"{order.apart_sigma_deg:.2f} deg beside that of the flanks on which it left: a trigger was lost and "
+                "another doubled; check its cable"
+            )
+    for one, other in pairwise(order.delay for order in orders):
+        if one.differs_from(other):
+            return (
+                f"the light came {1e3 * one.measured_s:.0f} ms later than the rig states in one burst and "
+                f"{1e3 * other.measured_s:.0f} ms in the next: a trigger was lost or doubled; check its cable"
+            )
+    return None
+
+
+def _order_sigma_deg(orders: Sequence[FrameOrder]) -> float:
+    """Return the standard deviation of the angle by what the order of the frames leaves open."""
+    if not orders:
+        return 0.0
+    flanks_deg = math.hypot(*(order.flank_sigma_deg for order in orders)) / len(orders)
+    # The same two triggers of the next burst are not lost and doubled too.
+    return math.hypot(flanks_deg, orders[0].way_sigma_deg if len(orders) == 1 else 0.0)

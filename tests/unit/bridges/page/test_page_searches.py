@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
+import signal
 import threading
 import time
 from pathlib import Path
@@ -10,15 +12,17 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.child import Outcome
+from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import ChildSearch, PageRig, PageSearches
 from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Entry, Interrupted
+from markerseek.registration import Ended, SessionRecord, Waiting
 from markerseek.rigs import read_rig_file
 from markerseek.runs import STOPPED as STOPPED_LINE
 from markerseek.runs import new_session, plan_on
 from markerseek.sim import GaussianCurve
+from tests.registration_sessions import BEGUN
 
 BROWSER = "a browser at 127.0.0.1"
 STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
@@ -38,14 +42,17 @@ class ScriptedChild:
         if not endless:
             self.sent.put(None)
         self.error, self.stopped = error, threading.Event()
+        self.has_written = False
 
     def items(self):
         while (item := self.sent.get()) is not None:
+            self.has_written = True
             yield item
         if self.error is not None:
             raise self.error
 
-    def stop(self):
+    def stop(self, number=signal.SIGINT):
+        self.number = number
         self.stopped.set()
         self.sent.put(None)
 
@@ -219,7 +226,7 @@ def test_one_search_at_a_time(stream, tmp_path, monkeypatch):
     for another in (
         lambda: shared.start(USUAL, asked_by=BROWSER),
         lambda: shared.start(USUAL_REGISTRATION, asked_by=BROWSER),
-        lambda: shared.go_on(shared.search),
+        lambda: shared.go_on(shared.search, asked_by=BROWSER),
     ):
         with pytest.raises(SearchError, match="a search or a registration runs"):
             another()
@@ -242,7 +249,7 @@ def test_rig_of_devices_is_never_armed_from_the_page(stream, tmp_path, monkeypat
     # For the question in the terminal.
     assert asked[0][-1] == "--asked-by=a browser at 127.0.0.1"
     with pytest.raises(SearchError, match="resume it in the terminal"):
-        shared.go_on(shared.search)
+        shared.go_on(shared.search, asked_by=BROWSER)
 
 
 def test_stop_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypatch):
@@ -259,14 +266,14 @@ def test_stop_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypat
         assert shared.search.can_go_on is going_on
         if going_on:
             # The second is stopped before it has sent anything.
-            shared.go_on(shared.search)
+            shared.go_on(shared.search, asked_by=BROWSER)
     assert [each[0] for each in asked] == ["search", "resume", "resume"]
 
 
 def test_child_that_does_not_stop_is_killed(stream, tmp_path, monkeypatch):
     monkeypatch.setattr("markerseek.bridges.page.page_searches.END_S", 0.1)
     child = ScriptedChild(stream[:5], endless=True)
-    child.stop = lambda: None
+    child.stop = lambda _number: None
     shared, _ = searches([child], tmp_path, monkeypatch)
     shared.start(USUAL, asked_by=BROWSER)
     shared.close()
@@ -291,9 +298,144 @@ def test_a_rig_of_devices_registers_only_with_its_endoscope_and_a_known_face(tmp
     )
     shared.start(USUAL_REGISTRATION, asked_by=BROWSER)
     shared.registration.end(5)
-    *arguments, _, record = asked[0]
+    *arguments, _, record, asked_by = asked[0]
+    assert asked_by == f"--asked-by={BROWSER}"
     # A rig of devices has no seed and no pace, and only a person in the terminal arms it.
     assert arguments == [
         *("register", "--rig", "r.toml", "--cameras", "stereo.toml", "--images", "left right", "--sweep"),
     ]
     assert record.startswith(str(tmp_path))
+
+
+def test_what_nobody_watches_is_stopped_by_a_program_and_says_so(stream, tmp_path, monkeypatch):
+    search, session = ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True)
+    shared, _ = searches([search], tmp_path, monkeypatch)
+    shared.start(USUAL, asked_by=BROWSER)
+    shared.stop_unwatched(4.9)
+    assert not search.stopped.is_set()
+    shared.stop_unwatched(5.1)
+    shared.search.end(10)
+    # In the record it is no person either.
+    assert search.number == signal.SIGTERM
+    said = "nobody had the page open for 5 s; the laser is disarmed, and the probe stays where it was"
+    assert shared.search.verdict(shared.search.run.last if shared.search.run else None).reason == said
+    shared, _ = searches([session], tmp_path, monkeypatch)
+    session.running = True
+    session.wait = lambda: time.sleep(0.01)
+    shared.start(USUAL_REGISTRATION, asked_by=BROWSER)
+    shared.stop_unwatched(59.0)
+    assert not session.stopped.is_set()
+    shared.stop_unwatched(61.0)
+    session.running = False
+    shared.registration.end(10)
+    assert shared.registration.said.reason.startswith("nobody had the page open for 60 s; the laser")
+
+
+def test_a_person_who_has_pressed_stop_is_not_called_nobody(stream, followed):
+    child = ScriptedChild(stream[:5], endless=True)
+    live = followed(child, waits=False)
+    live.stop()
+    assert child.number == signal.SIGINT
+    live.stop(because="nobody had the page open for 5 s")
+    live.end(30)
+    assert live.message == STOPPED_LINE
+
+
+def test_what_goes_on_is_starting_until_it_writes(tmp_path, monkeypatch, stream):
+    first, second = ScriptedChild(stream[:5]), ScriptedChild(stream[:5], endless=True)
+    first.outcome = lambda: STOPPED
+    shared, _ = searches([first, second], tmp_path, monkeypatch)
+    shared.start(USUAL, asked_by=BROWSER)
+    shared.search.end(10)
+    shared.search.journal.touch()
+    shared.go_on(shared.search, asked_by=BROWSER)
+    while shared.search.run is None or len(shared.search.run.views) < 3:
+        time.sleep(0.01)
+    # What is in the journal is of the search that was stopped.
+    second.has_written = False
+    assert shared.search.verdict(shared.search.run.last).word == "STARTING"
+    second.has_written = True
+    assert shared.search.verdict(shared.search.run.last).word == "SEARCHING"
+    shared.close()
+
+
+def interrupted_session(tmp_path, monkeypatch, *steps, **rig):
+    """A page that began a session, whose record has these steps beside the first, and its command."""
+    shared, asked = searches([ScriptedChild()], tmp_path, monkeypatch, **rig)
+    shared.start(USUAL_REGISTRATION.changed(seed=17, markers=5), asked_by=BROWSER)
+    shared.registration.end(10)
+    with contextlib.closing(SessionRecord.create(shared.registration.journal, BEGUN)) as record:
+        for step in steps:
+            record.add(step)
+    return shared, asked[0]
+
+
+def test_a_page_started_again_offers_the_session_that_was_interrupted_and_continues_it(tmp_path, monkeypatch):
+    waiting = Waiting(name="1", place=None, said="light a spot")
+    before, begun = interrupted_session(tmp_path, monkeypatch, waiting)
+    child = ScriptedChild(endless=True)
+    shared, asked = searches([child], tmp_path, monkeypatch)
+    assert shared.registration is None
+    shared.offer_interrupted()
+    offered = shared.registration
+    offered.end(10)
+    assert not shared.busy
+    assert (offered.said.word, offered.can_go_on) == ("STOPPED", True)
+    assert offered.said.reason.startswith("the program that ran this session has ended; the laser is disarmed")
+    assert "Go on continues this one" in offered.said.next_step
+    assert (offered.asked.seed, offered.asked.markers) == (17, 5)
+    shared.go_on(offered, asked_by="a browser at 10.0.0.7")
+    *command, _, _, _ = begun
+    assert asked == [[*command, "--continue", str(before.registration.journal), "--asked-by=a browser at 10.0.0.7"]]
+    shared.stop()
+
+
+def test_only_a_session_that_can_be_continued_here_is_offered(tmp_path, monkeypatch):
+    def offered(**rig):
+        shared, _ = searches([], tmp_path, monkeypatch, **rig)
+        shared.offer_interrupted()
+        return shared.registration
+
+    # No page has begun one.
+    assert offered() is None
+    before, _ = interrupted_session(tmp_path, monkeypatch)
+    assert offered() is not None
+    # On another rig, while a program runs it, with a damaged record, and when it has ended.
+    assert offered(file=tmp_path / "rig.toml") is None
+    with contextlib.closing(SessionRecord.reopen(before.registration.journal)):
+        assert offered() is None
+    kept = (tmp_path / "markerseek" / "page.json").read_bytes()
+    (tmp_path / "markerseek" / "page.json").write_bytes(kept[:-9])
+    assert offered() is None
+    interrupted_session(tmp_path, monkeypatch, Ended(registered=False, said="over", rig_s=1.0))
+    assert offered() is None
+
+
+def test_a_command_that_continues_a_record_has_written_once_the_record_grows(tmp_path, monkeypatch):
+    folder = tmp_path / "session"
+    folder.mkdir()
+    (folder / "session.jsonl").write_text("before\n")
+    (folder / "1.journal").write_text("before\n")
+    monkeypatch.setattr("markerseek.bridges.child.sys.executable", "/bin/true")
+    child = ChildRun(["register"], journal=folder)
+    child.outcome()
+    assert not child.has_written
+    with (folder / "session.jsonl").open("a") as file:
+        file.write("its own\n")
+    assert child.has_written
+
+
+def test_who_asked_for_a_session_of_devices_is_handed_on_also_by_go_on(tmp_path, monkeypatch):
+    known = read_rig_file(Path("examples/rigs/standa.toml"))
+    devices = {"settings": known, "cameras": (Path("stereo.toml"),), "images": "left right", "file": Path("r.toml")}
+    before, begun = interrupted_session(tmp_path, monkeypatch, **devices)
+    assert begun[-1] == f"--asked-by={BROWSER}"
+    shared, asked = searches([ScriptedChild()], tmp_path, monkeypatch, **devices)
+    shared.offer_interrupted()
+    shared.registration.end(10)
+    # The command that a person types in a terminal asks as that person.
+    assert "--asked-by" not in shared.registration.said.next_step
+    shared.go_on(shared.registration, asked_by="a browser at 10.0.0.9")
+    assert asked[0][-1] == "--asked-by=a browser at 10.0.0.9"
+    assert not any(each.startswith("--arm") for each in asked[0])
+    assert before.registration.journal == shared.registration.journal

@@ -47,6 +47,47 @@ def test_a_bank_with_angles_refuses_stated_ones():
         read_bank(FIXTURES / "bank.hdf5", TableFormat(first_and_step_deg=(0.0, 1.0)))
 
 
+def with_poses(path, about_deg, *, positions_m=0.0):
+    """The bank of another program, with poses in place of its angles."""
+    shutil.copy(FIXTURES / "foreign.hdf5", path)
+    poses = np.column_stack([np.full_like(about_deg, positions_m), np.radians(about_deg)])
+
+    def change(file):
+        del file["meta_data/trus_angle_deg"]
+        file["meta_data/measurement_spatial_poses"] = poses.astype(np.float32)
+
+    return changed(path, change)
+
+
+def test_the_poses_of_the_measurements_give_the_angles(tmp_path):
+    """Also where the probe moves on the way: a side-fire array turns about an axis behind it."""
+    about_deg = np.zeros((4, 3))
+    about_deg[:, 0] = (2.5, -4.0, 0.0, 11.25)
+    path = with_poses(tmp_path / "a.hdf5", about_deg, positions_m=3e-3)
+    with pytest.warns(
+        UserWarning, match="its angles are the rotations about x1 of meta_data/measurement_spatial_poses"
+    ):
+        bank = read_bank(path)
+    assert bank.angles_deg == (-4.0, 0.0, 2.5, 11.25)
+    np.testing.assert_array_equal(bank.frame(0).samples, read_bank(FIXTURES / "foreign.hdf5").frame(1).samples)
+
+
+@pytest.mark.parametrize(
+    ("about_deg", "message"),
+    [
+        (np.zeros((4, 3)), "angle_deg is missing"),
+        (np.full((4, 3), np.nan), "angle_deg is missing"),
+        (np.outer(np.arange(4.0), (0, 0, 1)), "turns about another axis than x1, that of the array, by up to 3 deg"),
+        (np.outer(np.arange(4.0), (1, 0.1, 0)), "turns about another axis than x1"),
+        (np.outer(np.arange(4.0), (200, 0, 0)), r"turns by up to 10\.47 rad; write radians, within a turn"),
+        (np.zeros((3, 3)), "holds 18 numbers for 4 measurements, 6 for each are expected"),
+    ],
+)
+def test_poses_that_are_no_angles_are_refused(tmp_path, about_deg, message):
+    with pytest.raises(RecordError, match=message):
+        read_bank(with_poses(tmp_path / "a.hdf5", about_deg))
+
+
 @pytest.mark.parametrize("version", [2, 1000, 0, 1.5])
 def test_another_version_is_refused(tmp_path, version):
     shutil.copy(FIXTURES / "bank.hdf5", tmp_path / "a.hdf5")

@@ -135,6 +135,77 @@ def test_a_nrrd_sequence_is_read_as_pynrrd_writes_it(tmp_path, encoding, detache
     np.testing.assert_allclose(bank.intensities, peaks, rtol=0.02)
 
 
+def write_plus_nrrd(path, pixels, frames, **changed):
+    """A NRRD of pixels (frames, rows, columns) with the names that PLUS itself writes, without any library."""
+    head = {
+        "type": {"u1": "uint8", "i2": "int16"}[pixels.dtype.str[1:]],
+        "dimension": "3",
+        "sizes": " ".join(map(str, pixels.shape[::-1])),
+        "kinds": "domain domain list",
+        "encoding": "raw",
+        "endian": "little",
+        "space dimension": "2",
+        "space directions": "(0.3,0) (0,0.11) none",
+        "space origin": "(0,0)",
+    } | changed
+    lines = ["NRRD0004", "# Complete NRRD file format specification at:"]
+    lines += [f"{name}: {value}" for name, value in head.items() if not name.startswith("ultrasound")]
+    lines += [f"{name}:={value}" for name, value in head.items() if name.startswith("ultrasound")]
+    for number, each in enumerate(frames):
+        names = {name: "Status" if name == "ImageStatus" else name for name in each}
+        lines += [f"Seq_Frame{number:04d}_{names[name]}:={value}" for name, value in each.items()]
+    path.write_bytes("\n".join([*lines, "", ""]).encode() + pixels.tobytes())
+    return path
+
+
+def test_the_names_of_a_nrrd_of_plus_are_read(tmp_path):
+    """Its orientation, the size of its pixels, and the status of each image."""
+    pixels = np.random.default_rng(2).integers(0, 255, (5, 20, 30), dtype=np.uint8)
+    frames = fields(ImageStatus=["OK", "OK", "INVALID", "OK", "OK"])
+    path = write_plus_nrrd(tmp_path / "a.igs.nrrd", pixels, frames, **{"ultrasound image orientation": "UNA"})
+    with pytest.warns(UserWarning, match=r"1 of 5 frames are left out: Seq_Frame0002 \(ImageStatus INVALID\)"):
+        series = read_image_sequence(path)
+    np.testing.assert_array_equal(series.images, pixels[[0, 1, 3, 4], ::-1, ::-1])
+    assert series.pixel_m == pytest.approx((0.11e-3, 0.3e-3))
+    assert series.angles_deg == tuple(angle for angle in TURNED if angle != 0)
+
+
+def test_lines_in_a_nrrd_of_plus_are_read(tmp_path):
+    lines, peaks = rf()
+    head = {"ultrasound image orientation": "FMA", "ultrasound image type": "RF_REAL"}
+    np.testing.assert_allclose(
+        read_bank(write_plus_nrrd(tmp_path / "a.igs.nrrd", lines, fields(), **head)).intensities, peaks, rtol=0.02
+    )
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (
+            {"ultrasound image orientation": "LPS"},
+            "UltrasoundImageOrientation is 'LPS', M or U across and F or N in depth",
+        ),
+        ({"ultrasound image type": "ELASTOGRAM"}, "UltrasoundImageType is 'ELASTOGRAM', it must be one of: RF_REAL"),
+        ({"space units": '"cm" "cm"'}, 'its header has space units, \'"cm" "cm"\', and mm is expected'),
+        ({"old max": "2047"}, "its header has old max, '2047', and only files without it are read"),
+        ({"axis maxs": "9 9 NaN"}, "its header has axis maxs"),
+    ],
+)
+def test_names_that_would_change_the_pixels_are_refused(tmp_path, changed, message):
+    pixels = np.ones((5, 20, 30), np.uint8)
+    with pytest.raises(RecordError, match=message):
+        open_sequence(write_plus_nrrd(tmp_path / "a.igs.nrrd", pixels, fields(), **changed))
+
+
+def test_a_slope_of_the_intensities_is_refused_unless_it_is_one(tmp_path):
+    lines, _ = rf()
+    path = write_mha(tmp_path / "a.mha", lines, fields(), ElementToIntensityFunctionSlope="1.0", **RF)
+    assert open_sequence(path).kind == "RF_REAL"
+    write_mha(path, lines, fields(), ElementToIntensityFunctionSlope="0.25", **RF)
+    with pytest.raises(RecordError, match=r"ElementToIntensityFunctionSlope, '0\.25', and 1 is expected"):
+        open_sequence(path)
+
+
 def test_colours_and_a_third_domain_of_one_plane_are_read(tmp_path):
     rng = np.random.default_rng(1)
     pixels = rng.integers(0, 255, (5, 20, 30, 3), dtype=np.uint8)
@@ -217,6 +288,17 @@ def test_a_transform_into_another_frame_than_the_probes_at_rest_is_refused(tmp_p
         (
             {"ProbeToStepperHomeTransformStatus": ["OK", None, "OK", "OK", "OK"]},
             "Seq_Frame0001 (ProbeToStepperHomeTransformStatus missing)",
+        ),
+        (
+            {"ProbeToStepperHomeTransformValid": ["1", "0", "true", "1", "1"]},
+            "Seq_Frame0001 (ProbeToStepperHomeTransformStatus not valid: 0)",
+        ),
+        (
+            {
+                "ProbeToStepperHomeTransformStatus": [None] * 5,
+                "ProbeToStepperHomeTransformValid": ["1", "false", "1", "1", "1"],
+            },
+            "Seq_Frame0001 (ProbeToStepperHomeTransformStatus not valid: false)",
         ),
         ({"ProbeRotation": ["-10", None, "0", "7.25", "20"]}, "Seq_Frame0001 (ProbeRotation missing)"),
         ({"ProbeRotation": ["-10", "NA", "0", "7.25", "20"]}, "Seq_Frame0001 (ProbeRotation NA)"),

@@ -95,6 +95,19 @@ def test_no_top_is_hidden_beside_a_sample_of_nothing():
     assert top_beside_deg(strongest, strongest, [nothing], [-25.0, 4.0], limits=PAPER_RANGE) is None
 
 
+@pytest.mark.parametrize(("snr", "comes_first"), [(400.0, True), (130.0, False)])
+def test_a_source_of_vague_angle_comes_first_only_if_it_is_far_stronger(snr, comes_first):
+    """12 dB above all others it is the marker, wherever it is exactly: no other is "within 6 dB" of it then."""
+    weak = source(-20.0, 100.0)
+    vague = source(14.0, snr)
+    vague = replace(vague, posterior=replace(vague.posterior, centre_sigma_deg=0.6))
+    strongest, other = ranked([weak, vague])
+    assert (strongest is vague) is comes_first
+    assert bool(rivals_of([strongest, other])) is not comes_first
+    beyond = replace(vague, beyond=True)
+    assert ranked([weak, beyond])[0] is weak
+
+
 SPREAD = 0.2 * float(np.std(norm.ppf((np.arange(9) + 0.5) / 9)))
 """Standard deviation of ln A of nine particles of a source with a spread of 0.2."""
 
@@ -133,7 +146,8 @@ def test_further_sources_are_named_the_strongest_first():
     sources = ranked([vague, weak, first])
     assert sources == [first, weak, vague]
     noise = SearchNoise(floor=Floor(level=1.0, source="dark frames"), sigma=1.0)
-    known = Mock(spec=Analysis, noise=noise, sources=sources, survey=None, misfit=None, unresolved_rival=None)
+    known = Mock(spec=Analysis, noise=noise, sources=sources, survey=None, unresolved_rival=None, outliers=[])
+    known.misfit = known.inconsistency = None
     known.measured_deg, known.limits = [-20.0], PAPER_RANGE
     answer = answer_of(known, others=0.0, spent=False, tolerance=Tolerance(), weaker_than_predicted=None)
     assert [round(each.angle_deg) for each in answer.others] == [20, 0]

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import curve_fit
+from scipy.stats import norm
 
 from markerseek.core import (
     PAPER_RANGE,
@@ -30,7 +31,7 @@ from markerseek.core import (
 from markerseek.search import build, build_sweeping, most_acquisitions, require_sweeping
 from markerseek.search.posterior import SweepPosterior
 from markerseek.search.posterior.likelihood import later, with_light
-from markerseek.search.posterior.sweeping import Delay, delay_of
+from markerseek.search.posterior.sweeping import Delay, FrameOrder, delay_of, order_of
 
 FWHM_DEG, SNR, CELLS = 6.0, 50.0, 100_000
 
@@ -229,7 +230,10 @@ def test_it_sweeps_to_the_far_end_where_a_stronger_source_may_be() -> None:
     search = Search(curve_about(-10.0))
     assert search.policy.ask() == Sweep(to_deg=35.0, speed_deg_s=SPEED)
     search.run()
-    assert [round(to_deg) for _, to_deg in search.sweeps] == [35]
+    (_, ended_deg), (_, back_deg) = search.sweeps
+    assert ended_deg == pytest.approx(35.0, abs=1.0)
+    # The way back, over both flanks, says whether the frames are of their pulses.
+    assert -16.0 < back_deg < -10.0 - 0.5 * 4.0
     assert search.stops == []
     answer = search.policy.estimate()
     assert isinstance(answer, Found)
@@ -240,7 +244,8 @@ def test_it_sweeps_to_the_far_end_where_a_stronger_source_may_be() -> None:
 def test_where_there_is_only_one_source_a_sweep_ends_once_the_marker_is_known(start_deg: float) -> None:
     search = Search(curve_about(-10.0), start_deg=start_deg, others=0.0)
     search.run()
-    ((_, ended_deg),) = search.sweeps
+    (_, ended_deg), (began_deg, _) = search.sweeps
+    assert began_deg == ended_deg
     passed_deg = (ended_deg + 10.0) * (-1 if start_deg > 0 else 1)
     # Both flanks are swept, and not much more.
     assert 0.8 * 4.0 < passed_deg < 15.0
@@ -352,6 +357,93 @@ def test_frames_that_are_late_by_one_or_two_or_early_are_refused(delay_s: float)
     search.run()
     assert re.search(r"differ as if the light came .* frames are late by one or more", search.policy.disorder or "")
     assert not isinstance(search.policy.estimate(), Found)
+
+
+@pytest.mark.parametrize("delay_s", [33e-3, 66e-3, -33e-3])
+def test_a_stream_that_is_late_although_the_rig_states_its_delay_is_refused(delay_s: float) -> None:
+    """Frames of a laser of 30 Hz, late or early by one or two."""
+    search = Search(curve_about(-7.0), delay_s=delay_s, sigma_s=1e-3)
+    search.run()
+    assert re.search(r"the sweeps there and back differ as if the light came", search.policy.disorder or "")
+    assert not isinstance(search.policy.estimate(), Found)
+
+
+@pytest.mark.parametrize("marker_deg", [-32.6, 33.1])
+@pytest.mark.parametrize("delay_s", [66e-3, -33e-3])
+def test_where_the_range_ends_on_a_flank_a_late_stream_is_refused_or_the_interval_holds_the_marker(
+    marker_deg: float, delay_s: float
+) -> None:
+    search = Search(curve_about(marker_deg), delay_s=delay_s, sigma_s=1e-3)
+    search.run()
+    answer = search.policy.estimate()
+    assert not isinstance(answer, Found) or abs(answer.mean_deg - marker_deg) < 3 * answer.sigma_deg
+
+
+def burst(*, late: range = range(0), delay_s: float = 0.0, noise: float = 1.0, seed: int = 0) -> list[Sample]:
+    """A burst there and back at 50 Hz over a Gaussian curve about 3 degrees; ``late``: frames of the pulse before."""
+    rng = np.random.default_rng(seed)
+    there_deg = np.arange(-20.0, 20.0, 0.5)
+    angles_deg = [*there_deg, *there_deg[::-1]]
+    speeds_deg_s = [25.0] * there_deg.size + [-25.0] * there_deg.size
+    made = []
+    for index, (angle_deg, speed) in enumerate(zip(angles_deg, speeds_deg_s, strict=True)):
+        of = index - (index in late)
+        height = float(gaussian(np.array(angles_deg[of] + speeds_deg_s[of] * delay_s), SNR, 3.0))
+        reading = Reading(intensity=max(height + noise * rng.standard_normal(), 0.0), noise_sigma=1.0, cells=CELLS)
+        timing = SweepTiming(number=1, speed_deg_s=speed, delay_sigma_s=10e-3)
+        made.append(Sample(angle_deg=float(angle_deg), reading=reading, sweep=timing))
+    return made
+
+
+def order_in(samples: Sequence[Sample]) -> FrameOrder:
+    order = order_of(samples, measured(samples), fitted)
+    assert order is not None
+    return order
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 12e-3, -25e-3])
+def test_a_delay_leaves_the_flanks_of_a_burst_about_one_centre(delay_s: float) -> None:
+    orders = [order_in(burst(delay_s=delay_s, seed=seed)) for seed in range(40)]
+    off = [order.apart_deg / order.apart_sigma_deg for order in orders]
+    assert abs(np.mean(off)) < 0.5
+    # Samples are never negative, which narrows the scatter that the fit sees; a delay widens it.
+    assert 0.4 < np.std(off) < 1.6
+    assert orders[0].frame_deg == pytest.approx(0.5, rel=1e-6)
+    assert orders[0].period_s == pytest.approx(20e-3, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("late", "apart_deg"),
+    [(range(20, 46), 0.25), (range(46, 80), -0.25), (range(46, 115), -0.5), (range(115, 150), 0.25)],
+)
+def test_frames_that_are_late_on_some_flanks_alone_move_these_apart(late: range, apart_deg: float) -> None:
+    """A trigger is lost on one flank, and one is doubled on another: the marker is passed at pulses 46 and 113."""
+    order = order_in(burst(late=late, noise=0.0))
+    assert order.apart_deg == pytest.approx(apart_deg, abs=0.08)
+    noisy = [order_in(burst(late=late, seed=seed)) for seed in range(10)]
+    shift_deg = abs(apart_deg) / 2
+    # Refused, or the error is in the interval.
+    assert all(order.contradictory or 2.5 * order.flank_sigma_deg > shift_deg for order in noisy)
+
+
+@pytest.mark.parametrize(("late", "true_s"), [(range(10, 78), 0.0), (range(10, 78), -12e-3), (range(82, 150), 9e-3)])
+def test_one_way_that_is_late_looks_like_a_delay_and_widens_the_interval_by_its_probability(
+    late: range, true_s: float
+) -> None:
+    order = order_in(burst(late=late, delay_s=true_s, noise=0.01))
+    assert not order.contradictory
+    # Late frames show earlier angles, as if the light came before its stamp; half of that each way.
+    half_s = 10e-3
+    assert order.delay.measured_s == pytest.approx(true_s - half_s, abs=1.1e-3)
+    none, early, late_by_one = (norm.pdf(order.delay.measured_s + each, scale=10e-3) for each in (0, -half_s, half_s))
+    shifted = 0.05 * (early + late_by_one)
+    assert order.way_sigma_deg == pytest.approx(0.25 * np.sqrt(shifted / (shifted + none)), rel=0.02)
+
+
+def test_a_burst_of_a_rig_that_knows_its_delay_is_no_wider() -> None:
+    samples = burst()
+    known = [replace(each, sweep=replace(each.sweep, delay_sigma_s=1e-3)) for each in samples if each.sweep]
+    assert order_in(known).way_sigma_deg < 1e-3 < order_in(samples).way_sigma_deg
 
 
 def test_a_burst_back_begins_at_the_end_although_the_probe_waited_elsewhere() -> None:
