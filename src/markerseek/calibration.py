@@ -186,10 +186,11 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _MODEL_SHARE = 0.03
 """Error of the model over a wave's height; it limits the weight of waves with little noise."""
 
-_MIN_ERROR = np.array([5e-4, 0.05])
+_MIN_ERROR = np.array([1.5e-3, 0.1])
 """Error of the wave front's speed in mm/µs and range in mm that more frames do not reduce.
 
-Oblique waves are smeared differently from straight ones; measured on simulated point sources with known truth.
+Oblique waves are smeared differently from straight ones; measured on simulated point sources with known truth, and
+pulses of 60 to 600 ns.
 """
 
 _MIN_FACE_MM = 0.1
@@ -202,7 +203,7 @@ _NAMES = ("source_deg", "radius_mm", "face_mm", "late_us", "height_mm", "bend_1_
 _SIGNIFICANT = 0.02
 """Share of the largest power below which the wave in the plane counts as noise when its middle is computed."""
 
-_FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 5.0, 6.0)
+_FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 4.25, 5.0, 6.0)
 """Start of the fit. Several heights are tried, because from a wrong one the fit may end a cycle of the carrier away."""
 
 MIN_FACE_M = 3e-3
@@ -242,6 +243,8 @@ class Geometry:
     """Speed of sound in m/s, with the wave fronts' value as prior."""
     misfit: float
     """Root mean square of the residual, over the height of the waves."""
+    excess: float
+    """The same over what noise and the error of the model explain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -299,11 +302,11 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
     ]
     # The residual has a minimum for every cycle of the carrier; only the lowest is the right one.
     fit = min(fits, key=lambda each: float(each.cost))
+    misfit = float(np.sqrt(np.mean(_residual(fit.x, waves, plane, height, weighted=False) ** 2)))
     sigma = np.sqrt(np.diag(_covariance(fit, frames=len(height))))
     value = {name: Fitted(value=float(x), sigma=float(s)) for name, x, s in zip(_NAMES, fit.x, sigma, strict=True)}
     # The interval of the face radius is widened: its error does not fall with the number of frames.
     face = value["face_mm"]
-    left = _residual(fit.x, waves, plane, height, weighted=False)
     return Geometry(
         source_deg=value["source_deg"],
         source_radius_m=_scaled(value["radius_mm"], 1e-3),
@@ -311,7 +314,8 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
         trigger_offset_s=_scaled(value["late_us"], 1e-6),
         element_height_m=_scaled(value["height_mm"], 1e-3),
         sound_speed_m_s=_scaled(value["speed_mm_us"], 1e3),
-        misfit=float(np.sqrt(np.mean(left**2))),
+        misfit=misfit,
+        excess=math.sqrt(2 * float(fit.cost) / fit.fun.size),
     )
 
 
@@ -403,6 +407,10 @@ MIN_SHARE = 0.5
 It is more than 1 because the sound off the plane is also spread over the height of the elements, to later times.
 """
 
+MOST_EXCESS = 1.4
+"""Largest residual over what noise and the error of the model explain: on simulated scans it is 0.2 to 0.9, and 2 or
+more in the minimum of another cycle."""
+
 _STRONG_SHARE = 0.05
 """Power over a wave's largest below which a sample counts as noise."""
 
@@ -425,6 +433,11 @@ def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
             "expected of a probe that turns about its axis: these frames do not hold the delays from which face radius "
             "and trigger offset follow; calibrate with the channel data as they were recorded at each angle, not "
             "aligned, scaled or copied"
+        )
+    if not geometry.excess <= MOST_EXCESS:
+        raise SearchError(
+            f"the waves differ from those of one point by {geometry.misfit:.0%} of their height in any geometry that "
+            "was tried; check that the source is one point and stays in its place, and step finer"
         )
     low_m, _ = geometry.face_radius_m.interval95
     if not low_m > MIN_FACE_M:

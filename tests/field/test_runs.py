@@ -384,7 +384,7 @@ def test_c_a_public_url_is_an_origin_as_browsers_send_it(url: str, origin: str) 
     [
         "localhost:9000",
         "http://lab.example:9000",
-        "http://localhost:9000/page",
+        "http://localhost:9000/page?view=1",
         "ftp://localhost",
         "http://a@localhost",
         "",

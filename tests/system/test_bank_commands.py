@@ -250,3 +250,27 @@ def test_wrong_usage_is_a_sentence_and_exit_2(shell, tmp_path, monkeypatch, word
     assert code == 2
     assert sentence in " ".join(err.split())
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(("level", "marker_deg"), [(600.0, -12.25), (90.0, 17.0)])
+def test_the_peak_of_a_bank_is_above_the_background_and_without_outliers_as_its_answer(
+    shell, tmp_path: Path, level: float, marker_deg: float
+) -> None:
+    rng = np.random.default_rng(7)
+    angles = np.arange(-35.0, 35.5, 0.5)
+    curve = 300.0 * np.exp(-((angles - marker_deg) ** 2) / (2 * 2.2**2))
+    intensities = level + curve + rng.normal(0.0, 2.0, angles.size)
+    outlier = int(np.flatnonzero(angles == 0.0)[0])
+    intensities[outlier] = 40.0 * level
+    table = tmp_path / "scan.csv"
+    rows = [f"{angle:g},{value:.3f}" for angle, value in zip(angles, intensities, strict=True)]
+    table.write_text("\n".join(["angle_deg,intensity", *rows]) + "\n")
+    code, out, _ = shell("bank", "info", table, "--json")
+    said = json.loads(out)
+    assert (code, said["answer"]) == (0, "found")
+    assert said["background"] == pytest.approx(level, rel=0.05)
+    assert said["outliers_deg"] == [0.0]
+    for name in ("angle_deg", "max_deg", "com_deg", "cen_deg"):
+        assert said[name] == pytest.approx(marker_deg, abs=0.6), name
+    # That of a Gaussian with this standard deviation.
+    assert said["fwhm_deg"] == pytest.approx(2.3548 * 2.2, rel=0.1)

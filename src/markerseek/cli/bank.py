@@ -31,12 +31,14 @@ from markerseek.cli.options import (
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
-from markerseek.core import ConfigError, MarkerseekError, Measured, SearchPlan, SimulationOptions
+from markerseek.core import ConfigError, Estimate, MarkerseekError, Measured, SearchPlan, SimulationOptions
 from markerseek.files import as_read_error
 from markerseek.records import Answer
+from markerseek.records.words import outliers_rows
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
+    from markerseek.search import Curve
 
 
 def scan(
@@ -171,7 +173,6 @@ def info(
     """
     from markerseek.figures import bank_figure
     from markerseek.records.banks import require_whole
-    from markerseek.search import peak_of
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     held = rigs.read_recording(bank, table.format(), probe=probe)
@@ -180,10 +181,11 @@ def info(
     require_whole(held)
     announce_compilation()
     curve = runs.bank_curve(held, probe=probe)
-    answer = Answer.of(
-        runs.answer_from_all(rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior"))
+    estimate = runs.answer_from_all(
+        rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior")
     )
-    values = _values(held, probe) | asdict(peak_of(curve)) | msgspec.structs.asdict(answer)
+    answer = Answer.of(estimate)
+    values = _values(held, probe) | _peak(curve, estimate) | msgspec.structs.asdict(answer)
     name = f"{bank.stem if bank.is_file() else bank.name}.png"
     title = ": ".join(filter(None, (bank.name, held.facts.description)))
     report = Report(
@@ -220,6 +222,22 @@ def _values(bank: IntensityBank | FrameBank, probe: str | None) -> dict[str, Any
     } | {name: getattr(known, name) for name in (*_SCALED, "probe", "made_with", "configuration", "seed")}
 
 
+def _peak(curve: Curve, estimate: Estimate) -> dict[str, Any]:
+    """Return the statistics of the highest peak, of the samples and above the background by which the answer judges."""
+    import numpy as np
+
+    from markerseek.search import Curve, peak_of
+
+    background = None if estimate.floor is None else estimate.floor.background
+    outliers_deg = estimate.outliers_deg
+    kept = ~np.isin(curve.angle_deg, outliers_deg)
+    judged = Curve(angle_deg=curve.angle_deg[kept], intensity=curve.intensity[kept])
+    return asdict(peak_of(judged, background=background or 0.0)) | {
+        "background": background,
+        "outliers_deg": outliers_deg,
+    }
+
+
 _SCALED = {
     "sampling_hz": "sampling {:g} MHz",
     "sound_speed_m_s": "speed of sound {:g} m/s",
@@ -244,12 +262,17 @@ def _rows(values: dict[str, Any], answer: Answer) -> Iterator[tuple[str, str | N
     yield "intensities", "as the file has them" if values["intensities_stored"] else "computed from the frames"
     yield "imaged by", values["imaged_by"]
     yield "max", f"{values['max_intensity']:.4g} at {values['max_deg']:.3f}°"
+    above = ""
+    if values["background"] is not None:
+        above = " above the background"
+        yield "background", f"{values['background']:.4g}, seen at all angles"
+    yield from outliers_rows(values["outliers_deg"])
     for name, title in (
         ("com_deg", "com, centre of mass above half height"),
         ("cen_deg", "cen, middle at half height"),
         ("fwhm_deg", "fwhm, width at half height"),
     ):
-        yield title, None if values[name] is None else f"{values[name]:.3f}°"
+        yield title + above, None if values[name] is None else f"{values[name]:.3f}°"
     yield "answer from all angles", str(answer)
     yield "reference", None if values["reference_deg"] is None else f"{values['reference_deg']:.3f}°"
     for name, text in _SCALED.items():

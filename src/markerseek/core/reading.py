@@ -408,10 +408,10 @@ class Sample:
     Raises
     ------
     ConfigError
-        If ``angle_deg`` or ``angle_sigma_deg`` is no number that it can be.
+        If ``angle_sigma_deg`` is negative or no number.
     """
 
-    angle_deg: Annotated[float, Within(-1e4, 1e4, "deg")]
+    angle_deg: float
     reading: Reading
     dark: bool = False
     angle_sigma_deg: Annotated[float, Within(0, 10, "deg")] = 0.0

@@ -25,7 +25,7 @@ much as this."""
 STAMP_S = 1e-3
 """Most that the time of a pulse may be off, in seconds: 0.01 deg at the fastest speed of a sweep."""
 
-PATIENCE_S = 1.0
+PATIENCE_S = 2.0
 """Time within which the time of a pulse must be known that well: each question for the clock bounds it more closely."""
 
 _TURN_US = wire.MAX_COUNT + 1

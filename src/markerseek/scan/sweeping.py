@@ -154,6 +154,9 @@ READ_S = 0.05
 LEAST_READ_S = 0.025
 """The same where computer or line were held up: nearer readings do not show whether the stage turns."""
 
+LATE_S = 0.02
+"""Time for an answer from which on it is late: a stage turns by half a degree meanwhile."""
+
 BEGIN_S = 1.0
 """Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
 
@@ -316,7 +319,14 @@ class SweepInProgress:
     def _await_speed(self) -> None:
         """Run up without light, to the least speed at which the probe may be lit."""
         began_s = self._clock.now_s()
-        while not self._read():
+        may_be_lit = False
+        while True:
+            could_be_lit = may_be_lit
+            may_be_lit = self._read()
+            last = self._readings[-1]
+            # A late reading alone says little of a speed that is still low.
+            if may_be_lit and (could_be_lit or last.answered_s - last.asked_s <= LATE_S):
+                return
             if not self._clock.now_s() - began_s < BEGIN_S:
                 raise MoveError(
                     f"the stage has not begun the sweep in {BEGIN_S:g} s, it is at {self._readings[-1].angle_deg:.3f} "

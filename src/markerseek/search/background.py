@@ -14,15 +14,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import overload
 
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.search.curve import Curve, lower_quartile
+from markerseek.search.curve import KNEES, Curve, log_curve, lower_quartile
 
 LEVEL_OVER_SCATTER = 12.0
 """Lower quartile over the scatter from which noise does not explain it: that of the largest of 2,000 Rayleigh cells."""
+
+WIDTHS_DEG = tuple(np.geomspace(2.0, 70.0, 25).tolist())
+"""Full widths at half maximum of the curves that are compared, in degrees: also wider than those of the posterior."""
+
+LEAST_LOG = -12.0
+"""ln of the lowest height of a curve that is compared: far below, a Gaussian is zero."""
 
 FLAT_SHARE = 0.1
 """A curve that falls by no more than this share of its largest sample is flat: background, no marker."""
@@ -57,6 +64,9 @@ LOW_SHARE = 0.05
 
 LOW_SIGMAS = 3.0
 """Most standard deviations of noise by which this share lies below a line that fits."""
+
+NOISE_DEPTH = 1.5
+"""Square of that distance over the variance of noise, with some room: of normal noise it is 0.94."""
 
 UNEVEN = 3.0
 """Unevenness over that distance: of what is spread evenly, the distance below the quartile is a third of the rest."""
@@ -102,9 +112,8 @@ def background_of(curve: Curve, *, scatter: float) -> Background | None:
 
 def background_sigma(curve: Curve, background: Background, *, scatter: float) -> float:
     """Return the standard deviation of a sample of the background: its scatter, and what the line does not follow."""
-    # Of normal noise alone the lowest twentieth lies one standard deviation below the lower quartile.
-    depth = _depth(curve, background)
-    return math.hypot(scatter, UNEVEN * math.sqrt(max(0.0, depth**2 - 1.5 * scatter**2)))
+    beyond = max(0.0, _depth(curve, background) ** 2 - NOISE_DEPTH * scatter**2)
+    return math.hypot(scatter, UNEVEN * math.sqrt(beyond))
 
 
 def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
@@ -112,28 +121,31 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
 
     ``lowest``: intensity of the lowest ones.
     """
-    # Imported here: it needs SciPy, and a search with dark frames needs no background.
-    from markerseek.search.posterior.shapes import STEP_DEG, family
-
-    some = np.unique(np.linspace(0, len(curve) - 1, MAX_COMPARED).astype(np.int64))
-    angle_deg, intensity = curve.angle_deg[some], curve.intensity[some]
-    top = intensity > (intensity.max() + lowest) / 2
-    if intensity.max() - lowest <= FLAT_SHARE * intensity.max():
+    largest = float(curve.intensity.max())
+    if largest - lowest <= FLAT_SHARE * largest:
         return False
+    some = np.union1d(np.linspace(0, len(curve) - 1, MAX_COMPARED).astype(np.int64), curve.strongest)
+    angle_deg = curve.angle_deg[some]
+    intensity = curve.intensity[some]
+    top = intensity > (largest + lowest) / 2
     if top.all():
         return True
     beside_deg = float(np.diff(angle_deg).max())
     centres_deg = np.linspace(angle_deg[top].min() - beside_deg, angle_deg[top].max() + beside_deg, CENTRES)
-    log_curves = family().log_curve
-    away = np.rint(np.abs(angle_deg - centres_deg[:, None]) / STEP_DEG).astype(np.int64)
-    shapes = np.exp(log_curves[::3, np.minimum([away, away // 2], log_curves.shape[1] - 1)])
+    away_deg = angle_deg - centres_deg[:, None]
+    shapes = np.array(
+        [
+            np.exp(np.maximum(log_curve(away_deg, fwhm_deg=fwhm_deg, tail=tail, knee=knee), LEAST_LOG))
+            for (tail, knee, _), fwhm_deg in product(KNEES, WIDTHS_DEG)
+        ]
+    )
     # Least squares of the relative differences at the top.
     ratio = shapes[..., top] / intensity[top]
     height = shapes * (ratio.sum(axis=-1) / (ratio**2).sum(axis=-1))[..., None]
     off = np.abs(intensity - height)
     fits_top = np.sqrt(((off[..., top] / intensity[top]) ** 2).mean(axis=-1)) <= TOP_ERROR
     beyond = off[..., ~top] - TAIL_ERROR * height[..., ~top]
-    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, DEEP_ERROR * intensity.max())
+    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, DEEP_ERROR * largest)
     return bool((fits_top & fits_rest).any())
 
 

@@ -10,6 +10,30 @@ import numpy as np
 
 from markerseek.core import Float64, Sample
 
+KNEES: tuple[tuple[float, float, float], ...] = (
+    (1.0, 2.0, 0.10),
+    (1.2, 2.4, 0.26),
+    (1.2, 5.0, 0.31),
+    (1.6, 2.0, 0.15),
+    (2.5, 2.0, 0.05),
+    (math.inf, 2.0, 0.05),
+)
+"""Tail p, knee q, and prior share of each kind of smooth curve; p infinite is the Gaussian."""
+
+
+def log_curve(
+    distance_deg: Float64[np.ndarray, " distances"], *, fwhm_deg: float, tail: float, knee: float
+) -> Float64[np.ndarray, " distances"]:
+    """Return ln S of (1) of the posterior at distances from the marker.
+
+    ``distance_deg``: distances t, of either sign. ``fwhm_deg``: full width at half maximum F. ``tail``, ``knee``:
+    exponents p and q; p infinite is the Gaussian.
+    """
+    scaled = 2 * np.abs(distance_deg) / fwhm_deg
+    if math.isinf(tail):
+        return np.asarray(-math.log(2) * scaled**2)
+    return np.asarray(-tail / knee * np.log1p((2 ** (knee / tail) - 1) * scaled**knee))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curve:
@@ -54,14 +78,18 @@ class Peak:
     one."""
 
 
-def peak_of(curve: Curve) -> Peak:
-    """Return the statistics of the curve's highest peak; the curve holds one sample or more."""
+def peak_of(curve: Curve, *, background: float = 0.0) -> Peak:
+    """Return the statistics of the curve's highest peak; the curve holds one sample or more.
+
+    ``background``: intensity above which heights count.
+    """
     top = curve.strongest
     largest = float(curve.intensity[top])
     top_deg = float(curve.angle_deg[top])
-    weights = np.maximum(curve.intensity / largest - 0.5, 0.0) if largest > 0 else np.ones(len(curve))
-    low_deg = _half_maximum_deg(curve, top, step=-1)
-    high_deg = _half_maximum_deg(curve, top, step=1)
+    half = (largest + background) / 2
+    weights = np.maximum(curve.intensity - half, 0.0) if largest > background else np.ones(len(curve))
+    low_deg = _crossing_deg(curve, top, height=half, step=-1)
+    high_deg = _crossing_deg(curve, top, height=half, step=1)
     cen_deg = None if low_deg is None or high_deg is None else (low_deg + high_deg) / 2
     if low_deg is not None and high_deg is not None:
         fwhm_deg: float | None = high_deg - low_deg
@@ -78,16 +106,15 @@ def peak_of(curve: Curve) -> Peak:
     )
 
 
-def _half_maximum_deg(curve: Curve, top: int, *, step: int) -> float | None:
-    """Where a straight line between samples first crosses half maximum on that side of the top, in degrees."""
-    half = float(curve.intensity[top]) / 2
-    if half == 0:
+def _crossing_deg(curve: Curve, top: int, *, height: float, step: int) -> float | None:
+    """Where a straight line between samples first crosses that height on that side of the top, in degrees."""
+    if height == 0:
         return None
     index = top + step
     while 0 <= index < len(curve):
         inner, outer = float(curve.intensity[index - step]), float(curve.intensity[index])
-        if outer < half:
-            share = (inner - half) / (inner - outer)
+        if outer < height:
+            share = (inner - height) / (inner - outer)
             inner_deg, outer_deg = float(curve.angle_deg[index - step]), float(curve.angle_deg[index])
             return inner_deg + share * (outer_deg - inner_deg)
         index += step

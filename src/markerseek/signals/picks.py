@@ -23,6 +23,10 @@ HALF_WINDOW_S = 1.6e-6
 _STEP_SAMPLES = 2.0
 """Most that the delay may differ from the one extrapolated, in samples: less than half a period of the carrier."""
 
+_MOST_LOST = 5
+"""Most channels in a row that do not correlate; beyond more the wave is not followed. That of a long pulse is a
+doublet, and after a gap the wave half a period away may be taken for it."""
+
 _MIN_CORRELATION = 0.6
 """Correlation coefficient with the common wave below which a channel is not used."""
 
@@ -68,7 +72,9 @@ def common_wave(
     # The first wave is a rough mean of eight channels; the second pass correlates with the mean of all.
     for _ in range(2):
         lags, correlation = _follow(signals, expected, wave, int(np.argmin(offset_m)))
-        used = (correlation >= _MIN_CORRELATION) & (offset_m <= within_m)
+        # A wave that the record cuts off is not that of the others.
+        whole = (expected + lags >= half) & (expected + lags + half < signals.shape[1])
+        used = (correlation >= _MIN_CORRELATION) & (offset_m <= within_m) & whole
         if int(used.sum()) < MIN_CHANNELS:
             return None
         aligned = np.array([_window(signals[c], expected[c] + lags[c], half) for c in np.flatnonzero(used)])
@@ -91,6 +97,7 @@ def _follow(
     lags, correlation = np.zeros(len(expected)), np.zeros(len(expected))
     for outward in (range(middle, len(expected)), range(middle - 1, -1, -1)):
         before: list[float] = []
+        lost = 0
         for channel in outward:
             # The median of five channels passes over one bad channel; their slope continues the wave front.
             guess = float(np.median(before[-5:])) if before else (lags[middle] if channel != middle else 0.0)
@@ -98,8 +105,11 @@ def _follow(
                 guess += 3 * (before[-1] - before[-5]) / 4
             lag, alike = _best_lag(signals[channel], expected[channel] + guess, wave)
             lags[channel], correlation[channel] = guess + lag, alike
+            lost = 0 if alike >= _MIN_CORRELATION else lost + 1
             if alike >= _MIN_CORRELATION:
                 before.append(lags[channel])
+            if lost > _MOST_LOST:
+                break
     return lags, correlation
 
 

@@ -194,7 +194,7 @@ def test_a_line_too_slow_for_the_time_of_a_pulse_is_refused() -> None:
     bench = Bench(late_s=0.01)
     bench.driver.begin_sweep(permit())
     with pytest.raises(LaserError, match=r"the time of a pulse is known to \d\.\d ms only, the limit is 1 ms"):
-        bench.turn(1.5)
+        bench.turn(2.5)
 
 
 @pytest.mark.parametrize("rate", [-0.009, -300e-6, 1e-3, 0.008])

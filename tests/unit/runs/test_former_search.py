@@ -14,8 +14,9 @@ from markerseek import rigs
 from markerseek.core import MarkerCurve, Reading, RecordError, Sample, SearchPlan
 from markerseek.records.journal import Journal
 from markerseek.runs import former_curve, new_session, plan_on, rebuild_policy
+from markerseek.search.curve import log_curve
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.shapes import LOG_WIDTH_SIGMA, family, log_curve, shapes_with
+from markerseek.search.posterior.shapes import LOG_WIDTH_SIGMA, family, shapes_with
 from markerseek.sim import SechCurve
 
 

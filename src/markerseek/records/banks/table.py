@@ -323,8 +323,7 @@ def _row(
             f"{path}, line {line}: it has {len(rows.cells[line])} columns, {rows.width} are expected; {DECIMAL_COMMA}"
         )
     intensity = texts[columns.indices.index(columns.intensity)].strip()
-    if _INFINITE.fullmatch(intensity):
-        # Not left out with rows that have no number: those of an overload are the strongest.
+    if not table.skip_invalid and _INFINITE.fullmatch(intensity):
         raise RecordError(f"{path}, line {line}: intensity is {intensity}, {_OVERLOADED}")
     return [_value(path, rows, line, column, text, table) for column, text in zip(columns.indices, texts, strict=True)]
 

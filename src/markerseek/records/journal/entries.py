@@ -39,6 +39,7 @@ from markerseek.core import (
     Started,
     Swept,
     Turning,
+    require_range,
 )
 
 
@@ -141,6 +142,9 @@ _KINDS: dict[str, type[JournalEvent]] = {
 _TYPED = frozenset((*get_args(Frame), *get_args(Estimate)))
 """Classes whose name is stored with their fields."""
 
+_MOST_DEG = 1e4
+"""Largest angle that is read: no stage reaches it, and no grid of far larger ones has an end."""
+
 _ARRAYS = {"samples": "<i2", "pixels": "|u1"}
 """Fields of frames and images that are arrays, and how they are stored."""
 
@@ -190,6 +194,8 @@ def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confir
         arrays = _Arrays(samples)
         event: JournalEvent = _built(_KINDS[kind], msgspec.json.decode(body), arrays)
         arrays.require_end()
+        if isinstance(event, Measured):
+            require_range("the angle of a sample", event.sample.angle_deg, low=-_MOST_DEG, high=_MOST_DEG, unit="deg")
     except (msgspec.MsgspecError, ValueError, TypeError, KeyError, RecursionError) as problem:
         raise RecordError(f"an entry that cannot be read: {problem}") from problem
     return replace(event, confirmation=confirmation) if isinstance(event, Finished) else event

@@ -34,6 +34,7 @@ from markerseek.core import (
     Sample,
     Tolerance,
 )
+from markerseek.search.curve import log_curve
 from markerseek.search.evidence import (
     KNOWN_SIGMA_DEG,
     UNKNOWN_RATIO,
@@ -46,7 +47,6 @@ from markerseek.search.evidence import (
 from markerseek.search.floor import MAX_CELLS, SearchNoise, above_background, noise_above_background
 from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
 from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
-from markerseek.search.posterior.shapes import log_curve
 from markerseek.search.posterior.sources import (
     BESIDE_DEG,
     RIVAL_DB,

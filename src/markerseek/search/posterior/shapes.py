@@ -31,16 +31,7 @@ import numpy as np
 from scipy.special import fresnel
 
 from markerseek.core import Float64, MarkerCurve
-
-KNEES: tuple[tuple[float, float, float], ...] = (
-    (1.0, 2.0, 0.10),
-    (1.2, 2.4, 0.26),
-    (1.2, 5.0, 0.31),
-    (1.6, 2.0, 0.15),
-    (2.5, 2.0, 0.05),
-    (math.inf, 2.0, 0.05),
-)
-"""Tail p, knee q, and prior share of each kind of smooth curve; p infinite is the Gaussian."""
+from markerseek.search.curve import KNEES, log_curve
 
 FRESNEL_NUMBERS: tuple[tuple[float, float], ...] = ((1.2, 0.04), (1.5, 0.04))
 """Fresnel number n at the centre of the band, and prior share, of each kind of curve with shoulders or two peaks."""
@@ -77,20 +68,6 @@ class Shapes:
     """Full width at half maximum of each."""
     log_prior: Float64[np.ndarray, " shapes"]
     """ln of the prior probability of each."""
-
-
-def log_curve(
-    distance_deg: Float64[np.ndarray, " distances"], *, fwhm_deg: float, tail: float, knee: float
-) -> Float64[np.ndarray, " distances"]:
-    """Return ln S of (1) at distances from the marker.
-
-    ``distance_deg``: distances t, of either sign. ``fwhm_deg``: full width at half maximum F. ``tail``, ``knee``:
-    exponents p and q; p infinite is the Gaussian.
-    """
-    scaled = 2 * np.abs(distance_deg) / fwhm_deg
-    if math.isinf(tail):
-        return np.asarray(-math.log(2) * scaled**2)
-    return np.asarray(-tail / knee * np.log1p((2 ** (knee / tail) - 1) * scaled**knee))
 
 
 def log_humps(

@@ -14,6 +14,7 @@ from scipy.stats import t as student
 
 from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Probe
 from markerseek.core import Reading, Sample
+from markerseek.search.curve import KNEES, log_curve
 from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, _bending, _spline, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.grid import Grid
@@ -39,12 +40,10 @@ from markerseek.search.posterior.likelihood import (
 )
 from markerseek.search.posterior.shapes import (
     FRESNEL_NUMBERS,
-    KNEES,
     MODEL_ERROR,
     STEP_DEG,
     WIDTHS_DEG,
     family,
-    log_curve,
     log_humps,
 )
 

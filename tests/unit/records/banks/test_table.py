@@ -304,3 +304,11 @@ def test_a_list_of_angles_has_the_unit_of_its_name(tmp_path: Path) -> None:
 def test_the_numbers_of_the_rows_below_no_name_are_no_intensities(tmp_path: Path) -> None:
     bank = read_bank(written(tmp_path, ",angle [gon],amplitude [mV]\n0,-10,3\n1,0,12\n2,10,5\n"))
     assert (bank.angles_deg, bank.intensities) == ((-9.0, 0.0, 9.0), (3.0, 12.0, 5.0))
+
+
+@pytest.mark.parametrize("overload", ["9.9E+37", "9.9100000e37", "3.4028235e+38", "9.8999997e37", "inf", "Infinity"])
+def test_the_sign_of_an_overload_is_refused_by_that_name(tmp_path: Path, overload: str) -> None:
+    rows = [f"{angle_deg},{overload if 3 < angle_deg < 7 else 80 - angle_deg}" for angle_deg in range(-10, 11)]
+    path = written(tmp_path, "\n".join(["angle_deg,intensity", *rows, ""]))
+    with pytest.raises(RecordError, match=r"line 16: intensity is .*its range was exceeded, most probably on the mark"):
+        read_bank(path)

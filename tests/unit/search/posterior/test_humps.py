@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from markerseek.core import Ambiguous, Found, LocalMaxima, Reading, Sample, SweepTiming
+from markerseek.search.curve import log_curve
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.shapes import log_curve, log_humps
+from markerseek.search.posterior.shapes import log_humps
 from markerseek.search.posterior.sources import asymmetric_sample, dip_deg, gap_angle_deg
 from tests.sizes import examples
 
