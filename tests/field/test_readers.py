@@ -379,8 +379,9 @@ def test_variables_of_hdf5_are_named(shell: Shell, tmp_path: Path, frames: np.nd
     with h5py.File(path, "w") as file:
         file["rf"], file["theta"], file["note"], file["more/x"] = frames, angles_deg, "of Monday", 1
     said = refused(shell, path)
-    assert "intensity or frames expected, it holds rf int16 (12, 128, 2080), theta float64 (12,)" in said
-    assert "what cannot be read: more (group), note (object); name its variables, --columns" in said
+    assert "angle_deg is missing, it holds rf int16 (12, 128, 2080), theta float64 (12,)" in said
+    assert "what cannot be read: more (group), note (object); state the first angle" in said
+    assert "or name its variables, --columns" in said
     assert answer_deg(shell, path, "--columns", "theta,rf") == pytest.approx(MARKER_DEG, abs=0.1)
     imported(shell, ipasc(tmp_path / "ipasc.hdf5", frames), *STEPS)
     assert "it is no CSV" in shell("bank", "info", tmp_path / "bank.hdf5", "--skip-invalid")[2]

@@ -193,7 +193,7 @@ def test_frames_of_the_public_data_set_are_imaged_by_their_own_probe(shell, tmp_
         pytest.skip("the public data set is not beside the checkout")
     for number, frame in enumerate(frames):
         (tmp_path / "scan").mkdir(exist_ok=True)
-        (tmp_path / "scan" / f"{number}.mat").symlink_to(frame.absolute())
+        (tmp_path / "scan" / f"angle_{number}.mat").symlink_to(frame.absolute())
     code, _, err = shell("bank", "import", tmp_path / "scan", tmp_path / "a.hdf5")
     assert (code, "40 MHz is assumed" in err, "does not name its probe" in err) == (0, True, False)
     info = json.loads(shell("bank", "info", tmp_path / "a.hdf5", "--json")[1])
@@ -216,7 +216,10 @@ WRONG = [
     (("bank", "import", "good.csv", "b.hdf5", "--probe", "L3-8"), "--probe is L3-8, and good.csv holds intensities"),
     (("bank", "export", "good.csv", "b.igs.mha", "--face-radius-mm", 1), "--face-radius-mm is 1.0, and good.csv holds"),
     (("bank", "export", "good.csv", "b.csv", "--face-radius-mm", 10), "--face-radius-mm is for .igs.mha and .zea.hdf5"),
-    (("bank", "import", "good.csv", "b.hdf5", "--first-deg", 0, "--step-deg", 1), "this recording has its angles"),
+    (
+        ("bank", "import", "good.csv", "b.hdf5", "--first-deg", 0, "--step-deg", 1),
+        "its column angle_deg has the angles",
+    ),
     (("bank", "import", "frames.npy", "b.hdf5"), "state the first angle and the step, --first-deg -35 --step-deg 0.5"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0), "go together"),
     (("bank", "import", "frames.npy", "b.hdf5", "--first-deg", 0, "--step-deg", 0), "a step not 0"),
@@ -238,7 +241,7 @@ WRONG = [
 @pytest.mark.parametrize(("words", "sentence"), WRONG, ids=[" ".join(map(str, words)) for words, _ in WRONG])
 def test_wrong_usage_is_a_sentence_and_exit_2(shell, tmp_path, monkeypatch, words, sentence):
     monkeypatch.chdir(tmp_path)
-    Path("a.csv").write_text("angle_deg,amplitude\n1,2\n")
+    Path("a.csv").write_text("angle_deg,height,x\n1,2,3\n")
     Path("good.csv").write_text("angle_deg,intensity\n1,2\n2,3\n3,1\n")
     Path("broken.hdf5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     Path("a.b8").write_bytes(bytes(100))

@@ -78,7 +78,7 @@ def test_angle_zero_follows_the_sense_of_rotation(shell: Shell, scan: Path, dire
 def another_probe(_scan: Path, to: Path) -> Path:
     to.mkdir()
     for number in range(10):
-        np.save(to / f"{number}.npy", np.zeros((64, 2080), np.int16))
+        np.save(to / f"{number}deg.npy", np.zeros((64, 2080), np.int16))
     return to
 
 

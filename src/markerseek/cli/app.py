@@ -159,7 +159,7 @@ PANELS = {
         "--face-radius-mm",
     ),
     "Images": ("--roi", "--pixel-mm"),
-    "Tables": ("--columns", "--unit", "--db", "--skip-invalid"),
+    "Tables": ("--columns", "--unit", "--deg-per-unit", "--offset-deg", "--db", "--skip-invalid"),
     "Simulation": (*(each.flag for each in options_of(SimulationOptions)),),
     "Output": ("--out", "--force", "--no-journal", "--events", "--trace"),
 }

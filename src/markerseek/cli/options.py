@@ -7,11 +7,12 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_type_hints
 
 import typer
 
 from markerseek.core import AnglePrior, ConfigError, Option, SearchPlan, options_of
+from markerseek.files import AngleUnit
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -157,14 +158,20 @@ class TableOptions:
         str | None,
         typer.Option(
             metavar="ANGLE,INTENSITY",
-            help="Angle and intensity: names or numbers of a CSV's columns, names of an .npz's or .mat's variables.",
+            help="Angle and intensity: names or numbers of a CSV's columns, names of an .npz's or .mat's variables; "
+            "with --first-deg or --angles the intensity, or the frames, alone.",
             show_default="angle_deg,intensity",
         ),
     ] = None
     unit: Annotated[
-        Literal["deg", "mrad", "rad"] | None,
+        AngleUnit | None,
         typer.Option(help="Unit of their angles.", show_default="as the name of the column says, else deg"),
     ] = None
+    deg_per_unit: Annotated[
+        float | None,
+        typer.Option(help="Degrees of one unit of their angles, such as a count or a step; may be negative."),
+    ] = None
+    offset_deg: Annotated[float, typer.Option(help="Degrees that are added to each of their angles.")] = 0.0
     db: Annotated[
         bool,
         typer.Option(
@@ -207,16 +214,19 @@ class TableOptions:
 
         named = None
         if self.columns is not None:
-            angle, comma, intensity = (part.strip() for part in self.columns.partition(","))
-            if not comma or not angle or not intensity or "," in intensity:
+            parts = [part.strip() for part in self.columns.split(",")]
+            if not all(parts) or len(parts) > 2:
                 raise ConfigError(
                     f"--columns is {self.columns!r}, two names or numbers with a comma are needed: ANGLE,INTENSITY"
                 )
-            named = (angle, intensity)
+            # Without the column of the angles, they are stated.
+            named = (parts[0] if len(parts) == 2 else "", parts[-1])
         stepped = None if self.first_deg is None or self.step_deg is None else (self.first_deg, self.step_deg)
         return TableFormat(
             columns=named,
             unit=self.unit,
+            deg_per_unit=self.deg_per_unit,
+            offset_deg=self.offset_deg,
             db=self.db,
             skip_invalid=self.skip_invalid,
             first_and_step_deg=stepped,

@@ -19,7 +19,7 @@ from markerseek import vision
 from markerseek.cli.options import AngleField, AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, counted, require_range
-from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number
+from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number, places
 
 if TYPE_CHECKING:
     import numpy as np
@@ -163,17 +163,14 @@ def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float
 
 
 def _places(stems: Sequence[str]) -> list[int]:
-    """Place of each image in the scan: the number in its name if a few numbers are missing, else its place in order."""
-    parts = [re.fullmatch(r"(.*?)(\d+)(\D*)", stem, re.ASCII) for stem in stems]
-    numbers = [int(part[2]) for part in parts if part is not None]
-    around = {(part[1], part[3]) for part in parts if part is not None}
-    rising = len(around) == 1 and len(numbers) == len(stems) and all(one < two for one, two in pairwise(numbers))
-    # If as many numbers are missing as there are images, the names count in another way.
-    if not rising or not len(stems) <= numbers[-1] - numbers[0] < 2 * (len(stems) - 1):
-        return list(range(len(stems)))
-    missing = ", ".join(map(str, sorted(set(range(numbers[0], numbers[-1])) - set(numbers))))
-    warnings.warn(f"the images numbered {missing} are missing; the others keep their angles (--angles)", stacklevel=2)
-    return [number - numbers[0] for number in numbers]
+    """Place of each image in the scan; a warning names those that are missing."""
+    found, missing = places(stems)
+    if missing:
+        numbers = ", ".join(map(str, missing))
+        warnings.warn(
+            f"the images numbered {numbers} are missing; the others keep their angles (--angles)", stacklevel=2
+        )
+    return found
 
 
 def _steps(places: Sequence[int], first_deg: float, step_deg: float) -> list[float]:
@@ -188,6 +185,8 @@ def _steps(places: Sequence[int], first_deg: float, step_deg: float) -> list[flo
 
 def _angles(path: Path, series: ImageSeries) -> list[float]:
     """Angles from a file, by the names of the images or in their order."""
+    from markerseek.records.banks import deg_per_unit_of
+
     cure = "write a number a line, or lines of name,angle"
     rows = csv_rows(path, most_bytes=MIB, what="a text file of angles", cure=cure)
     if rows.names and is_number(rows.names[-1]):
@@ -196,8 +195,9 @@ def _angles(path: Path, series: ImageSeries) -> list[float]:
     # In a table with commas between the columns, a decimal comma adds a column.
     if rows.width > 2 or any(len(row) != rows.width for row in rows.cells.values()):
         raise RecordError(f"{path}: one or two columns are expected, the same in each line; {DECIMAL_COMMA}")
-    texts = rows.numbers(path, [rows.width - 1], most=[360])
-    numbers = [_number(path, text) for (text,) in texts.values()]
+    scale = deg_per_unit_of(path, rows.names[-1] if rows.names else "", cure="write them in degrees, or in one of")
+    texts = rows.numbers(path, [rows.width - 1], most=[360 / scale])
+    numbers = [_number(path, text, scale) for (text,) in texts.values()]
     if rows.width == 1:
         if len(numbers) != len(series.images):
             raise RecordError(f"{path}: {len(numbers)} angles for {len(series.images)} images; give one for each")
@@ -211,9 +211,9 @@ def _angles(path: Path, series: ImageSeries) -> list[float]:
     return [by_name[name] for name in series.names]
 
 
-def _number(path: Path, text: str) -> float:
+def _number(path: Path, text: str, deg_per_unit: float) -> float:
     try:
-        angle_deg = float(text)
+        angle_deg = float(text) * deg_per_unit
     except ValueError:
         angle_deg = math.nan
     # Written so that NaN fails the test, too.

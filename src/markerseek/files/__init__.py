@@ -2,12 +2,13 @@
 
 `open_input` opens a file that a user names, once its kind and size are checked; `read_text`, `read_json`, `read_toml`
 and `csv_rows` read what is in it; `as_read_error` turns errors of reading into a sentence. `natural`
-sorts names by their numbers, and `angle_in` reads an angle from a name. `new_file` and
+sorts names by their numbers, `angle_in` reads an angle from a name, and `unit_in` the unit of one. `new_file` and
 `replace_file` write a file under a temporary name and rename it when it is complete; `create_atomically` is the step
 that `new_file` adds checks to. `open_for_writing` and `overwrite` write a file in place. None of them writes through a
 link.
 """
 
+from markerseek.files.angle_units import DEG_PER, DEGREES, AngleUnit, unit_in
 from markerseek.files.atomic import (
     create_atomically,
     new_file,
@@ -29,16 +30,20 @@ from markerseek.files.inputs import (
     read_text,
     require_input,
 )
-from markerseek.files.names import angle_in, data_folder, endings, in_natural_order, natural
+from markerseek.files.names import NamedAngle, angle_in, data_folder, endings, in_natural_order, natural, places
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
 from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
 
 __all__ = [
     "DECIMAL_COMMA",
+    "DEGREES",
+    "DEG_PER",
     "MIB",
     "SERIAL_ERRORS",
+    "AngleUnit",
     "CsvRows",
     "Line",
+    "NamedAngle",
     "Parity",
     "angle_in",
     "as_read_error",
@@ -57,6 +62,7 @@ __all__ = [
     "open_serial",
     "os_reason",
     "overwrite",
+    "places",
     "pyserial",
     "quoted",
     "read_input",
@@ -70,4 +76,5 @@ __all__ = [
     "setting_from",
     "settings_from",
     "sync_folder",
+    "unit_in",
 ]

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeAlias
 
 from markerseek.core import RecordError
+from markerseek.files.angle_units import ANGLE_WORDS, DEG_PER, UNIT_OF_WORD
 
 # A hyphen behind a letter or digit separates: img-2 is 2, and 2024-05-03 is a date.
 _NUMBER = re.compile(r"(?:(?<![a-z0-9.)])-)?\d+(?:\.\d+)*", re.ASCII | re.IGNORECASE)
 _ANGLE = re.compile(
-    r"(?P<word>[a-z_ ]*)(?P<angle>(?<![a-z])[-+](?:\d+(?:\.\d+)?|\.\d+)|\d+(?:\.\d+)?|\.\d+)(?P<unit>[_ ]?(?:deg|°))?",
+    r"(?P<word>[a-z_ ]*)(?P<angle>(?<![a-z])[-+](?:\d+(?:\.\d+)?|\.\d+)|\d+(?:\.\d+)?|\.\d+)"
+    r"(?:[_ ]?(?P<unit>degrees|degree|deg|°|mdeg|mrad|rad|gon))?",
     re.ASCII | re.IGNORECASE,
 )
 # "neg_12.5" or "m12.5" would be read as +12.5: the sign of an angle is never guessed.
@@ -67,8 +70,27 @@ def angle_in(name: str) -> NamedAngle | None:
     word = match["word"].strip("_ ").lower() if match else ""
     if match is None or _SIGN_WORDS.search(word):
         return None
-    stated = bool(match["unit"]) or "angle" in word or re.search("[-+.]", match["angle"]) is not None
-    return NamedAngle(angle_deg=float(match["angle"]), word=word, stated=stated)
+    says_so = not ANGLE_WORDS.isdisjoint(re.split("[_ ]+", word)) or re.search("[-+.]", match["angle"]) is not None
+    unit = UNIT_OF_WORD[match["unit"].lower()] if match["unit"] else "deg"
+    # Rounded, because 100 gon are not 90.00000000000001 degrees.
+    angle_deg = float(match["angle"]) if unit == "deg" else round(float(match["angle"]) * DEG_PER[unit], 4)
+    return NamedAngle(angle_deg=angle_deg, word=word, stated=says_so or bool(match["unit"]))
+
+
+def places(stems: Sequence[str]) -> tuple[list[int], list[int]]:
+    """Return the place of each file in a series, from 0, and the numbers that are missing between them.
+
+    The place is the number in the name if a few numbers are missing, else the place in the order of the names.
+    """
+    parts = [re.fullmatch(r"(.*?)(\d+)(\D*)", stem, re.ASCII) for stem in stems]
+    numbers = [int(part[2]) for part in parts if part is not None]
+    around = {(part[1], part[3]) for part in parts if part is not None}
+    rising = len(around) == 1 and len(numbers) == len(stems) and all(one < two for one, two in pairwise(numbers))
+    # If as many numbers are missing as there are files, the names count in another way.
+    if not rising or not len(stems) <= numbers[-1] - numbers[0] < 2 * (len(stems) - 1):
+        return list(range(len(stems))), []
+    missing = sorted(set(range(numbers[0], numbers[-1])) - set(numbers))
+    return [number - numbers[0] for number in numbers], missing
 
 
 def data_folder() -> Path:

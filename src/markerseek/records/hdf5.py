@@ -16,7 +16,7 @@ import numpy as np
 
 from markerseek._closing import Closing
 from markerseek.core import Float64, RecordError, described, needs_package
-from markerseek.files import natural
+from markerseek.files import DEGREES, natural
 from markerseek.records.child import MAX_PER_BYTE
 
 if TYPE_CHECKING:
@@ -38,16 +38,13 @@ _NEUTRAL = {
 """Attributes, other than those of the CF conventions, by which a program may want numbers changed, and the value that
 changes nothing."""
 
-DEGREES = frozenset({"", "deg", "degree", "degrees", "°"})
-"""Units, in lower case, of an angle whose name says degrees."""
-
 _UNITS = ("units", "unit")
 _SI = frozenset(
     {
-        "", "-", "1", "none", "unitless", "dimensionless", "a.u.", "au", "counts", "adc",
+        "-", "1", "none", "unitless", "dimensionless", "a.u.", "au", "counts", "adc",
         "hz", "hertz", "1/s", "s", "sec", "second", "seconds", "m", "metre", "metres", "meter", "meters",
         "m/s", "m s-1", "meters/second", "metres/second", "j", "joule", "joules", "v", "volt", "volts",
-        "rad", "radian", "radians", "deg", "degree", "degrees", "°",
+        "rad", "radian", "radians", *DEGREES,
     }
 )  # fmt: skip
 """Units without a prefix, in lower case: numbers whose names need none are in these."""
@@ -186,7 +183,7 @@ class CheckedHdf5(Closing):
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
             raise ValueError(f"{name} is {item.dtype}, numbers are expected")
         unit = unit_of_dataset(item)
-        if unit.lower() not in units:
+        if unit and unit.lower() not in units:
             raise RecordError(
                 f"{self._path}: {name} has the unit {unit!r}, "
                 f"{'degrees' if units is DEGREES else 'a unit without a prefix (Hz, s, m)'} is expected; convert the "

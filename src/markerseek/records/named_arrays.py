@@ -2,7 +2,7 @@
 
 A ``.mat`` of version 7.3 is HDF5 behind 512 bytes of MATLAB's own. MATLAB stores the first axis contiguously and HDF5
 the last, so that the axes of each array are reversed. Cells, structures, texts, logical and sparse arrays are left out,
-but for those of a Verasonics workspace (`markerseek.records.vantage`).
+but for those of a Verasonics workspace (`markerseek.records.vantage`); so are texts and objects of an ``.npz``.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ def read_npy(path: Path) -> dict[str, np.ndarray]:
         raise RecordError(f"{path}: it is no .npy, or cut off: {reason}; save it again with numpy.save") from problem
     if ends < path.stat().st_size:
         raise RecordError(f"{path}: there are bytes behind the array; the file is damaged: save it again")
-    _require_numbers(path, array)
+    if not _is_numbers(array):
+        raise RecordError(f"{path}: {array.dtype} of shape {array.shape} found, plain numbers expected; convert it")
     return {"": array}
 
 
@@ -121,11 +122,32 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
             # A zip bomb declares its true sizes, or zipfile stops at the size that it declares.
             unpacked_bytes = sum(each.file_size for each in archive.infolist())
         _require_small(path, unpacked_bytes, cure="save it with numpy.savez instead of savez_compressed")
+        arrays = NamedArrays()
+        left_out: list[str] = []
         with np.load(path, allow_pickle=False) as archive:
-            arrays = dict(archive.items())
-    for array in arrays.values():
-        _require_numbers(path, array)
+            for name in archive.files:
+                kind = _add(arrays, name, archive)
+                left_out += [f"{name} ({kind})"] if kind else []
+    arrays.left_out = tuple(left_out)
     return arrays
+
+
+def _add(arrays: dict[str, np.ndarray], name: str, archive: Mapping[str, object]) -> str:
+    """Add a variable of an ``.npz`` if it is an array of numbers, and return the kind of any other."""
+    try:
+        array = archive[name]
+    except ValueError as problem:
+        # None, lists and dictionaries are pickled, and unpickling would run code of the file.
+        if "allow_pickle" not in str(problem):
+            raise
+        return "object"
+    # A member that is no .npy comes as bytes.
+    if not isinstance(array, np.ndarray):
+        return "file"
+    if not _is_numbers(array):
+        return str(array.dtype)
+    arrays[name] = array
+    return ""
 
 
 def _require_small(path: Path, unpacked_bytes: int, *, cure: str) -> None:
@@ -133,10 +155,8 @@ def _require_small(path: Path, unpacked_bytes: int, *, cure: str) -> None:
         raise RecordError(f"{path}: it unpacks to more than {MAX_PER_BYTE} times its size; {cure}")
 
 
-def _require_numbers(path: Path, array: object) -> None:
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "biufc" or array.dtype.itemsize > 16:
-        found = f"{array.dtype} of shape {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
-        raise RecordError(f"{path}: {found} found, plain numbers expected; convert it")
+def _is_numbers(array: np.ndarray) -> bool:
+    return array.dtype.kind in "biufc" and array.dtype.itemsize <= 16
 
 
 def read_mat(path: Path) -> dict[str, np.ndarray]:

@@ -62,11 +62,21 @@ def test_a_number_that_marks_a_missing_one_is_none(tmp_path, attribute):
         ("angle", "degrees", ANGLES_DEG),
         ("angle", "mrad", np.radians(ANGLES_DEG) * 1e3),
         ("angle_rad", "radians", np.radians(ANGLES_DEG)),
+        ("angle", "gon", ANGLES_DEG / 0.9),
+        ("yaw_of_probe", "arcmin", ANGLES_DEG * 60),
+        ("rotor", "degrees_east", ANGLES_DEG),
     ],
 )
 def test_the_unit_of_the_angles_is_read(tmp_path, name, unit, values):
     path = written(tmp_path / "scan.h5", {name: values, "intensity": PEAK}, [(name, "units", unit)])
     np.testing.assert_allclose(read_bank(path).angles_deg, ANGLES_DEG, atol=1e-4)
+
+
+def test_a_stated_unit_counts_before_that_of_the_file(tmp_path):
+    variables = {"angle_deg": ANGLES_DEG / 0.18 + 40, "intensity": PEAK, "power": np.ones_like(PEAK)}
+    path = written(tmp_path / "scan.h5", variables, [("angle_deg", "units", "encoder ticks"), ("power", "units", "mW")])
+    table = TableFormat(deg_per_unit=0.18, offset_deg=-7.2)
+    np.testing.assert_allclose(read_bank(path, table).angles_deg, ANGLES_DEG, atol=1e-4)
 
 
 def test_decibels_are_read(tmp_path):
@@ -80,8 +90,8 @@ def test_decibels_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("name", "attribute", "value", "message"),
     [
-        ("angle_deg", "units", "encoder ticks", r"angle_deg has the unit 'encoder ticks', deg, mrad or rad are"),
-        ("angle_deg", "unit", "rad", r"angle_deg has the unit 'rad', .* the same as in its name"),
+        ("angle_deg", "units", "encoder ticks", r"'encoder ticks' is no unit of an angle; say how .*--deg-per-unit"),
+        ("angle_deg", "unit", "rad", r"in 'angle_deg \[rad\]', and 'deg and rad' is no unit of an angle"),
         ("angle_deg", "slope", 0.36, r"angle_deg has the attribute slope = 0\.36.*apply it, and take it out"),
         ("angle_deg", "Offset", -4.0, r"angle_deg has the attribute Offset = -4"),
         ("angle_deg", "scale_factor", np.ones(40), r"the attribute scale_factor of angle_deg is float64 of shape"),

@@ -140,6 +140,6 @@ def test_numbers_that_are_no_samples_are_refused(tmp_path: Path) -> None:
     folder = tmp_path / "mixed"
     folder.mkdir()
     for angle_deg, values in ((1, np.ones((5, 60), np.int16)), (2, VOLTS[0]), (3, VOLTS[1])):
-        np.save(folder / f"{angle_deg}.npy", values)
+        np.save(folder / f"angle_{angle_deg}.npy", values)
     with pytest.raises(RecordError, match="float64 and int16 found side by side; save all frames of a scan alike"):
         read_bank(folder).frame(1)  # type: ignore[union-attr]

@@ -24,7 +24,8 @@ from markerseek.records.banks.ipasc_writer import require_new_bank, require_room
 from markerseek.records.banks.reading import read_bank, require_whole
 from markerseek.records.banks.sequence import is_sequence, read_sequence
 from markerseek.records.banks.sequence_writer import image_to_probe, probe_to_probe_home, write_sequence
-from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, angles_in, write_bank
+from markerseek.records.banks.table import write_bank
+from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat, angles_in, deg_per_unit_of
 from markerseek.records.banks.zea import write_zea
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "Series",
     "TableFormat",
     "angles_in",
+    "deg_per_unit_of",
     "image_to_probe",
     "is_sequence",
     "load_frame",

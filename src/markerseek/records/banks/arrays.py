@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Int16, RecordError
-from markerseek.files import as_read_error
+from markerseek.files import DEGREES, as_read_error, unit_in
 from markerseek.records.banks.bank import (
     AXES,
     NUMERIC_FACTS,
@@ -28,21 +28,20 @@ from markerseek.records.banks.bank import (
     FrameBank,
     IntensityBank,
     first_of,
-    rising,
     warn,
 )
-from markerseek.records.banks.foreign_frames import as_counts, scaling_of, turned, without_channels_of
-from markerseek.records.banks.iq import CARRIERS, carrier_of, envelope_peaks, paired, radio_frequency
-from markerseek.records.banks.table import (
-    DEFAULT_FORMAT,
-    TableFormat,
-    amplitudes,
-    decibels,
-    in_degrees,
-    unit_named,
-    unit_of,
-    warn_skipped,
+from markerseek.records.banks.foreign_frames import (
+    as_counts,
+    loudness,
+    scaling_of,
+    turned,
+    unpadded,
+    without_channels_of,
 )
+from markerseek.records.banks.iq import CARRIERS, carrier_of, envelope_peaks, is_paired, paired, radio_frequency
+from markerseek.records.banks.repeats import Merged, merged
+from markerseek.records.banks.table import amplitudes, decibels, warn_skipped
+from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 from markerseek.records.named_arrays import NamedArrays, arrays_in, content
 from markerseek.records.vantage import LAST, NUMBERS
 
@@ -88,10 +87,18 @@ def bank_of_arrays(
         raise ConfigError(f"{path}: the axes of this format are known; leave --axes out")
     units = found.units if isinstance(found, NamedArrays) else {}
     arrays = _named(path, dict(found))
-    angle, value = _picked(path, arrays, table, held=held)
+    # Units that the file states count as those in a name.
+    titles = {name: f"{name} [{units[name]}]" if name in units else name for name in arrays}
+    angle, value = _picked(path, arrays, table, titles=titles, held=held)
     if value is None:
         raise RecordError(
             f"{path}: intensity or frames expected, it holds {held}; name its variables, --columns ANGLE,INTENSITY or "
+            "ANGLE,FRAMES, or the one without angles, --columns INTENSITY with --first-deg and --step-deg"
+        )
+    if angle is None and not table.states_angles:
+        raise RecordError(
+            f"{path}: angle_deg is missing, it holds {held}; state the first angle and the step, --first-deg -35 "
+            "--step-deg 0.5, or a file of angles, --angles FILE, or name its variables, --columns ANGLE,INTENSITY or "
             "ANGLE,FRAMES"
         )
     listed = arrays[angle].ravel() if angle is not None else np.array(table.angles_deg or ())
@@ -105,65 +112,79 @@ def bank_of_arrays(
         option = "--axes" if table.axes is not None else "--without-channel"
         raise RecordError(f"{path}: {option} is for frames, it holds {held}; leave it out")
     count = len(values) if frames else values.size
-    if angle is None:
-        degrees = _stated_degrees(path, table, count, held=held)
-    elif table.first_and_step_deg is None and table.angles_deg is None:
-        degrees = _degrees(path, arrays[angle], _title_of_angles(path, angle, units.get(angle), table), table)
-    else:
-        raise RecordError(
-            f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, it "
-            f"holds {held}"
-        )
+    degrees = _degrees(path, arrays, angle, table, count, titles=titles)
     _require_units(path, units, arrays, frames=value if frames else None)
     facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
+        values, padding = unpadded(values)
+        if padding:
+            warn(path, padding)
         values = without_channels_of(path, values, table.without_channels)
         values, sampling_hz = _of_iq(path, arrays, values, facts.sampling_hz, ordered=ordered)
         facts = replace(facts, sampling_hz=sampling_hz)
         frames = values.ndim == len(AXES)
     values = values if frames else _intensities(path, values, degrees.size)
     kept = _valid(path, degrees, values, table) & held_by
-    degrees, values = degrees[kept], values[kept]
-    angles_deg, order = rising(path, degrees)
-    energies = _energies(path, arrays, kept)
-    started_s = tuple(arrays["started_s"][kept][order].tolist()) if "started_s" in arrays else ()
-    if frames:
-        before = _samples_before(path, arrays, facts.sampling_hz, samples=values.shape[2])
+    scan = _Scan(path=path, degrees=degrees[kept], values=values[kept], kept=kept, arrays=arrays, facts=facts)
+    return scan.frames(blanked) if frames else scan.intensities(db=decibels(table.db, titles[value]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Scan:
+    """What was read of each acquisition, in the order of the file."""
+
+    path: Path
+    degrees: Float64[np.ndarray, " n"]
+    values: np.ndarray
+    """Intensities, or frames (n, channels, samples)."""
+    kept: Bool[np.ndarray, " all"]
+    """Which acquisitions of the file these are."""
+    arrays: Mapping[str, np.ndarray]
+    facts: BankFacts
+
+    def intensities(self, *, db: bool) -> IntensityBank:
+        """Return them as a bank, over the energies of their pulses."""
+        energies = self._energies()
+        read = amplitudes(self.values, db=db, where=lambda index: f"{self.path}, angle {self.degrees[index]:g} deg")
+        read = read if energies is None else read / np.where(np.isnan(energies), 1.0, energies)
+        scan = merged(self.path, self.degrees, lambda: read)
+        return IntensityBank(
+            angles_deg=scan.angles_deg,
+            intensities=tuple(scan.mean(read).tolist()),
+            facts=self.facts,
+            started_s=self._started_s(scan),
+        )
+
+    def frames(self, blanked: int) -> ArrayBank:
+        """Return them as a bank; ``blanked``: as of `read_bank`."""
+        path = self.path
+        sampling_hz = self.facts.sampling_hz
+        before = _samples_before(path, self.arrays, sampling_hz, samples=self.values.shape[2])
+        blanked = max(0, blanked - before)
+        scan = merged(path, self.degrees, lambda: np.array([loudness(each, blanked) for each in self.values]))
+        values = scan.mean(self.values)
         # One scale for all angles, or their intensities could not be compared.
-        scaling = scaling_of(path, values, blanked=max(0, blanked - before))
+        scaling = scaling_of(path, values, blanked=blanked)
+        energies = self._energies()
+        pulses = _pulses(path, self.arrays, self.kept.size)[self.kept]
         return ArrayBank(
             path=path,
-            angles_deg=angles_deg,
-            samples=np.stack([_from_trigger(as_counts(path, each, scaling), before) for each in values[order]]),
-            facts=replace(facts, first_sample_s=max(0, before) / (facts.sampling_hz or USUAL_SAMPLING_HZ) or None),
-            pulses=tuple(_pulses(path, arrays, kept.size)[kept][order].tolist()),
-            energies=() if energies is None else tuple(energies[order].tolist()),
-            started_s=started_s,
+            angles_deg=scan.angles_deg,
+            samples=np.stack([_from_trigger(as_counts(path, each, scaling), before) for each in values]),
+            facts=replace(self.facts, first_sample_s=max(0, before) / (sampling_hz or USUAL_SAMPLING_HZ) or None),
+            pulses=tuple(scan.total(pulses).tolist()),
+            energies=() if energies is None else tuple(scan.mean(energies).tolist()),
+            started_s=self._started_s(scan),
         )
-    db = decibels(table.db, f"{value} [{units[value]}]" if value in units else value)
-    intensity = amplitudes(values, db=db, where=lambda index: f"{path}, angle {degrees[index]:g} deg")
-    intensity = intensity if energies is None else intensity / np.where(np.isnan(energies), 1.0, energies)
-    return IntensityBank(
-        angles_deg=angles_deg, intensities=tuple(intensity[order].tolist()), facts=facts, started_s=started_s
-    )
 
+    def _started_s(self, scan: Merged) -> tuple[float, ...]:
+        started_s = self.arrays.get("started_s")
+        return () if started_s is None else tuple(scan.mean(started_s[self.kept]).tolist())
 
-def _stated_degrees(path: Path, table: TableFormat, count: int, *, held: str) -> Float64[np.ndarray, " angles"]:
-    """Angles of a file that holds none."""
-    if table.first_and_step_deg is not None:
-        first_deg, step_deg = table.first_and_step_deg
-        return first_deg + step_deg * np.arange(count, dtype=np.float64)
-    if table.angles_deg is None:
-        raise RecordError(
-            f"{path}: angle_deg is missing, it holds {held}; state the first angle and the step, --first-deg -35 "
-            "--step-deg 0.5, or a file of angles, --angles FILE, or name its variables, --columns ANGLE,INTENSITY or "
-            "ANGLE,FRAMES"
-        )
-    if len(table.angles_deg) != count:
-        raise RecordError(f"{path}: {len(table.angles_deg)} angles are given for {count} frames; correct them")
-    return np.array(table.angles_deg, dtype=np.float64)
+    def _energies(self) -> Float64[np.ndarray, " n"] | None:
+        return _energies(self.path, self.arrays, self.kept)
 
 
 def _of_iq(
@@ -199,41 +220,68 @@ def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _picked(
-    path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat, *, held: str
+    path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat, *, titles: Mapping[str, str], held: str
 ) -> tuple[str | None, str | None]:
     """Names of the angles, and of the intensities or frames; None if there are none."""
     if table.columns is not None:
-        missing = [name for name in table.columns if name not in arrays]
+        missing = [name for name in table.columns if name and name not in arrays]
         if missing:
             raise RecordError(f"{path}: there is no variable {missing[0]}, it holds {held}")
-        return table.columns
+        return table.columns[0] or None, table.columns[1]
     angle = next((name for name in _ANGLES if name in arrays), None)
-    return angle, next((name for name in ("frames", *_INTENSITIES) if name in arrays), None)
+    # A fact such as reference_angle_deg is one number.
+    named = [
+        name
+        for name, each in arrays.items()
+        if each.size > 1 and max(each.shape) == each.size and _says_unit(titles[name])
+    ]
+    angle = named[0] if angle is None and len(named) == 1 else angle
+    value = next((name for name in ("frames", *_INTENSITIES) if name in arrays), None)
+    deep = [name for name, each in arrays.items() if (each.ndim == len(AXES) or is_paired(each)) and each.size > 1]
+    if value is None and len(deep) > 1:
+        raise RecordError(
+            f"{path}: frames expected, and several arrays have {len(AXES)} axes: {', '.join(deep)}; name one, "
+            f"--columns {angle or 'ANGLE'},{deep[0]}, or --columns {deep[0]} with --first-deg and --step-deg"
+        )
+    return angle, deep[0] if value is None and deep else value
 
 
-def _degrees(path: Path, angles: np.ndarray, name: str, table: TableFormat) -> Float64[np.ndarray, " angles"]:
+def _says_unit(name: str) -> bool:
+    """Whether the name of a variable has a unit of angle, or says that it is an angle in another unit."""
+    named = unit_in(name)
+    return named.unit is not None or (named.is_angle and named.other != "")
+
+
+def _degrees(
+    path: Path,
+    arrays: Mapping[str, np.ndarray],
+    name: str | None,
+    table: TableFormat,
+    count: int,
+    *,
+    titles: Mapping[str, str],
+) -> Float64[np.ndarray, " angles"]:
+    """Return the angles in degrees, of the variable of that name or as stated; ``count``: how many there must be.
+
+    ``titles``: names with the units that the file states.
+    """
+    if name is None:
+        return table.stated_deg(path, count, what="frames")
+    if table.states_angles:
+        raise RecordError(
+            f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, "
+            f"and {name} has them; leave them out, or name the frames alone, --columns FRAMES"
+        )
+    angles = arrays[name]
     if angles.dtype.kind not in "iuf":
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
-    values = angles.ravel().astype(np.float64)
-    return in_degrees(values, unit_of(path, table.unit, name, values[np.isfinite(values)]))
-
-
-def _title_of_angles(path: Path, name: str, unit: str | None, table: TableFormat) -> str:
-    """Name of the angles as a column of a table has it, with the unit that the file states."""
-    if unit is None or table.unit is not None:
-        return name
-    if unit_named(unit) is None or unit_named(name) not in (None, unit_named(unit)):
-        raise RecordError(
-            f"{path}: {name} has the unit {unit!r}, deg, mrad or rad are understood, the same as in its name; correct "
-            "the attribute, or convert the angles"
-        )
-    return f"angle [{unit}]"
+    return table.degrees(path, titles[name], angles.ravel().astype(np.float64))
 
 
 _UNITS_OF_FACTS = {
     "sampling_hz": ("hz", "hertz", "1/s", "s-1"),
     "sound_speed_m_s": ("m/s", "m s-1", "m.s-1", "meters/second", "metres/second"),
-    "reference_angle_deg": ("deg", "degree", "degrees", "°"),
+    "reference_angle_deg": ("deg", *DEGREES),
     "pulse_energy_j": ("j", "joule", "joules"),
     **dict.fromkeys(CARRIERS, ("hz", "hertz", "1/s", "s-1")),
     **dict.fromkeys(("pitch_m", "wavelength_m", "face_radius_m"), ("m", "metre", "metres", "meter", "meters")),

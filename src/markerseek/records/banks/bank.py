@@ -275,7 +275,7 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
             raise RecordError(
                 f"{path}: an angle is {angle_deg:g} deg, it must be finite and within one turn, -{MAX_DEG:g} to "
                 f"{MAX_DEG:g} deg; leave it out, take a full turn off all angles, or write them in degrees "
-                "(a CSV: --unit mrad or rad)"
+                "(of a table or arrays: --unit, or --deg-per-unit)"
             )
     for low_deg, high_deg in pairwise(angles_deg):
         if high_deg - low_deg < MIN_STEP_DEG:

@@ -61,6 +61,52 @@ def _fits(shape: tuple[int, ...], axes: tuple[str, ...], angles: int | None) -> 
     return angles in (None, by_axis["angles"]) and 0 < by_axis["channels"] <= by_axis["samples"]
 
 
+def unpadded(frames: np.ndarray) -> tuple[np.ndarray, str]:
+    """Return the frames without the NaN that other programs write behind the end of a record, and what was done.
+
+    Padding is NaN in all channels. What is padding in all frames is cut off. In a frame that is shorter than others,
+    each channel's median stands there.
+    """
+    if frames.dtype.kind not in "fc":
+        return frames, ""
+    lengths = np.array([_length(each) for each in frames])
+    longest = int(lengths.max(initial=0))
+    # A frame without a single number is no matter of its end.
+    short = np.flatnonzero((lengths < longest) & (lengths > 0))
+    if longest == 0 or (longest == frames.shape[2] and not short.size):
+        return frames, ""
+    said = f"its records end with NaN in all channels: {longest} of {frames.shape[2]} samples are read"
+    if short.size:
+        said += f", and {short.size} shorter records are filled with the median of each channel"
+    cut = frames[:, :, :longest].copy()
+    with warnings.catch_warnings():
+        # Of a channel of NaN alone.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        for index in short.tolist():
+            length = lengths[index]
+            cut[index, :, length:] = _median(cut[index, :, :length])
+    return cut, said
+
+
+def _median(frame: np.ndarray) -> np.ndarray:
+    """Median of each channel, NaN aside; of IQ data those of I and of Q, which NumPy would order by I alone."""
+    if frame.dtype.kind == "c":
+        return np.asarray(_median(frame.real) + 1j * _median(frame.imag))
+    return np.asarray(np.nanmedian(frame, axis=1, keepdims=True))
+
+
+def _length(frame: np.ndarray) -> int:
+    """Return the number of samples up to the last at which any channel has a number."""
+    held = np.flatnonzero(~np.isnan(frame).all(axis=0))
+    return int(held[-1]) + 1 if held.size else 0
+
+
+def loudness(frame: np.ndarray, blanked: int) -> float:
+    """Return the mean over the channels of their largest magnitudes; ``blanked``: samples that do not count."""
+    imaged = frame[:, blanked:] if blanked < frame.shape[1] else frame
+    return float(np.abs(_without_offset(imaged.astype(np.float64))).max(axis=1).mean())
+
+
 _FEW_CHANNELS, _NOISE_RATIO, _LOOKED_AT = 0.05, 5.0, 16
 """Largest share of channels that are left out unasked; noise of one over the usual; frames that are looked at."""
 

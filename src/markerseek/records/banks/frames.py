@@ -11,19 +11,31 @@ import math
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import ChannelFrame, FrameHeader, Int16, RecordError, UInt8
-from markerseek.files import MIB, angle_in, as_read_error, in_natural_order, open_input, quoted, read_input
+from markerseek.core import ChannelFrame, ConfigError, Float64, FrameHeader, Int16, RecordError, UInt8, counted
+from markerseek.files import (
+    MIB,
+    NamedAngle,
+    angle_in,
+    as_read_error,
+    in_natural_order,
+    open_input,
+    places,
+    quoted,
+    read_input,
+)
+from markerseek.records.banks.arrays import ArrayBank
 from markerseek.records.banks.bank import (
     HDF5_SUFFIXES,
     USUAL_SAMPLING_HZ,
     BankFacts,
     FrameBank,
     chosen_channels,
+    first_of,
     rising,
     silenced,
     warn,
@@ -33,9 +45,13 @@ from markerseek.records.banks.foreign_frames import (
     Scaling,
     as_counts,
     broken_channels,
+    loudness,
     said_of_broken,
     scaling_of,
+    unpadded,
 )
+from markerseek.records.banks.repeats import merged
+from markerseek.records.banks.table_format import TableFormat
 from markerseek.records.journal import is_journal
 from markerseek.records.named_arrays import arrays_in, content, try_arrays
 from markerseek.wire import sonixdaq, ultrasonix
@@ -95,7 +111,8 @@ def npy_samples(path: Path) -> np.ndarray:
             "channel (of samples × channels, save the transpose)"
             + (f"; of many angles, see 'markerseek bank import {quoted(path)} scan.hdf5'" if samples.ndim == 3 else "")
         )
-    return samples
+    frames, _ = unpadded(samples[None])
+    return np.asarray(frames[0])
 
 
 def _load(
@@ -155,14 +172,20 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
 def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"], int]:
     try:
         files = sonixdaq.by_number(sorted(path.name for path in folder.iterdir()))
-        if len(files) == sonixdaq.CHANNELS:
-            read = ((name, read_input(folder / name, most_bytes=_MAX_CHANNEL_BYTES)) for name in files.values())
-            return sonixdaq.averaged(read)
+        _require_complete(folder, files)
+        read = ((name, read_input(folder / name, most_bytes=_MAX_CHANNEL_BYTES)) for name in files.values())
+        return sonixdaq.averaged(read)
     except RecordError as error:
         raise RecordError(f"{folder}: {error}") from error
+
+
+def _require_complete(folder: Path, files: Mapping[int, str]) -> None:
+    """Refuse a folder without the files of all channels."""
+    if len(files) == sonixdaq.CHANNELS:
+        return
     missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
     raise RecordError(
-        f"{folder}: {len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
+        f"{len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
         f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
         + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {quoted(folder)}'")
     )
@@ -196,45 +219,130 @@ class FolderBank(FrameBank):
         )
 
 
-def read_folder(path: Path, *, blanked: int, without_channels: tuple[int, ...]) -> FolderBank:
+def read_folder(path: Path, table: TableFormat, *, blanked: int) -> FrameBank:
     """Bank in a folder, from the names of its sub-folders and files of channel data.
 
-    A name is the angle in degrees, such as ``-12.5``, optionally with a word before it, the same in the whole folder,
-    and ``deg`` or ``°`` after it: ``angle_-12.5deg``. ``blanked``: as of `read_bank`. ``without_channels``: channels,
-    counted from 1, that are left out of files of NumPy; those that hold NaN are left out unasked.
+    A name is the angle, such as ``-12.5``, optionally with a word before it, the same in the whole folder, and a unit
+    after it: ``angle_-12.5deg``. Where a person states the angles, the files follow in the order of the numbers in
+    their names, and a folder of SonixDAQ files may be one triggered acquisition, a pulse at each angle.
+
+    ``table``: angles that are stated, and channels that are left out of files of NumPy; those that hold NaN are left
+    out unasked. ``blanked``: as of `read_bank`.
     """
+    files = sonixdaq.by_number(sorted(place.name for place in path.iterdir()))
+    if files:
+        return _burst(path, files, table)
+    # Hidden files such as .DS_Store are none, but an angle such as .5 is.
+    found = [
+        place
+        for place in in_natural_order(path.iterdir())
+        if not re.match(r"\.\D", place.name) and (place.is_dir() or place.suffix.lower() in _FRAME_FILES)
+    ]
+    if not found:
+        raise RecordError(
+            f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
+            "with the angle in its name, as in 'angle_-12.5deg'"
+        )
+    named = _stated_angles(path, found, table) if table.states_angles else _named_angles(found)
+    angles, order = rising(path, named)
+    ordered = [found[index] for index in order.tolist()]
+    facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in ordered) else None)
+    try_arrays((place for place in ordered if place.is_file()), most_bytes=_MAX_FRAME_BYTES)
+    arrays = [each for each in ordered if each.suffix.lower() == ".npy"]
+    left_out = _left_out(path, arrays, table.without_channels)
+    scaling = _common_scaling(path, arrays, blanked, left_out)
+    return FolderBank(angles_deg=angles, places=tuple(ordered), facts=facts, scaling=scaling, left_out=left_out)
+
+
+def _burst(path: Path, files: Mapping[int, str], table: TableFormat) -> ArrayBank:
+    """Bank of one acquisition whose pulses were triggered at an angle each."""
+    with open_input(path / next(iter(files.values())), most_bytes=sonixdaq.MAX_BURST_BYTES) as file:
+        head = file.read(sonixdaq.HEADER_BYTES)
+        size = os.fstat(file.fileno()).st_size
+    pulses = sonixdaq.decode_header(head, size=size, name=next(iter(files.values()))).frames
+    if not table.states_angles:
+        raise RecordError(
+            f"{path}: it is one acquisition of SonixDAQ files with {counted(pulses, 'pulse')}; if each pulse was "
+            "triggered at an angle of its own, state the angles: --first-deg -35 --step-deg 0.5, or --angles FILE; if "
+            f"all are of one angle, it is a frame: 'markerseek frame {quoted(path)}'"
+        )
+    angles_deg = table.stated_deg(path, pulses, what="pulses")
+    try:
+        _require_complete(path, files)
+        read = ((name, read_input(path / name, most_bytes=_MAX_CHANNEL_BYTES)) for name in files.values())
+        samples = sonixdaq.singles(read, pulses=pulses)
+    except RecordError as error:
+        raise RecordError(f"{path}: {error}") from error
+    scan = merged(path, angles_deg, lambda: np.array([loudness(each, 0) for each in samples]))
+    bank = ArrayBank(
+        path=path,
+        angles_deg=scan.angles_deg,
+        samples=scan.mean(samples),
+        pulses=tuple(scan.total(np.ones(pulses, dtype=np.int64)).tolist()),
+    )
+    chosen = chosen_channels(path, table.without_channels, count=sonixdaq.CHANNELS)
+    return replace(bank, samples=silenced(bank.samples, np.flatnonzero(chosen).tolist()))
+
+
+def _stated_angles(path: Path, frames: list[Path], table: TableFormat) -> Float64[np.ndarray, " angles"]:
+    """Return the angle that a person states for each file, in the order of the numbers in their names."""
+    named = [_angle_of(place) for place in frames]
+    if all(each is not None for each in named) and any(each is not None and each.stated for each in named):
+        raise ConfigError(
+            f"{path}: the names of its frames are angles, such as {frames[0].name}; leave --first-deg, --step-deg and "
+            "--angles out"
+        )
+    if table.angles_deg is not None:
+        return table.stated_deg(path, len(frames), what="frames")
+    at, missing = places([_name(place) for place in frames])
+    if missing:
+        warn(path, f"the frames numbered {first_of(list(map(str, missing)))} are missing; the others keep their angles")
+    return table.stated_deg(path, at[-1] + 1, what="frames")[at]
+
+
+def _named_angles(frames: list[Path]) -> Float64[np.ndarray, " angles"]:
+    """Return the angle in the name of each file; refused where no word, sign, decimal or unit says that it is one."""
     by_angle: dict[float, Path] = {}
     words: dict[str, Path] = {}
-    for place in in_natural_order(path.iterdir()):
-        # Hidden files such as .DS_Store, but not an angle such as .5.
-        if re.match(r"\.\D", place.name) or not (place.is_dir() or place.suffix.lower() in _FRAME_FILES):
-            continue
-        word, angle = _named(place)
-        if word:
-            words.setdefault(word, place)
+    stated = False
+    for place in frames:
+        found = _angle_of(place)
+        if found is None:
+            raise RecordError(
+                f"{place}: the angle cannot be read from this name; in the folder of a scan each frame is named by its "
+                "angle in degrees, -12.5 or, with a word before it, angle_-12.5deg: digits, a point, a hyphen for "
+                "minus; or state the angles: --first-deg -35 --step-deg 0.5, or --angles FILE"
+            )
+        if found.word:
+            words.setdefault(found.word, place)
         # "left_10" and "right_10" would become one angle: two words may stand for two signs.
         if len(words) > 1:
             first = next(iter(words.values()))
             raise RecordError(
                 f"{place}: its name has another word than {first.name}; if the words are the two sides, write "
-                "negative angles with a sign, as in 'angle_-12.5deg', and the same word everywhere"
+                "negative angles with a sign, as in 'angle_-12.5deg', and the same word everywhere; if they are two "
+                "passes, keep each in a folder of its own"
             )
-        if angle in by_angle:
-            raise RecordError(f"{place}: the angle {angle:g} deg is that of {by_angle[angle].name}")
-        by_angle[angle] = place
-    if not by_angle:
+        if found.angle_deg in by_angle:
+            raise RecordError(f"{place}: the angle {found.angle_deg:g} deg is that of {by_angle[found.angle_deg].name}")
+        by_angle[found.angle_deg] = place
+        stated |= found.stated
+    if not stated:
         raise RecordError(
-            f"{path}: there is no scan in this folder; it must hold one folder or file of channel data for each angle, "
-            "with the angle in its name, as in 'angle_-12.5deg'"
+            f"{frames[0]}: its number may count the frames or be an angle, and no word, sign, decimal or unit in this "
+            "folder says which; name each frame as in angle_12.5deg, or state the angles: --first-deg -35 --step-deg "
+            "0.5, or --angles FILE"
         )
-    angles, order = rising(path, np.array([*by_angle]))
-    places = tuple([*by_angle.values()][index] for index in order.tolist())
-    facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in places) else None)
-    try_arrays((place for place in places if place.is_file()), most_bytes=_MAX_FRAME_BYTES)
-    arrays = [each for each in places if each.suffix.lower() == ".npy"]
-    left_out = _left_out(path, arrays, without_channels)
-    scaling = _common_scaling(path, arrays, blanked, left_out)
-    return FolderBank(angles_deg=angles, places=places, facts=facts, scaling=scaling, left_out=left_out)
+    return np.array([*by_angle])
+
+
+def _angle_of(place: Path) -> NamedAngle | None:
+    return angle_in(_name(place))
+
+
+def _name(place: Path) -> str:
+    """Return the name without the suffix of a file: a folder's may end in the decimals of its angle."""
+    return place.name if place.is_dir() else place.stem
 
 
 def _left_out(path: Path, places: list[Path], stated: tuple[int, ...]) -> tuple[int, ...]:
@@ -260,17 +368,6 @@ def _common_scaling(path: Path, places: list[Path], blanked: int, left_out: tupl
         return EXACT
     silent = (silenced(each, left_out) for each in map(npy_samples, places))
     return scaling_of(path, silent, blanked=blanked)
-
-
-def _named(place: Path) -> tuple[str, float]:
-    """Word and angle of a name."""
-    found = angle_in(place.name if place.is_dir() else place.stem)
-    if found is None:
-        raise RecordError(
-            f"{place}: the angle cannot be read from this name; in the folder of a scan each frame is named by its "
-            "angle in degrees, -12.5 or, with a word before it, angle_-12.5deg: digits, a point, a hyphen for minus"
-        )
-    return found.word, found.angle_deg
 
 
 # 64 GiB: hours of frames, which are read one at a time.

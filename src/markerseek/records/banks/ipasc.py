@@ -14,9 +14,10 @@ import msgspec
 import numpy as np
 
 from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
+from markerseek.files import DEGREES
 from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced, warn
 from markerseek.records.banks.table import amplitudes
-from markerseek.records.hdf5 import DEGREES, CheckedHdf5, as_record_error
+from markerseek.records.hdf5 import CheckedHdf5, as_record_error
 
 BANK_VERSION = 1
 """Version of our own fields; a reader refuses a newer one."""
@@ -70,8 +71,13 @@ NUMBERS = {
 }
 """Fields of the facts that are numbers."""
 
-_RANGES = {SAMPLING: (1e5, 1e9), FIRST_SAMPLE: (0.0, 1e-3), SOUND_SPEED: (300.0, 7000.0), FACE_RADIUS: (0.0, 1.0)}
-"""Physical ranges of such numbers, in SI units."""
+_RANGES = {
+    SAMPLING: (1e5, 1e9, "Hz"),
+    FIRST_SAMPLE: (0.0, 1e-3, "s"),
+    SOUND_SPEED: (300.0, 7000.0, "m/s"),
+    FACE_RADIUS: (0.0, 1.0, "m"),
+}
+"""Physical ranges of such numbers, and the unit in which they are written."""
 
 _OFF_AXIS_RAD, _POSE_DIGITS = 1e-3, 5
 """Largest rotation of a pose about another axis than the array's; decimals of an angle: poses may be float32."""
@@ -147,13 +153,13 @@ def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
             angles_deg=angles_deg,
             intensities=intensities,
             started_s=started_s if any(map(math.isfinite, started_s)) else (),
-            facts=_read_facts(file, pitch_m=None),
+            facts=_read_facts(path, file, pitch_m=None),
         )
     array = element_row(path, file, elements=frames[0])
     return IpascBank(
         angles_deg=angles_deg,
         intensities=intensities if known.size else (),
-        facts=_read_facts(file, pitch_m=array.pitch_m),
+        facts=_read_facts(path, file, pitch_m=array.pitch_m),
         dark_frames=_dark_frames(file, frames),
         started_s=started_s,
         pulses=tuple(int(each) if each >= 0 else 1 for each in column(PULSES, 1.0)),
@@ -175,18 +181,21 @@ def _one_each(
     return np.where(np.isfinite(values), values, otherwise)
 
 
-def _read_facts(file: CheckedHdf5, *, pitch_m: float | None) -> BankFacts:
+def _read_facts(path: Path, file: CheckedHdf5, *, pitch_m: float | None) -> BankFacts:
     """Metadata of a bank.
 
-    Raises `ValueError` if a field does not hold what it should.
+    Raises `ValueError` if a field does not hold what it should, `RecordError` for a number out of its range.
     """
     known: dict[str, object] = {fact: file.text(name) for fact, name in TEXTS.items()}
     for fact, name in NUMBERS.items():
         known[fact] = value = file.number(name)
-        low, high = _RANGES.get(name, (-math.inf, math.inf))
+        low, high, unit = _RANGES.get(name, (-math.inf, math.inf, ""))
         if value is not None and not low <= value <= high:
-            # A value far out is a flipped bit or a wrong unit, such as km/s.
-            raise ValueError(f"{name} is {value:g}, it must lie between {low:g} and {high:g}")
+            # Rarely a flipped bit, as a rule another unit, such as km/s.
+            raise RecordError(
+                f"{path}: {name} is {value:g} {unit}, it must lie between {low:g} and {high:g} {unit}; write it in "
+                f"{unit}"
+            )
     simulated, seed, wavelength_m = file.number(SIMULATED), file.text(SEED), _first(file, WAVELENGTH)
     known |= {
         "description": known["description"] or "",
@@ -252,7 +261,7 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
     if _numbers_of(file, TIMES).size:
         # Seconds since 1970.
         arrays |= {"started_s": _one_each(file, TIMES, count), "clock_zero_unix_s": np.array(0.0)}
-    facts = _read_facts(file, pitch_m=pitch_m)
+    facts = _read_facts(path, file, pitch_m=pitch_m)
     known = {name: getattr(facts, name) for name in NUMERIC_FACTS} | _energies(path, file, count) | arrays
     return {name: np.asarray(value) for name, value in known.items() if value is not None}
 

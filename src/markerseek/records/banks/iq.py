@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import resample
 
 from markerseek.core import Float32, Float64, RecordError
-from markerseek.records.banks.bank import warn
+from markerseek.records.banks.bank import AXES, warn
 
 CARRIERS = ("demodulation_frequency", "demodulation_hz")
 """Names of the carrier, in hertz."""
@@ -25,9 +25,14 @@ _CARRIER_HZ = (0.1e6, 100e6)
 """Range of carriers of ultrasound; 0 says that nothing was mixed down."""
 
 
+def is_paired(frames: np.ndarray) -> bool:
+    """Return whether I and Q are pairs along an axis behind those of frames."""
+    return frames.ndim == len(AXES) + 1 and frames.shape[-1] == 2
+
+
 def paired(frames: np.ndarray) -> np.ndarray:
     """Frames as complex numbers where I and Q are pairs along a fourth axis; others as they are."""
-    return frames[..., 0] + 1j * frames[..., 1] if frames.ndim == 4 and frames.shape[-1] == 2 else frames
+    return frames[..., 0] + 1j * frames[..., 1] if is_paired(frames) else frames
 
 
 def carrier_of(path: Path, arrays: Mapping[str, np.ndarray], frames: np.ndarray, *, ordered: bool) -> float | None:

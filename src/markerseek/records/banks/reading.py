@@ -23,7 +23,8 @@ from markerseek.records.banks.ipasc import (
     walk_bank,
 )
 from markerseek.records.banks.sequence import is_sequence, read_sequence
-from markerseek.records.banks.table import DEFAULT_FORMAT, TableFormat, read_table
+from markerseek.records.banks.table import read_table
+from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 from markerseek.records.banks.zea import zea_arrays
 from markerseek.records.child import try_files
 from markerseek.records.hdf5 import CheckedHdf5, require_h5py
@@ -59,6 +60,10 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int =
             )
         if table.angle_field is not None and not is_sequence(path):
             raise ConfigError(f"--angle-field {table.angle_field}: {path} is no sequence (.mha, .nrrd); leave it out")
+        if table.angle_field is not None and table.states_angles:
+            raise ConfigError(
+                f"--angle-field {table.angle_field}, and --first-deg or --angles both give the angles; leave one out"
+            )
         if path.is_file() and suffix in ARRAY_SUFFIXES:
             return read_arrays(path, table, blanked=blanked)
         if path.is_file() and suffix in HDF5_SUFFIXES:
@@ -69,21 +74,19 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int =
         if is_table:
             bank = read_table(path, table)
         elif path.is_dir():
-            bank = read_folder(path, blanked=blanked, without_channels=table.without_channels)
+            bank = read_folder(path, table, blanked=blanked)
         else:
-            bank = read_sequence(path, angle_field=table.angle_field)
+            bank = read_sequence(path, angle_field=table.angle_field, table=table)
     return without_channels(bank, path, table.without_channels)
 
 
 def _require_usual(path: Path, table: TableFormat, *, is_table: bool) -> None:
     """Refuse what a person says of a recording that says it itself."""
     said = replace(table, without_channels=(), angle_field=None)
-    if replace(said, columns=None, unit=None, db=False, skip_invalid=False) != DEFAULT_FORMAT:
-        raise ConfigError(
-            f"{path}: --first-deg, --step-deg, --angles, --axes and --first-frame are for frames without angles; this "
-            "recording has its angles; leave them out"
-        )
-    if not is_table and said != DEFAULT_FORMAT:
+    of_angles = replace(DEFAULT_FORMAT, first_and_step_deg=said.first_and_step_deg, angles_deg=said.angles_deg)
+    if (said.axes, said.first_frame) != (None, None):
+        raise ConfigError(f"{path}: --axes and --first-frame are for arrays of frames; leave them out")
+    if not is_table and said != of_angles:
         raise ConfigError(
             f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
         )
@@ -103,6 +106,8 @@ def read_hdf5(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank 
     if arrays is not None:
         return bank_of_arrays(path, arrays, table, ordered=ordered, blanked=blanked)
     _require_usual(path, table, is_table=False)
+    if table.states_angles:
+        raise ConfigError(f"{path}: this recording has its angles; leave --first-deg, --step-deg and --angles out")
     return without_channels(read_probed(path), path, table.without_channels)
 
 

@@ -26,7 +26,9 @@ import numpy as np
 from markerseek.core import Float64, RecordError
 from markerseek.files import MIB, as_read_error, open_input, quoted
 from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, unwrapped, warn
-from markerseek.records.banks.table import amplitudes, averaged
+from markerseek.records.banks.repeats import merged
+from markerseek.records.banks.table import amplitudes
+from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat, deg_per_unit_of
 
 SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
 """Suffixes of sequences; those of PLUS end in ``.igs.mha`` or ``.igs.nrrd``."""
@@ -58,6 +60,7 @@ _TYPE_OF = {name: code for code, names in _TYPES.items() for name in names.split
 _LARGEST_BYTES = 1 << 42
 _HEADER_BYTES, _LINE_BYTES = 64 * MIB, 64 * 1024
 _MOST_FRAME_BYTES = 64 * MIB
+_MOST_INTERLEAVED_BYTES = 2048 * MIB
 _MOST_FRAMES = 100_000
 _PIECE_BYTES = 64 * 1024
 _MOST_PER_BYTE = 1032
@@ -102,6 +105,8 @@ class ImageSequence:
     start: int
     """Where in ``data`` the pixels begin."""
     packed: bool
+    interleaved: bool = False
+    """Whether the frames take turns in each pixel, as where the list is the first axis of a NRRD."""
 
     @property
     def kind(self) -> str:
@@ -148,15 +153,29 @@ class ImageSequence:
     def frames(self) -> Iterator[np.ndarray]:
         """Each frame with depth along its rows and the marked side at its last column; the brightest of colours."""
         columns, rows = self.orientation[:1], self.orientation[1:]
-        size = math.prod(self.shape) * np.dtype(self.dtype).itemsize
         with as_read_error(self.data), open_input(self.data, most_bytes=_LARGEST_BYTES) as file:
             file.seek(self.start)
-            for piece in _unpacked(self.path, file, size, len(self.frame_fields), packed=self.packed):
-                pixels = np.frombuffer(piece, self.dtype).reshape(self.shape)
+            for pixels in self._pixels(file):
                 frame = pixels.astype(pixels.dtype.newbyteorder("=")).max(axis=-1)
                 frame = frame[:, ::-1] if columns in "UN" else frame
                 frame = frame[::-1] if rows in "UN" else frame
                 yield frame.T if columns in "FN" else frame
+
+    def _pixels(self, file: BinaryIO) -> Iterator[np.ndarray]:
+        """Pixels of each frame as they lie in the file, at which its data begin."""
+        size = math.prod(self.shape) * np.dtype(self.dtype).itemsize
+        count = len(self.frame_fields)
+        if not self.interleaved:
+            for piece in _unpacked(self.path, file, size, count, packed=self.packed):
+                yield np.frombuffer(piece, self.dtype).reshape(self.shape)
+            return
+        if size * count > _MOST_INTERLEAVED_BYTES:
+            raise RecordError(
+                f"{self.path}: its list is the first axis, so that its frames are read together: they have "
+                f"{size * count} bytes, at most {_MOST_INTERLEAVED_BYTES} are read; save it with the list last"
+            )
+        (whole,) = _unpacked(self.path, file, size * count, 1, packed=self.packed)
+        yield from np.moveaxis(np.frombuffer(whole, self.dtype).reshape((*self.shape, count)), -1, 0)
 
 
 def is_sequence(path: Path) -> bool:
@@ -199,6 +218,7 @@ def open_sequence(path: Path) -> ImageSequence:
         data=path if local else path.with_name(place),
         start=start if local else 0,
         packed=said.get("CompressedData", "").lower() == "true",
+        interleaved=said.get(_INTERLEAVED) == "True",
     )
     with as_read_error(sequence.data), open_input(sequence.data, most_bytes=_LARGEST_BYTES) as file:
         held_bytes = os.fstat(file.fileno()).st_size - sequence.start
@@ -241,7 +261,11 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
     if not kept:
         raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: --angle-field")
     stacked = np.stack(list(kept.values()))
-    angles_deg = _twists(path, chosen, stacked.reshape(-1, 4, 4)[:, :3, :3]) if turns else stacked[:, 0].tolist()
+    if turns:
+        angles_deg = _twists(path, chosen, stacked.reshape(-1, 4, 4)[:, :3, :3])
+    else:
+        cure = "state the angles, --first-deg -35 --step-deg 0.5, or --angles FILE; or write them in one of"
+        angles_deg = (stacked[:, 0] * deg_per_unit_of(path, chosen, cure=cure)).tolist()
     return dict(zip(kept, unwrapped(path, np.array(angles_deg)).tolist(), strict=True))
 
 
@@ -268,15 +292,31 @@ def _field_of_angles(path: Path, names: set[str], angle_field: str | None) -> st
         held = ", ".join(sorted(each for each in names if not each.endswith(("Status", "Valid")))[:8]) or "none"
         raise RecordError(
             f"{path}: no frame has {angle_field or ' or '.join(wanted)}; its fields are {held}; name the one with the "
-            "angle: --angle-field"
+            "angle, --angle-field, or state the angles: --first-deg -35 --step-deg 0.5, or --angles FILE"
         )
     return chosen
 
 
-def read_sequence(path: Path, *, angle_field: str | None = None) -> IntensityBank:
-    """Bank of the intensities of a sequence, with the times of its frames; arguments as of `angles_of`.
+def _stated_angles(sequence: ImageSequence, table: TableFormat) -> dict[int, float]:
+    """Angle that a person states for each frame with a valid image, by its number; a warning counts the others."""
+    count = len(sequence.frame_fields)
+    stated = table.stated_deg(sequence.path, count, what="frames").tolist()
+    held = {name for fields in sequence.frame_fields for name in fields}
+    own = [name for name in (*ANGLE_FIELDS, *(f"{each}Transform" for each in ANGLE_TRANSFORMS)) if name in held]
+    if own:
+        warn(sequence.path, f"the angles are those that are stated, and its {own[0]} is not read")
+    valid = [number for number in range(count) if sequence.valid_image(number)]
+    if len(valid) < count:
+        warn(sequence.path, f"{count - len(valid)} of {count} frames are left out: their ImageStatus is not OK")
+    return {number: stated[number] for number in valid}
+
+
+def read_sequence(path: Path, *, angle_field: str | None = None, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:
+    """Bank of the intensities of a sequence, with the times of its frames.
 
     Images of one angle are averaged, with a warning. B-mode images are refused.
+
+    ``angle_field``: as of `angles_of`. ``table``: angles that a person states instead.
     """
     sequence = open_sequence(path)
     if sequence.kind == "BRIGHTNESS":
@@ -285,7 +325,7 @@ def read_sequence(path: Path, *, angle_field: str | None = None) -> IntensityBan
             f"{path}: it holds {len(sequence.frame_fields)} B-mode images of {columns} × {rows} pixels: these are "
             f"echoes, and show no photoacoustic marker; find an instrument's tip: 'markerseek tooltip {quoted(path)}'"
         )
-    angles = angles_of(sequence, angle_field=angle_field)
+    angles = _stated_angles(sequence, table) if table.states_angles else angles_of(sequence, angle_field=angle_field)
     frames = enumerate(sequence.frames())
     found = {number: _intensity(frame, sequence.kind) for number, frame in frames if number in angles}
     dark = [number for number, value in found.items() if not math.isfinite(value)]
@@ -299,11 +339,11 @@ def read_sequence(path: Path, *, angle_field: str | None = None) -> IntensityBan
     values = amplitudes(read, db=False, where=lambda index: f"{path}, Seq_Frame{numbers[index]:04d}")
     facts, first_s = _facts(path, sequence.fields)
     times_s = [first_s + _number(sequence.frame_fields[number].get("Timestamp", "nan")) for number in numbers]
-    angles_deg, held = averaged(path, np.array(list(angles.values())), np.column_stack([values, times_s]))
-    intensities, started_s = held.T.tolist()
+    scan = merged(path, np.array(list(angles.values())), lambda: values)
+    intensities, started_s = scan.mean(np.column_stack([values, times_s])).T.tolist()
     known = any(map(math.isfinite, started_s))
     return IntensityBank(
-        angles_deg=tuple(angles_deg.tolist()),
+        angles_deg=scan.angles_deg,
         intensities=tuple(intensities),
         started_s=tuple(started_s) if known else (),
         facts=facts,
@@ -365,6 +405,9 @@ _META_NAMES = {
 }
 """Names of a MetaImage for those of a NRRD."""
 
+_INTERLEAVED = "list first"
+"""Name of what a MetaImage cannot say."""
+
 
 def _as_meta(path: Path, said: Mapping[str, str]) -> dict[str, str]:
     """Fields of a NRRD as those of a MetaImage."""
@@ -382,6 +425,12 @@ def _as_meta(path: Path, said: Mapping[str, str]) -> dict[str, str]:
         for name in ("DimSize", "Kinds", "ElementSpacing"):
             first, _, meta[name] = meta.get(name, "").partition(" ")
             meta |= {"ElementNumberOfChannels": first} if name == "DimSize" else {}
+    elif meta.get("Kinds", "").lower().split()[:1] in (["list"], ["time"]):
+        # Sequences of 3D Slicer have the list first.
+        for name in ("DimSize", "Kinds", "ElementSpacing"):
+            first, _, others = meta.get(name, "").partition(" ")
+            meta[name] = f"{others} {first}".strip()
+        meta[_INTERLEAVED] = "True"
     return meta
 
 

@@ -1,4 +1,4 @@
-"""Reads and writes banks of intensities as CSV tables; a `TableFormat` says what a recording does not say itself."""
+"""Reads and writes banks of intensities as CSV tables."""
 
 from __future__ import annotations
 
@@ -7,118 +7,35 @@ import math
 import re
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
 
 import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
-from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, is_number, may_be_number, read_text, replace_file
-from markerseek.records.banks.bank import (
-    AXES,
-    MAX_DEG,
-    MIN_STEP_DEG,
-    IntensityBank,
-    first_of,
-    require_angles,
-    unwrapped,
-    warn,
-)
+from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file, unit_in
+from markerseek.records.banks.bank import IntensityBank, first_of, warn
+from markerseek.records.banks.repeats import merged
+from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
 
-AngleUnit: TypeAlias = Literal["deg", "mrad", "rad"]
-"""Unit of an angle in a table."""
-
-_DEG_OF: dict[AngleUnit, float] = {"deg": 1.0, "mrad": math.degrees(1e-3), "rad": math.degrees(1.0)}
-"""Degrees of one unit."""
-
-_UNIT_OF_WORD: dict[str, AngleUnit] = {
-    **dict.fromkeys(("deg", "degree", "degrees", "°"), "deg"),
-    **dict.fromkeys(("mrad", "milliradian", "milliradians"), "mrad"),
-    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
-}
-
 _DECIBELS = re.compile(r"(?:(?<![A-Za-z])(?i:db)|(?<=[a-z])dB)(?i:[mµμu]?[vw]|m|fs|u|c|pa)?(?![A-Za-z])|(?i:decibels?)")
 """A unit of decibels in the name of a column: ``intensity_db``, ``amplitude [dB]``, ``level_dBV``."""
 
-_LINEAR = re.compile(r"(?<![A-Za-z])(?:[munkMµμ]?(?:V|W|J|Pa)|(?i:counts?|adc|lsb|linear))(?![A-Za-z])")
+_LINEAR = re.compile(r"(?<![A-Za-z])(?:[munkMµμ]?(?:V|W|J|Pa)|(?i:counts?|adc|lsb|linear|arb|a\.\s?u\.?))(?![A-Za-z])")
 """A unit other than decibels in the name of a column."""
 
-_FEW = 2.0
-"""Range of angles below which their unit may be radians: 2 rad are 115 degrees."""
-
-_DEG_DIGITS = 4
-"""Decimals of an angle in degrees that was written in another unit."""
+_INTENSITY_WORDS = re.compile(
+    r"(?i)(?<![a-z])(?:intensit(?:y|ies|ät)|amplitudes?|magnitude|envelope|signal|peak|pegel)"
+)
+"""A word for the intensity in the name of a column."""
 
 _ENERGY = re.compile(r"(?:pulse|laser)?_?energy(?:_[munµμ]?j)?")
 """Name of a column with the energy of the pulses at each angle, in plain form."""
 
 _LARGEST_BYTES = 64 * MIB
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TableFormat:
-    """What a recording does not say itself: its columns or variables, units, angles, axes, channels to be left out."""
-
-    columns: tuple[str, str] | None = None
-    """Names of the columns of angle and intensity, or their numbers, counted from 1; None: ``angle_deg`` (or
-    ``angle_mrad``, ``angle_rad``) and ``intensity`` (or ``intensity_db``), or the two columns of a table without
-    names."""
-    unit: AngleUnit | None = None
-    """None: as the name of the column says, else degrees."""
-    db: bool = False
-    """Whether the intensities are decibels, 20·log10 of the amplitude that a search needs; False: as the name of the
-    column says, such as ``intensity_db``."""
-    skip_invalid: bool = False
-    """Whether a row is left out whose angle or intensity is no finite number, instead of refusing the table."""
-    first_and_step_deg: tuple[float, float] | None = None
-    """Angle of the first frame and step to the next, in degrees, of a recording without angles."""
-    angles_deg: tuple[float, ...] | None = None
-    """Angle of each frame in degrees, of such a recording."""
-    axes: tuple[str, ...] | None = None
-    """Order of the axes of the frames, a permutation of `AXES`; None: that of `AXES`, refused where axes of equal
-    length leave it open."""
-    first_frame: int | None = None
-    """Number in the receive buffer of a Vantage of the frame with the first angle; None: as the file shows."""
-    without_channels: tuple[int, ...] = ()
-    """Channels that are left out, counted from 1."""
-    angle_field: str | None = None
-    """Field, or transform, of a sequence with the angle of each frame."""
-
-    def __post_init__(self) -> None:
-        if self.columns is not None and (not all(self.columns) or self.columns[0] == self.columns[1]):
-            raise ConfigError(
-                f"columns is {','.join(self.columns)}, two different names or numbers are needed: ANGLE,INTENSITY"
-            )
-        if self.first_and_step_deg is not None and self.angles_deg is not None:
-            raise ConfigError("--angles and --first-deg with --step-deg both give the angles; leave one out")
-        if self.first_and_step_deg is not None:
-            first_deg, step_deg = self.first_and_step_deg
-            if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
-                raise ConfigError(
-                    f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
-                )
-        if self.axes is not None and sorted(self.axes) != sorted(AXES):
-            raise ConfigError(f"--axes is {','.join(self.axes)!r}; write the three in their order: {','.join(AXES)}")
-
-
-DEFAULT_FORMAT = TableFormat()
-"""The format of the tables that we write."""
-
-
-def angles_in(path: Path) -> tuple[float, ...]:
-    """Angles in degrees of a text file with one on each line, below a name or not; `RecordError` if it is none."""
-    cure = "write one angle in degrees on each line"
-    text = read_text(path, most_bytes=MIB, what="a list of angles", cure=cure, also=("cp1252",))
-    # A comma can only be the sign of the decimals.
-    texts = [line.strip().replace(",", ".").replace("\u2212", "-") for line in text.split("\n") if line.strip()]
-    try:
-        return tuple(float(text) for text in texts[1 if texts and not is_number(texts[0]) else 0 :])
-    except ValueError as problem:
-        raise RecordError(f"{path}: {problem}; {cure}") from problem
 
 
 def write_bank(bank: IntensityBank, path: Path) -> None:
@@ -151,29 +68,80 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
         what="a bank",
         cure=f"give a CSV of {','.join(COLUMNS)}, an IPASC HDF5 file (.hdf5, .h5), or a folder of frames",
     )
-    columns = _columns(path, rows, table)
-    angle_name, intensity_name = (rows.names[column] if rows.names else "" for column in columns)
-    energies = [rows.names.index(name) for plain, name in _plain(rows.names).items() if _ENERGY.fullmatch(plain)]
-    columns += tuple(each for each in energies[:1] if each not in columns)
-    db = decibels(table.db, intensity_name)
-    largest = MAX_DEG / _DEG_OF[table.unit or unit_named(angle_name) or "deg"]
+    rows, names = _with_units(rows)
+    columns = _columns(path, rows, names, table)
+    energies = [names.index(name) for plain, name in _plain(names).items() if _ENERGY.fullmatch(plain)]
+    columns = replace(columns, energy=next((each for each in energies if each not in columns.indices), None))
+    indices = columns.indices
+    db = decibels(table.db, names[columns.intensity] if names else "")
     # A factor of 1000 is harmless in amplitudes, but not in decibels, which are below 1000.
-    texts = rows.numbers(path, columns, most=(largest, 999.0 if db else None, None)[: len(columns)])
+    most = {columns.intensity: 999.0 if db else None}
+    if columns.angle is not None:
+        most[columns.angle] = table.largest(path, names[columns.angle] if names else "")
+    texts = rows.numbers(path, indices, most=[most.get(each) for each in indices])
     cells = {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
     kept = [line for line, row in cells.items() if None not in row]
     warn_skipped(path, "line", [str(line) for line in cells if line not in set(kept)])
-    values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, len(columns))
-    read = amplitudes(values[:, 1], db=db, where=lambda index: f"{path}, line {kept[index]}")
-    if len(columns) > 2:
-        energy, name = values[:, 2], rows.names[columns[2]]
+    values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, len(indices))
+    column = dict(zip(indices, values.T, strict=True))
+    read = amplitudes(column[columns.intensity], db=db, where=lambda index: f"{path}, line {kept[index]}")
+    if columns.energy is not None:
+        energy = column[columns.energy]
+        name = rows.names[columns.energy]
         for index in np.flatnonzero(energy <= 0)[:1]:
             raise RecordError(f"{path}, line {kept[index]}: {name} is {energy[index]:g}, it must be positive")
         warn(path, f"the intensities are divided by {name} over its mean")
         read = read * energy.mean() / energy
-    unit = unit_of(path, table.unit, angle_name, values[:, 0])
-    turned = unwrapped(path, in_degrees(values[:, 0], unit))
-    angles_deg, intensities = averaged(path, turned, read[:, None])
-    return IntensityBank(angles_deg=tuple(angles_deg.tolist()), intensities=tuple(intensities[:, 0].tolist()))
+    if columns.angle is None:
+        # A row that is left out has its place in the scan.
+        degrees = table.stated_deg(path, len(cells), what="rows")[np.isin(list(cells), kept)]
+    else:
+        degrees = table.degrees(path, names[columns.angle] if names else "", column[columns.angle])
+        if not names and table == DEFAULT_FORMAT and _counts(column[columns.angle]):
+            warn(
+                path,
+                "its first column counts in steps of 1, and is taken as degrees; if it only counts, state the angles: "
+                "--columns 2 --first-deg -35 --step-deg 0.5",
+            )
+    scan = merged(path, degrees, lambda: read)
+    return IntensityBank(angles_deg=scan.angles_deg, intensities=tuple(scan.mean(read).tolist()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Columns:
+    """Indices of the columns that are read; None: there is none."""
+
+    angle: int | None
+    intensity: int
+    energy: int | None = None
+
+    @property
+    def indices(self) -> list[int]:
+        """Those that there are."""
+        return [each for each in (self.angle, self.intensity, self.energy) if each is not None]
+
+
+def _counts(values: Float64[np.ndarray, " n"]) -> bool:
+    """Whether numbers count from 0 or 1."""
+    return values.size > 0 and values[0] in (0, 1) and bool((np.diff(values) == 1).all())
+
+
+def _with_units(rows: CsvRows) -> tuple[CsvRows, tuple[str, ...]]:
+    """Return the rows of data, and the names of the columns with the units that a second line of the head holds."""
+    line, cells = next(iter(rows.cells.items()), (0, []))
+    units = [cell.strip().strip("[]()") for cell in cells]
+    is_head = len(rows.names) == len(units) and not any(map(may_be_number, units)) and any(map(_is_unit, units))
+    if not is_head:
+        return rows, rows.names
+    data = {number: row for number, row in rows.cells.items() if number != line}
+    names = (f"{name} [{unit}]" if unit else name for name, unit in zip(rows.names, units, strict=True))
+    return replace(rows, cells=data), tuple(names)
+
+
+def _is_unit(cell: str) -> bool:
+    """Whether a whole cell is the unit of an angle or of an intensity."""
+    unit = unit_in(f"[{cell}]").unit
+    return unit is not None or any(each.fullmatch(cell) is not None for each in (_DECIBELS, _LINEAR))
 
 
 def _plain(names: Sequence[str]) -> dict[str, str]:
@@ -181,30 +149,85 @@ def _plain(names: Sequence[str]) -> dict[str, str]:
     return {"_".join(re.findall(r"[^\W_]+|°", name.lower())): name for name in reversed(names)}
 
 
-def _columns(path: Path, rows: CsvRows, table: TableFormat) -> tuple[int, ...]:
-    """Indices of the columns of angle and intensity."""
-    names = rows.names
+def _columns(path: Path, rows: CsvRows, names: Sequence[str], table: TableFormat) -> _Columns:
+    """Return the columns of angle and intensity; ``names``: with their units."""
     if table.columns is not None:
-        first, second = (_column_index(path, rows, column) for column in table.columns)
-        return first, second
+        angle_name, intensity_name = table.columns
+        return _Columns(
+            angle=_column_index(path, rows, angle_name) if angle_name else None,
+            intensity=_column_index(path, rows, intensity_name),
+        )
+    if not names and rows.width == 2 and table.states_angles:
+        raise ConfigError(
+            f"{path}: its columns have no names, and the first may hold the angles; leave --first-deg, --step-deg and "
+            "--angles out, or name the intensities alone, --columns 2"
+        )
+    if not names and rows.width == 1 and table.states_angles:
+        return _Columns(angle=None, intensity=0)
     if not names and rows.width == 2:
         warn(path, "its columns have no names; the first is taken as the angle, the second as the intensity")
-        return 0, 1
-    plain = _plain(names)
-    angle = next((plain[each] for each in (f"angle_{unit}" for unit in _UNIT_OF_WORD) if each in plain), None)
-    usual = ("intensity_db", "intensity") if table.db else ("intensity", "intensity_db")
-    intensity = next((plain[each] for each in usual if each in plain), None)
+        return _Columns(angle=0, intensity=1)
+    angle = _angle_column(names)
+    intensity = _intensity_column(names, angle, table)
+    if angle is None and intensity is not None and table.states_angles:
+        return _Columns(angle=None, intensity=intensity)
+    if angle is not None and table.states_angles:
+        raise ConfigError(
+            f"{path}: its column {rows.names[angle]} has the angles; leave --first-deg, --step-deg and --angles out"
+        )
     if angle is None or intensity is None:
         lacking = [name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None]
         missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
-        # Quoted for the shell, because names have spaces. Only a person knows which of the two is the angle.
-        proposed = len(names) == 2 and sum(map(len, names)) < _MOST_QUOTED
-        perhaps = f", here perhaps {shlex.quote(','.join(names))}" if proposed else ""
         raise RecordError(
             f"{path}, line 1: the {missing} missing, it has {_head(rows)}; name the columns of angle and intensity: "
-            f"--columns ANGLE,INTENSITY{perhaps}" + _if_transposed(rows)
+            f"--columns ANGLE,INTENSITY{_perhaps(names, rows.names)}{_if_transposed(rows)}"
         )
-    return _column_index(path, rows, angle), _column_index(path, rows, intensity)
+    for index in (angle, intensity):
+        _require_once(path, rows, rows.names[index])
+    return _Columns(angle=angle, intensity=intensity)
+
+
+def _angle_column(names: Sequence[str]) -> int | None:
+    """Return the column of the angles: ``angle_deg`` and its like, else the only one that has a unit of angle."""
+    named = [unit_in(name) for name in names]
+    plain = _plain(names)
+    usual = [
+        names.index(name) for each, name in plain.items() if re.fullmatch(r"angle_[^_]+", each) and unit_in(name).unit
+    ]
+    found = usual or [index for index, each in enumerate(named) if each.unit or (each.is_angle and each.other)]
+    return found[0] if usual or len(found) == 1 else None
+
+
+def _intensity_column(names: Sequence[str], angle: int | None, table: TableFormat) -> int | None:
+    """Return the column of the intensities: ``intensity`` and its like, else that beside the only other column."""
+    plain = _plain(names)
+    usual = ("intensity_db", "intensity") if table.db else ("intensity", "intensity_db")
+    for each in usual:
+        if each in plain:
+            return names.index(plain[each])
+    found = [index for index, name in enumerate(names) if re.match(r"intensity(?![a-z])", name.lower())]
+    if len(found) == 1:
+        return found[0]
+    others = [
+        index
+        for plain_name, name in plain.items()
+        # Programs write the numbers of the rows below no name.
+        if plain_name and (index := names.index(name)) != angle and not _ENERGY.fullmatch(plain_name)
+    ]
+    says_so = any(each.search(names[others[0]]) for each in (_INTENSITY_WORDS, _DECIBELS, _LINEAR)) if others else False
+    return others[0] if len(others) == 1 and (angle is not None or table.states_angles) and says_so else None
+
+
+def _perhaps(names: Sequence[str], written: Sequence[str]) -> str:
+    """Return a proposal for ``--columns`` where the table has two columns of which one may be the angle."""
+    if len(names) != 2 or sum(map(len, written)) >= _MOST_QUOTED:
+        return ""
+    named = [unit_in(name) for name in names]
+    # Only a person knows which of the two is the angle, unless a name says so.
+    first = 1 if named[1].is_angle and not named[0].is_angle else 0
+    scale = " with --deg-per-unit" if named[first].other and not named[first].unit else ""
+    # Quoted for the shell, because names have spaces.
+    return f", here perhaps {shlex.quote(','.join((written[first], written[1 - first])))}{scale}"
 
 
 def _if_transposed(rows: CsvRows) -> str:
@@ -217,14 +240,17 @@ def _if_transposed(rows: CsvRows) -> str:
 
 def _column_index(path: Path, rows: CsvRows, column: str) -> int:
     """Index of one column by its name, or by its number if none has that name."""
-    found = [index for index, name in enumerate(rows.names) if name == column]
-    if len(found) > 1:
-        raise RecordError(f"{path}, line 1: the column {column} appears more than once; keep one of them")
-    if found:
-        return found[0]
+    if column in rows.names:
+        _require_once(path, rows, column)
+        return rows.names.index(column)
     if column.isdecimal() and 1 <= int(column) <= rows.width:
         return int(column) - 1
     raise RecordError(f"{path}, line 1: there is no column {column}, it has {_head(rows)}")
+
+
+def _require_once(path: Path, rows: CsvRows, column: str) -> None:
+    if rows.names.count(column) > 1:
+        raise RecordError(f"{path}, line 1: the column {column} appears more than once; keep one of them")
 
 
 _MOST_QUOTED = 60
@@ -235,11 +261,6 @@ def _head(rows: CsvRows) -> str:
     """What a table's first line holds, for a message."""
     names = ", ".join(rows.names) or f"{rows.width} columns without names, which are numbered from 1"
     return names if len(names) <= _MOST_QUOTED else f"{names[:_MOST_QUOTED]}…"
-
-
-def in_degrees(angles: Float64[np.ndarray, " n"], unit: AngleUnit) -> Float64[np.ndarray, " n"]:
-    """Angles in degrees, without the rounding of another unit: the same scan in degrees is searched in the same way."""
-    return angles if unit == "deg" else np.round(angles * _DEG_OF[unit], _DEG_DIGITS)
 
 
 def amplitudes(
@@ -293,7 +314,7 @@ def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
 
 
 def _row(
-    path: Path, rows: CsvRows, line: int, columns: Sequence[int], texts: Sequence[str], table: TableFormat
+    path: Path, rows: CsvRows, line: int, columns: _Columns, texts: Sequence[str], table: TableFormat
 ) -> list[float | None]:
     """The finite numbers of a row; None for a cell without one, if such rows are left out."""
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
@@ -301,9 +322,10 @@ def _row(
         raise RecordError(
             f"{path}, line {line}: it has {len(rows.cells[line])} columns, {rows.width} are expected; {DECIMAL_COMMA}"
         )
-    if not table.skip_invalid and _INFINITE.fullmatch(texts[1].strip()):
-        raise RecordError(f"{path}, line {line}: intensity is {texts[1].strip()}, {_OVERLOADED}")
-    return [_value(path, rows, line, column, text, table) for column, text in zip(columns, texts, strict=True)]
+    intensity = texts[columns.indices.index(columns.intensity)].strip()
+    if not table.skip_invalid and _INFINITE.fullmatch(intensity):
+        raise RecordError(f"{path}, line {line}: intensity is {intensity}, {_OVERLOADED}")
+    return [_value(path, rows, line, column, text, table) for column, text in zip(columns.indices, texts, strict=True)]
 
 
 def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: TableFormat) -> float | None:
@@ -338,41 +360,3 @@ def decibels(db: bool, column: str) -> bool:
     if db and _LINEAR.search(column):
         raise ConfigError(f"--db is given, and the column {column} names another unit; leave --db out, or rename it")
     return db
-
-
-def unit_named(column: str) -> AngleUnit | None:
-    """Unit in the name of a column, such as ``angle_mrad`` or ``Winkel [mrad]``; None if it names none, or two."""
-    units = {_UNIT_OF_WORD[word] for word in re.findall(r"[^\W\d_]+|°", column.lower()) if word in _UNIT_OF_WORD}
-    return units.pop() if len(units) == 1 else None
-
-
-def unit_of(path: Path, unit: AngleUnit | None, column: str, angles: np.ndarray) -> AngleUnit:
-    """Unit of the angles; if only their range can tell, a small range is not taken for degrees."""
-    if unit is not None:
-        return unit
-    named = unit_named(column)
-    small = angles.size > 2 and float(np.ptp(angles)) < _FEW
-    question = f"the angles run from {angles.min():g} to {angles.max():g}: are these radians?" if small else ""
-    if small and named is None:
-        raise RecordError(f"{path}: {question} Say so: --unit rad, or --unit deg if they are degrees")
-    if small and named == "deg":
-        warn(path, f"{question} They are taken as degrees (--unit rad, --unit deg)")
-    return named or "deg"
-
-
-def averaged(
-    path: Path, angles_deg: Float64[np.ndarray, " n"], values: Float64[np.ndarray, "n columns"]
-) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, "angles columns"]]:
-    """Angles in rising order without repeats, and the means of their rows; a warning says what was averaged.
-
-    Refused where a search cannot use the angles.
-    """
-    order = np.argsort(angles_deg, kind="stable")
-    angles_deg, values = angles_deg[order], values[order]
-    first = np.flatnonzero(np.diff(angles_deg, prepend=-np.inf) >= MIN_STEP_DEG)
-    require_angles(path, angles_deg[first].tolist())
-    if first.size == angles_deg.size:
-        return angles_deg, values
-    counts = np.diff(first, append=angles_deg.size)
-    warn(path, f"{counted(int((counts > 1).sum()), 'repeated angle')}; the intensities of each are averaged")
-    return angles_deg[first], np.add.reduceat(values, first, axis=0) / counts[:, None]

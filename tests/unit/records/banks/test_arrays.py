@@ -61,7 +61,6 @@ def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
         ({"intensity": INTENSITIES}, "angle_deg is missing, it holds intensity float64"),
         ({"angle_deg": ANGLES}, "intensity or frames expected"),
         ({"angle_deg": ANGLES[:2], "intensity": INTENSITIES[:2]}, "2 angles, at least 3"),
-        ({"angle_deg": ANGLES[[0, 1, 1, 2]], "intensity": INTENSITIES}, "-1 deg appears twice"),
         ({"angle_deg": ANGLES * np.nan, "intensity": INTENSITIES}, "4 of 4 angles hold a number that is not finite"),
         ({"angle_deg": ANGLES * 1e4, "intensity": INTENSITIES}, "within one turn"),
         ({"angle_deg": ANGLES, "intensity": INTENSITIES[:3]}, "for 4 angles"),
@@ -130,3 +129,89 @@ def test_intensities_alone_take_a_first_angle_and_a_step(tmp_path):
     np.save(tmp_path / "b.npy", np.stack([ANGLES, INTENSITIES]))
     with pytest.raises(RecordError, match=r"shape \(2, 4\); .* is it transposed. Save array.T"):
         read_arrays(tmp_path / "b.npy")
+
+
+def test_texts_and_objects_beside_the_arrays_are_passed_over(tmp_path):
+    np.savez(tmp_path / "a.npz", angle_deg=ANGLES, intensity=INTENSITIES, who="somebody", note=None, keys={"a": 1})
+    assert read_arrays(tmp_path / "a.npz").angles_deg == (-1.0, 0.5, 2.0, 7.0)
+    np.savez(tmp_path / "b.npz", angle_deg=ANGLES, who="somebody", intensity=np.array([None] * 4))
+    left_out = r"what cannot be read: who \(<U8\), intensity \(object\)"
+    with pytest.raises(RecordError, match=f"intensity or frames expected, it holds angle_deg .*{left_out}"):
+        read_arrays(tmp_path / "b.npz")
+
+
+@pytest.mark.parametrize("name", ["RF", "p", "sinograms"])
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_the_only_array_of_three_axes_holds_the_frames(tmp_path, name, suffix):
+    path = save(tmp_path / f"a{suffix}", **{name: FRAMES, "angle_deg": ANGLES, "gain": np.ones((8, 2))})
+    np.testing.assert_array_equal(read_arrays(path).frame(0).samples, FRAMES[ORDER[0]])
+    alone = save(tmp_path / f"b{suffix}", **{name: FRAMES})
+    with pytest.raises(RecordError, match=r"angle_deg is missing, .* --first-deg -35 --step-deg 0\.5"):
+        read_arrays(alone)
+    bank = read_arrays(alone, TableFormat(first_and_step_deg=(3.0, -0.5)))
+    np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[3])
+
+
+def test_of_several_arrays_of_three_axes_one_is_named(tmp_path):
+    path = save(tmp_path / "a.npz", RF=FRAMES, filtered=FRAMES // 2)
+    stated = {"first_and_step_deg": (3.0, 0.5)}
+    with pytest.raises(
+        RecordError, match=r"RF, filtered; name one, .* or --columns RF with --first-deg and --step-deg"
+    ):
+        read_arrays(path, TableFormat(**stated))
+    bank = read_arrays(path, TableFormat(columns=("", "filtered"), **stated))
+    np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[0] // 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "per_deg"), [("angle_gon", 1 / 0.9), ("stage [arcmin]", 60), ("theta_rad", np.pi / 180)]
+)
+def test_a_unit_in_the_name_of_a_variable_is_read(tmp_path, name, per_deg):
+    np.savez(tmp_path / "a.npz", **{name: 10 * ANGLES * per_deg, "intensity": INTENSITIES})
+    assert read_arrays(tmp_path / "a.npz").angles_deg == pytest.approx((-10.0, 5.0, 20.0, 70.0), abs=1e-4)
+
+
+def test_counts_are_refused_by_their_name_and_become_degrees_by_a_scale(tmp_path):
+    np.savez(tmp_path / "a.npz", encoder_counts=8192 * ANGLES, intensity=INTENSITIES)
+    named = {"columns": ("encoder_counts", "intensity")}
+    with pytest.raises(RecordError, match=r"'counts' is no unit of an angle; .* --deg-per-unit"):
+        read_arrays(tmp_path / "a.npz", TableFormat(**named))
+    bank = read_arrays(tmp_path / "a.npz", TableFormat(**named, deg_per_unit=1 / 8192, offset_deg=-5))
+    assert bank.angles_deg == (-6.0, -4.5, -3.0, 2.0)
+
+
+def test_nan_behind_the_end_of_all_records_is_cut_off(tmp_path):
+    padded = np.full((4, 8, 37), np.nan)
+    padded[:, :, :30] = FRAMES
+    path = save(tmp_path / "a.npz", angle_deg=ANGLES, frames=padded)
+    with pytest.warns(UserWarning, match=r"end with NaN in all channels: 30 of 37 samples are read"):
+        bank = read_arrays(path)
+    np.testing.assert_array_equal(bank.frame(1).samples, FRAMES[ORDER[1]])
+
+
+def test_a_shorter_record_is_filled_with_its_medians(tmp_path):
+    padded = FRAMES.astype(float)
+    padded[2, :, 21:] = np.nan
+    path = save(tmp_path / "a.npz", angle_deg=ANGLES, frames=padded)
+    with pytest.warns(UserWarning, match="1 shorter records are filled with the median of each channel"):
+        bank = read_arrays(path)
+    shorter = bank.frame(1).samples
+    assert np.ptp(shorter[:, 21:], axis=1).max() == 0
+    assert np.ptp(shorter[:, :21], axis=1).min() > 0
+
+
+def test_frames_of_repeated_angles_are_averaged_or_left_out_as_one_direction(tmp_path):
+    angles = np.arange(-12.0, 12.5)
+    envelope = 60 + 1500 * np.exp(-0.5 * ((angles - 3.3) / 2) ** 2)
+    back = 60 + 1500 * np.exp(-0.5 * ((angles - 1.8) / 2) ** 2)
+    carrier = np.random.default_rng(2).normal(size=(8, 30))
+    scan = [np.rint(carrier * height).astype(np.int16) for height in (*envelope, *back[::-1])]
+    path = save(tmp_path / "a.npz", angle_deg=np.r_[angles, angles[::-1]], frames=np.stack(scan))
+    with pytest.warns(UserWarning, match=r"1\.50 deg below the pass of rising angles"):
+        bank = read_arrays(path)
+    np.testing.assert_array_equal(np.stack([bank.frame(each).samples for each in range(25)]), scan[:25])
+    twice = save(tmp_path / "b.npz", angle_deg=np.repeat(ANGLES[:3], 2), frames=np.repeat(FRAMES[:3], 2, axis=0))
+    with pytest.warns(UserWarning, match="3 repeated angles"):
+        bank = read_arrays(twice)
+    np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[ORDER[0]])
+    assert bank.pulses == (2, 2, 2)

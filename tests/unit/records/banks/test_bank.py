@@ -55,7 +55,7 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
     [
         ("angle_deg,intensity\n0,1\n1,1e308\n2,3\n", "line 3: intensity is 1e.308, it must be at most 1e.60"),
         ("", "this is empty, and a bank is expected; give a CSV of angle_deg,intensity"),
-        ("angle_deg,amplitude\n1,2\n", "line 1: the column intensity is missing"),
+        ("angle_deg,height,x\n1,2,3\n", "line 1: the column intensity is missing"),
         ("angle_deg\n1\n2\n3\n", "line 1: the column intensity is missing"),
         ("angle_deg,intensity\n1,2\n2\n3,4\n", "line 3: it has 1 columns, 2 are expected"),
         ("angle_deg,intensity\n1,2,5\n2,3,5\n3,4,5\n", "line 2: it has 3 columns, 2 are expected; .* decimal comma"),
@@ -67,7 +67,9 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
             "Winkel;Wert\n1;2\n2;1\n3;4\n",
             r"it has Winkel, Wert; .* --columns ANGLE,INTENSITY, here perhaps Winkel,Wert$",
         ),
-        ("A [°];Max V\n1;2\n2;1\n3;4\n", r"here perhaps 'A \[°\],Max V'$"),
+        ("A;Max V\n1;2\n2;1\n3;4\n", r"here perhaps 'A,Max V'$"),
+        ("Max V;angle\n1;2\n2;1\n3;4\n", r"here perhaps 'angle,Max V'$"),
+        ("encoder_counts;Max V\n1;2\n2;1\n", r"here perhaps 'encoder_counts,Max V' with --deg-per-unit$"),
         (
             f"A report of {'long ' * 20}standing, which is prose\nand goes on, here\nto its, end\n",
             r"it has A report of [long ]{20,60}…; name the columns of angle and intensity: --columns ANGLE,INTENSITY$",
@@ -108,7 +110,12 @@ def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path
         (("1", "2", "dark"), "cannot be read"),
         (("left_5", "left_6", "right_5"), "right_5: its name has another word than left_5"),
         (("1", "2", "1.0"), "the angle 1 deg is that of"),
-        (("1", "2"), "it holds 2 angles"),
+        (("1", "-2"), "it holds 2 angles"),
+        (("1", "2", "3"), "its number may count the frames or be an angle"),
+        (
+            ("frame_010", "frame_011", "frame_012"),
+            "name each frame as in angle_12.5deg, or state the angles: --first-deg",
+        ),
     ],
 )
 def test_folders_without_one_angle_each_are_refused(tmp_path: Path, names: tuple[str, ...], message: str) -> None:
@@ -125,7 +132,11 @@ def test_folders_without_one_angle_each_are_refused(tmp_path: Path, names: tuple
         (".5", 0.5),
         ("-12.5°", -12.5),
         ("trus angle -30 deg", -30.0),
-        ("Phantom_7", 7.0),
+        ("Phantom_7deg", 7.0),
+        ("Phantom_-7", -7.0),
+        ("theta 7", 7.0),
+        ("angle_50gon", 45.0),
+        ("-1200mrad", -68.7549),
         ("+08", 8.0),
         ("-0.0", 0.0),
     ],

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from markerseek.core import RecordError
+from markerseek.core import ConfigError, RecordError
+from markerseek.records.banks import TableFormat, read_bank
 from markerseek.records.banks.frames import load_frame, open_ultrasonix
 from markerseek.wire import sonixdaq
 
@@ -273,3 +274,59 @@ def test_what_is_not_in_the_file_is_refused(tmp_path):
         file.rf(1)
     with pytest.raises(RecordError, match="check the name"):
         open_ultrasonix(tmp_path / "b.rf")
+
+
+def counted_folder(folder, frames):
+    folder.mkdir()
+    for number, samples in frames.items():
+        np.save(folder / f"frame_{number:03d}.npy", samples)
+    return folder
+
+
+def test_a_counted_folder_takes_stated_angles_and_keeps_the_places_of_missing_frames(tmp_path):
+    frames = dict(enumerate(pulses_of(6), start=8))
+    del frames[11]
+    folder = counted_folder(tmp_path / "scan", frames)
+    with pytest.raises(RecordError, match=r"frame_008\.npy: its number may count the frames .* --first-deg -35"):
+        read_bank(folder)
+    with pytest.warns(UserWarning, match="the frames numbered 11 are missing; the others keep their angles"):
+        bank = read_bank(folder, TableFormat(first_and_step_deg=(-4.0, 2.0)))
+    assert bank.angles_deg == (-4.0, -2.0, 0.0, 4.0, 6.0)
+    np.testing.assert_array_equal(bank.frame(3).samples, frames[12])
+    stated = read_bank(folder, TableFormat(angles_deg=(9.0, 7.0, 5.0, 3.0, 1.0)))
+    np.testing.assert_array_equal(stated.frame(0).samples, frames[13])
+    with pytest.raises(RecordError, match="4 angles are given for 5 frames"):
+        read_bank(folder, TableFormat(angles_deg=(9.0, 7.0, 5.0, 3.0)))
+
+
+def test_a_folder_of_angles_refuses_stated_ones(tmp_path):
+    for name in ("-2deg", "0deg", "2deg"):
+        write_daq(tmp_path / name, pulses_of(1))
+    with pytest.raises(ConfigError, match=r"the names of its frames are angles, such as -2deg; leave --first-deg"):
+        read_bank(tmp_path, TableFormat(first_and_step_deg=(0.0, 1.0)))
+
+
+@pytest.mark.parametrize("new", [True, False])
+def test_one_triggered_acquisition_holds_a_pulse_at_each_angle(tmp_path, new):
+    pulses = pulses_of(5)
+    folder = write_daq(tmp_path / "burst", pulses, new=new)
+    with pytest.raises(RecordError, match=r"with 5 pulses; if each pulse was triggered at an angle .*--first-deg -35"):
+        read_bank(folder)
+    bank = read_bank(folder, TableFormat(first_and_step_deg=(6.0, -3.0), without_channels=(2,)))
+    assert bank.angles_deg == (-6.0, -3.0, 0.0, 3.0, 6.0)
+    expected = pulses[4].copy()
+    expected[1] = 0
+    np.testing.assert_array_equal(bank.frame(0).samples, expected)
+    with pytest.raises(RecordError, match="3 angles are given for 5 pulses"):
+        read_bank(folder, TableFormat(angles_deg=(1.0, 2.0, 3.0)))
+    (folder / "CH100.daq" if new else folder / "CH100-0000.daq").unlink()
+    with pytest.raises(RecordError, match=r"127 channel files .* missing is CH100"):
+        read_bank(folder, TableFormat(first_and_step_deg=(6.0, -3.0)))
+
+
+def test_nan_behind_the_end_of_a_frame_is_no_sample(tmp_path):
+    samples = pulses_of()[0]
+    padded = np.full((128, SAMPLES + 9), np.nan)
+    padded[:, :SAMPLES] = samples
+    np.save(tmp_path / "a.npy", padded)
+    np.testing.assert_array_equal(load_frame(tmp_path / "a.npy").samples, samples)

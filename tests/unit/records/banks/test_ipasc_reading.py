@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.core import RecordError
-from markerseek.records.banks import BankFacts, FrameBank, read_bank, whole_bank
+from markerseek.core import ConfigError, RecordError
+from markerseek.records.banks import BankFacts, FrameBank, TableFormat, read_bank, whole_bank
 from markerseek.records.banks.ipasc import TOLERANCE, element_row, read_probed
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample, write
 
@@ -40,6 +40,11 @@ def test_todays_version_is_read():
         np.testing.assert_array_equal(bank.dark_frame(index).samples, counts(seed, (2, 6)))
     assert replace(bank.facts, pitch_m=FACTS.pitch_m) == FACTS
     assert (bank.started_s, bank.pulses) == ((6.0, 4.0, 2.0, 0.0), (16,) * 4)
+
+
+def test_a_bank_with_angles_refuses_stated_ones():
+    with pytest.raises(ConfigError, match="this recording has its angles; leave --first-deg"):
+        read_bank(FIXTURES / "bank.hdf5", TableFormat(first_and_step_deg=(0.0, 1.0)))
 
 
 def with_poses(path, about_deg, *, positions_m=0.0):

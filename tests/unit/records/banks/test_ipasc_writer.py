@@ -263,6 +263,11 @@ def test_a_disk_that_fails_at_any_step_is_reported_as_one(tmp_path, monkeypatch,
         (put("meta_data/intensity", np.array([1.0, 2.0, 3.0, -4.0])), "negative"),
         (put("binary_time_series_data", np.zeros((8, 50, 2, 4), np.int16)), "one wavelength"),
         (put("meta_data/ad_sampling_rate", -1.0), "it must lie between 100000"),
+        (put("meta_data/ad_sampling_rate", 31.25), r"is 31\.25 Hz, it must .* 1e\+09 Hz; write it in Hz$"),
+        (
+            put("meta_data/speed_of_sound", 1.54),
+            r"is 1\.54 m/s, it must lie between 300 and 7000 m/s; write it in m/s$",
+        ),
     ],
 )
 def test_a_bank_with_a_fault_is_refused(tmp_path, change, message):

@@ -13,9 +13,9 @@ import pytest
 import SimpleITK as sitk  # noqa: N813 - the name that its users give it
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import RecordError
+from markerseek.core import ConfigError, RecordError
 from markerseek.records import read_image_sequence
-from markerseek.records.banks import read_bank, read_sequence, write_sequence
+from markerseek.records.banks import TableFormat, read_bank, read_sequence, write_sequence
 from markerseek.records.banks.sequence import angles_of, open_sequence
 from tests.unit.records.banks.exported import ANGLES, FACTS, SERIES, TIMES, images
 
@@ -445,3 +445,67 @@ def test_a_recording_of_plus_is_read_as_its_header_has_it():
     times = [float(each["Timestamp"]) for each in sequence.frame_fields]
     assert times == [float(image.GetMetaData(f"Seq_Frame{n:04d}_Timestamp")) for n in range(142)]
     assert times == sorted(times)
+
+
+def write_list_first(path, images, *, more=""):
+    """A NRRD of images (frames, rows, columns) as 3D Slicer writes its sequences: the list is the fastest axis."""
+    data = np.ascontiguousarray(images.transpose(1, 2, 0)).astype("<f4")
+    head = {
+        "type": "float", "dimension": "4", "sizes": f"{len(images)} {images.shape[2]} {images.shape[1]} 1",
+        "kinds": "list domain domain domain", "spacings": "nan 0.2 0.3 1", "endian": "little", "encoding": "gzip",
+    }  # fmt: skip
+    lines = ["NRRD0005", *(f"{name}: {value}" for name, value in head.items()), "axis 0 index type:=numeric", "", ""]
+    path.write_bytes("\n".join(lines).encode() + gzip.compress(data.tobytes()))
+    return path
+
+
+def test_a_sequence_with_its_list_first_takes_stated_angles(tmp_path):
+    shown = np.random.default_rng(4).uniform(0, 100, (6, 7, 9)).astype(np.float32)
+    path = write_list_first(tmp_path / "a.seq.nrrd", shown)
+    values, header = nrrd.read(str(path))
+    assert header["kinds"][0] == "list"
+    np.testing.assert_array_equal(values[:, :, :, 0].transpose(0, 2, 1), shown)
+    np.testing.assert_array_equal(list(open_sequence(path).frames()), shown)
+    with pytest.raises(RecordError, match=r"its fields are none; .* --angle-field, or state the angles: --first-deg"):
+        read_bank(path)
+    bank = read_bank(path, TableFormat(first_and_step_deg=(10.0, -2.5)))
+    assert bank.angles_deg == (-2.5, 0.0, 2.5, 5.0, 7.5, 10.0)
+    np.testing.assert_allclose(bank.intensities, shown.max(axis=(1, 2))[::-1])
+    with pytest.raises(RecordError, match="5 angles are given for 6 frames"):
+        read_bank(path, TableFormat(angles_deg=(1.0, 2.0, 3.0, 4.0, 5.0)))
+
+
+def test_a_frame_without_an_image_has_its_place_among_stated_angles(tmp_path):
+    lines, peaks = rf()
+    path = write_mha(tmp_path / "a.mha", lines, fields(ImageStatus=["OK", "INVALID", "OK", "OK", "OK"]), **RF)
+    with pytest.warns(UserWarning) as said:  # noqa: PT030 - two warnings
+        bank = read_bank(path, TableFormat(first_and_step_deg=(0.0, 1.0)))
+    assert "its ProbeRotation is not read" in str(said[0].message)
+    assert "1 of 5 frames are left out" in str(said[1].message)
+    assert bank.angles_deg == (0.0, 2.0, 3.0, 4.0)
+    np.testing.assert_allclose(bank.intensities, np.delete(peaks, 1), rtol=0.02)
+    with pytest.raises(ConfigError, match="both give the angles; leave one out"):
+        read_bank(path, TableFormat(first_and_step_deg=(0.0, 1.0), angle_field="ProbeRotation"))
+
+
+def test_the_way_back_of_a_stepper_with_a_backlash_is_left_out(tmp_path):
+    angles = np.arange(-12.0, 12.5)
+    heights = [300 + 9000 * np.exp(-0.5 * ((angles - at) / 2.2) ** 2) for at in (1.6, -0.4)]
+    burst = np.cos(2 * np.pi * np.arange(60) / 8) * np.exp(-(((np.arange(60) - 30) / 9) ** 2))
+    lines = np.rint(np.concatenate([heights[0], heights[1][::-1]])[:, None, None] * burst).astype(np.int16)
+    there_and_back = np.concatenate([angles, angles[::-1]])
+    path = write_mha(tmp_path / "a.mha", lines, fields(there_and_back), **RF)
+    with pytest.warns(UserWarning, match=r"2\.00 deg below the pass of rising angles"):
+        bank = read_bank(path)
+    assert bank.angles_deg == tuple(angles.tolist())
+    assert np.average(bank.angles_deg, weights=np.array(bank.intensities) ** 2) == pytest.approx(1.6, abs=0.2)
+
+
+def test_a_field_has_the_unit_of_its_name(tmp_path):
+    lines, _ = rf()
+    path = write_mha(
+        tmp_path / "a.mha", lines, fields(StageGon=["-10", "0", "5", "10", "20"], Steps=list("01234")), **RF
+    )
+    assert read_bank(path, TableFormat(angle_field="StageGon")).angles_deg == pytest.approx((-9, 0, 4.5, 9, 18))
+    with pytest.raises(RecordError, match=r"'steps' is no unit of an angle; state the angles, --first-deg"):
+        read_bank(path, TableFormat(angle_field="Steps"))

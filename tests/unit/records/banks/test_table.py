@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.records.banks import IntensityBank, TableFormat, read_bank
+from markerseek.records.banks import IntensityBank, TableFormat, angles_in, read_bank
 
 ANGLES_DEG = (-10.5, -2.0, 0.25, 7.0)
 INTENSITIES = (1.5, 20.0, 300.25, 4.0)
@@ -109,7 +109,9 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
     angles = rng.permutation(np.repeat(np.arange(-20.0, 21.0, 4.0), 3))
     values = rng.uniform(0, 100, angles.size)
     rows = "".join(f"{angle!r},{value!r}\n" for angle, value in zip(angles.tolist(), values.tolist(), strict=True))
-    with pytest.warns(UserWarning, match="11 repeated angles; the intensities of each are averaged"):
+    with pytest.warns(
+        UserWarning, match="11 repeated angles; the acquisitions of each are averaged; they differ by at most"
+    ):
         bank = read_bank(written(tmp_path, "angle_deg,intensity\n" + rows))
     assert isinstance(bank, IntensityBank)
     # NumPy's own histogram as the second opinion.
@@ -160,6 +162,148 @@ def test_a_column_of_energies_takes_the_laser_out_of_the_intensities(tmp_path, n
     path.write_text(f"angle_deg,intensity,{name}\n-5,10,1\n0,60,0\n5,20,2\n", encoding="utf-8")
     with pytest.raises(RecordError, match=re.escape(f"line 3: {name} is 0, it must be positive")):
         read_bank(path)
+
+
+IN_UNIT = {"gon": 1 / 0.9, "arcmin": 60.0, "mdeg": 1000.0, "urad": math.pi / 180 * 1e6, "turn": 1 / 360}
+
+
+@pytest.mark.parametrize("unit", IN_UNIT)
+@pytest.mark.parametrize("name", ["angle_{}", "Probe angle [{}]", "angle ({})"])
+def test_a_unit_in_the_name_of_the_column_is_read(tmp_path: Path, unit: str, name: str) -> None:
+    rows = "".join(
+        f"{angle * IN_UNIT[unit]!r},{value!r}\n" for angle, value in zip(ANGLES_DEG, INTENSITIES, strict=True)
+    )
+    bank = read_bank(written(tmp_path, f"{name.format(unit)},intensity\n{rows}"))
+    assert bank.angles_deg == pytest.approx(ANGLES_DEG, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("angle [steps]", "steps"), ("encoder_counts", "counts"), ("position [mm]", "mm"), ("Winkel [Grad]", "Grad")],
+)
+def test_a_unit_that_is_none_of_angle_is_refused_by_its_name_with_the_way_to_degrees(
+    tmp_path: Path, name: str, other: str
+) -> None:
+    path = written(tmp_path, table(f"{name},intensity", ",", angles=(0.0, 250.0, 500.0, 750.0)))
+    with pytest.raises(RecordError, match=rf"'{other}' is no unit of an angle; .*--deg-per-unit, .* --offset-deg"):
+        read_bank(path, TableFormat(columns=(name, "intensity")))
+    bank = read_bank(path, TableFormat(columns=(name, "intensity"), deg_per_unit=-0.02, offset_deg=7.5))
+    assert bank.angles_deg == (-7.5, -2.5, 2.5, 7.5)
+    assert bank.intensities == INTENSITIES[::-1]
+
+
+def test_counts_may_have_thousands_separators(tmp_path: Path) -> None:
+    path = written(tmp_path, "counts;intensity\n-12.000;1,5\n6.000;20\n24.500;300\n")
+    bank = read_bank(path, TableFormat(columns=("counts", "intensity"), deg_per_unit=0.001))
+    assert bank.angles_deg == (-12.0, 6.0, 24.5)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"deg_per_unit": 0.0}, "--deg-per-unit is 0: a finite number is needed, and not 0"),
+        ({"deg_per_unit": math.nan}, "--deg-per-unit is nan"),
+        ({"offset_deg": math.inf}, "--offset-deg is inf"),
+        ({"deg_per_unit": 2.0, "unit": "gon"}, "both say what a unit is; leave one out"),
+        ({"columns": ("", "b")}, "INTENSITY alone with --first-deg and --step-deg"),
+        ({"columns": ("a", "b"), "first_and_step_deg": (0.0, 1.0)}, "--columns is 'a,b'"),
+    ],
+)
+def test_a_format_that_contradicts_itself_is_refused(values: dict[str, object], message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        TableFormat(**values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "angles"),
+    [
+        ("angle_deg;intensity", "deg;mV", ANGLES_DEG),
+        ("Angle;Peak", "[mrad];[V]", tuple(angle * math.pi / 0.18 for angle in ANGLES_DEG)),
+        ("Winkel;Signal", "(gon);(a.u.)", tuple(angle / 0.9 for angle in ANGLES_DEG)),
+        ("angle;intensity", "°;", ANGLES_DEG),
+    ],
+)
+def test_a_second_line_of_the_head_holds_the_units(
+    tmp_path: Path, names: str, units: str, angles: tuple[float, ...]
+) -> None:
+    bank = read_bank(written(tmp_path, f"{names}\n{units}\n" + table("", ";", angles=angles)))
+    assert bank.angles_deg == pytest.approx(ANGLES_DEG, abs=1e-4)
+    assert bank.intensities == INTENSITIES
+    named = TableFormat(columns=(names.partition(";")[0], names.partition(";")[2]))
+    assert read_bank(written(tmp_path, f"{names}\n{units}\n" + table("", ";", angles=angles)), named) == bank
+
+
+def test_decibels_in_the_second_line_are_amplitudes(tmp_path: Path) -> None:
+    bank = read_bank(written(tmp_path, "angle,level\ndeg,dB\n-1,-40\n0,-20\n9,0\n"))
+    assert bank.intensities == pytest.approx((0.01, 0.1, 1.0))
+
+
+def test_a_row_without_numbers_is_no_second_line_of_units(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="line 2: angle_deg is 'n/a', it must be a number"):
+        read_bank(written(tmp_path, "angle_deg,intensity\nn/a,-\n" + table("", ",")))
+
+
+@pytest.mark.parametrize("names", ["angle (deg),amplitude (mV)", "amplitude [V],Winkel [°]", "stage_deg,level_dBV"])
+def test_two_columns_with_units_in_their_names_need_no_option(tmp_path: Path, names: str) -> None:
+    first = names.startswith("amplitude")
+    pairs = [f"{value},{angle}" if first else f"{angle},{value}" for angle, value in ((-9, 3), (0, 12), (9, 5))]
+    bank = read_bank(written(tmp_path, "\n".join([names, *pairs])))
+    assert bank.angles_deg == (-9.0, 0.0, 9.0)
+    assert np.argmax(bank.intensities) == 1
+
+
+def test_intensities_by_frames_take_stated_angles(tmp_path: Path) -> None:
+    path = written(tmp_path, "frame,intensity\n1,5\n2,n/a\n3,9\n4,2\n")
+    steps = TableFormat(first_and_step_deg=(8.0, -2.0), skip_invalid=True)
+    with pytest.warns(UserWarning, match="line 3"):
+        bank = read_bank(path, steps)
+    # The row without a number has its place in the scan.
+    assert (bank.angles_deg, bank.intensities) == ((2.0, 4.0, 8.0), (2.0, 9.0, 5.0))
+    with pytest.raises(RecordError, match="the column angle_deg is missing"):
+        read_bank(path)
+    named = written(tmp_path, "a,b\n1,5\n2,7\n3,9\n")
+    stated = TableFormat(columns=("", "b"), angles_deg=(1.0, 5.0, 9.0))
+    assert read_bank(named, stated).angles_deg == (1.0, 5.0, 9.0)
+    with pytest.raises(RecordError, match="2 angles are given for 3 rows"):
+        read_bank(named, TableFormat(columns=("", "b"), angles_deg=(1.0, 5.0)))
+    with pytest.raises(ConfigError, match="its column angle_deg has the angles; leave --first-deg"):
+        read_bank(written(tmp_path, table("angle_deg,intensity", ",")), TableFormat(first_and_step_deg=(0.0, 1.0)))
+
+
+def test_intensities_without_names_take_stated_angles(tmp_path: Path) -> None:
+    steps = TableFormat(first_and_step_deg=(-2.0, 2.0))
+    assert read_bank(written(tmp_path, "5.5\n7\n9\n"), steps).angles_deg == (-2.0, 0.0, 2.0)
+    path = written(tmp_path, "1,5.5\n2,7\n3,9\n")
+    with pytest.raises(ConfigError, match=r"the first may hold the angles; .* --columns 2"):
+        read_bank(path, steps)
+    assert read_bank(path, TableFormat(first_and_step_deg=(-2.0, 2.0), columns=("", "2"))).intensities == (
+        5.5,
+        7.0,
+        9.0,
+    )
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_first_column_without_a_name_that_counts_is_asked_about(tmp_path: Path, first: int) -> None:
+    path = written(tmp_path, "".join(f"{first + number};{value}\n" for number, value in enumerate(INTENSITIES)))
+    with pytest.warns(UserWarning) as said:  # noqa: PT030 - two warnings
+        read_bank(path)
+    assert "its columns have no names" in str(said[0].message)
+    assert "if it only counts, state the angles: --columns 2 --first-deg" in str(said[1].message)
+
+
+def test_a_list_of_angles_has_the_unit_of_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "angles.txt"
+    path.write_text("angle [gon]\n-10\n0\n5.5\n", encoding="utf-8")
+    assert angles_in(path) == (-9.0, 0.0, 4.95)
+    path.write_text("stage [steps]\n-10\n0\n", encoding="utf-8")
+    with pytest.raises(RecordError, match="'steps' is no unit of an angle; write them in degrees, or in one of deg"):
+        angles_in(path)
+
+
+def test_the_numbers_of_the_rows_below_no_name_are_no_intensities(tmp_path: Path) -> None:
+    bank = read_bank(written(tmp_path, ",angle [gon],amplitude [mV]\n0,-10,3\n1,0,12\n2,10,5\n"))
+    assert (bank.angles_deg, bank.intensities) == ((-9.0, 0.0, 9.0), (3.0, 12.0, 5.0))
 
 
 @pytest.mark.parametrize("overload", ["9.9E+37", "9.9100000e37", "3.4028235e+38", "9.8999997e37", "inf", "Infinity"])
