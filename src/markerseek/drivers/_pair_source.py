@@ -263,10 +263,5 @@ class PairSource(Closing):
 
 def require_size(pixels: UInt8[np.ndarray, "rows columns"], camera: Camera, source: str) -> None:
     """Refuse an image whose size is not that of the calibration."""
-    rows, columns = pixels.shape
-    if (columns, rows) != camera.size_px:
-        width, height = camera.size_px
-        raise AcquisitionError(
-            f"{source}: images of {columns} x {rows} pixels, the camera's calibration is of {width} x {height}; take "
-            "them as they come, neither cut nor scaled"
-        )
+    if problem := camera.size_problem(pixels):
+        raise AcquisitionError(f"{source}: {problem}")

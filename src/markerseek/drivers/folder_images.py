@@ -201,7 +201,9 @@ class _Folder:
             return []
         self._unreadable, self._looked_s = None, now_s
         ids = {file.id for file in files}
-        self._done &= ids
+        if ids:
+            # Without any, the folder may be that of a network drive which is away: its images of before come again.
+            self._done &= ids
         self._waiting = {id_: why for id_, why in self._waiting.items() if id_ in ids}
         came = sorted((file for file in files if file.id not in self._done), key=lambda file: (file.time_s, file.name))
         self._first_s = {file.id: self._first_s.get(file.id, now_s) for file in came}

@@ -45,6 +45,18 @@ class Camera:
             for value in values:
                 require_range(f"camera: {name}", value, low=low, high=high, unit="px" if name != "distortion" else "")
 
+    def size_problem(self, pixels: np.ndarray) -> str:
+        """Say how an image differs from the calibration in its size, and what to do; empty if it does not."""
+        rows, columns = pixels.shape[:2]
+        width, height = self.size_px
+        if (columns, rows) == (width, height):
+            return ""
+        if (columns, rows) == (height, width):
+            cure = "they are turned by a quarter of a turn (EXIF orientation?): save them as those of the calibration"
+        else:
+            cure = "take them as they come, neither cut nor scaled"
+        return f"images of {columns} x {rows} pixels, the camera's calibration is of {width} x {height}; {cure}"
+
     def project(self, points_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 2"]:
         """Pixels of points in the camera's frame."""
         if not (points_m[:, 2] > 0).all():

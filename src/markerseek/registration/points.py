@@ -161,13 +161,8 @@ def _spot(folder: Path, camera: Camera) -> tuple[tuple[float, float], float]:
     """Pixel of the spot in the images of a folder, and its standard deviation in pixels."""
     frames = read_camera_images(folder)
     dark = read_camera_images(folder / DARK) if (folder / DARK).is_dir() else []
-    rows, columns = frames[0].shape
-    if (columns, rows) != camera.size_px:
-        width, height = camera.size_px
-        raise RecordError(
-            f"{folder}: images of {columns} x {rows} pixels, the camera's calibration is of {width} x {height}; save "
-            "them as they come, neither cut nor scaled"
-        )
+    if problem := camera.size_problem(frames[0]):
+        raise RecordError(f"{folder}: {problem}")
     try:
         spot = find_spot(frames, dark=dark)
     except ConfigError as problem:

@@ -229,9 +229,28 @@ def test_a_folder_that_is_gone_is_an_error_and_one_that_comes_back_goes_on(
     assert len(pairs_of(source, until=bool, limit_s=5)) == 1
 
 
+def test_images_of_before_stay_so_where_a_network_drive_was_away(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    """The folder to which a drive is attached is there without it, and empty."""
+    for folder in folders:
+        for number in range(1, 8):
+            (folder / f"{number}.png").write_bytes(encoded(number))
+    with FolderImages(folders, (CAMERA, CAMERA)) as source:
+        for folder in folders:
+            folder.rename(tmp_path / f"drive {folder.name}")
+            folder.mkdir()
+        time.sleep(0.3)
+        for folder in folders:
+            folder.rmdir()
+            (tmp_path / f"drive {folder.name}").rename(folder)
+            (folder / "20.png").write_bytes(encoded(20))
+        found = pairs_of(source, until=lambda _: False, limit_s=1.0)
+    assert [int(pair.left[0, 0]) for pair in found] == [20]
+
+
 @pytest.mark.parametrize(
     ("image", "message"),
     [
+        (np.zeros((160, 128), np.uint8), "right: images of 128 x 160 pixels.*turned by a quarter of a turn"),
         (np.zeros((128, 161), np.uint8), "right: images of 161 x 128 pixels, the camera's calibration is of 160 x 128"),
         (np.zeros((128, 160), np.uint16), "1.png: the image has pixels of uint16, they must have 8 bits; save or send"),
     ],
