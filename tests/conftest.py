@@ -18,6 +18,7 @@ import hypothesis
 import jaxtyping
 import pytest
 
+from tests.notes import notes_collected, notes_refused
 from tests.sizes import LONG, examples
 
 PURE = ("core", "search", "signals", "acoustics", "calibration", "geometry", "vision")
@@ -99,6 +100,20 @@ if LONG:
     jaxtyping.install_import_hook(_pure_modules(), f"beartype.beartype(conf={conf})")
 
 
+@pytest.fixture(autouse=True)
+def _notes_refused() -> Iterator[None]:
+    """What is logged as a warning fails a test that does not expect it (`tests.notes`)."""
+    with notes_refused():
+        yield
+
+
+@pytest.fixture
+def notes_allowed() -> Iterator[None]:
+    """For tests to which it does not matter what is said."""
+    with notes_collected():
+        yield
+
+
 @pytest.fixture
 def unchecked_shapes() -> Iterator[None]:
     """For thousands of searches, of whose time the checks take a third; unit tests check the same functions."""
@@ -122,7 +137,7 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 
     def run(*words: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["markerseek", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
+        with pytest.raises(SystemExit) as ended, notes_collected():
             cli.main()
         # A command keeps what it writes for its owner; here that is the process of the tests.
         os.umask(umask)

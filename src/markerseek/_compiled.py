@@ -6,14 +6,16 @@ The only place that calls Numba's decorator. It holds no formula, so that `acous
 
 from __future__ import annotations
 
+import logging
 import os
-import warnings
 from collections.abc import Callable
 from functools import cache
 from typing import Any, TypeVar, cast
 
 from numba import njit
 from numba.core.dispatcher import Dispatcher
+
+_LOG = logging.getLogger(__name__)
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
@@ -47,9 +49,7 @@ def compiled(kernel: Kernel) -> Kernel:
 
 @cache
 def _warn_that_nothing_is_kept() -> None:
-    warnings.warn(
+    _LOG.warning(
         "no folder for compiled code can be written, so each start takes some seconds more; "
-        "set NUMBA_CACHE_DIR to a folder that can be written",
-        RuntimeWarning,
-        stacklevel=3,
+        "set NUMBA_CACHE_DIR to a folder that can be written"
     )

@@ -38,7 +38,7 @@ def test_a_whole_file_is_read(tmp_path, decoder):
 
 
 # A damaged byte may be a glitch, or a frame without an angle.
-@pytest.mark.filterwarnings("ignore:.*is taken off int16", "ignore:.*frames are left out")
+@pytest.mark.usefixtures("notes_allowed")
 @settings(
     max_examples=examples(150),
     deadline=None,

@@ -17,6 +17,7 @@ from pydicom.dataset import Dataset
 from markerseek.core import RecordError
 from markerseek.files import natural
 from markerseek.records import ImageSeries, read_images
+from tests.notes import noted
 from tests.tip_images import dicom, images_of_a_tip
 
 pytestmark = pytest.mark.usefixtures("no_child")
@@ -94,7 +95,6 @@ def test_a13_a_hyphen_that_may_be_a_minus_is_not_guessed(shell: Shell, tmp_path:
     assert answer(shell, scan, "--angles", angles, "--pixel-mm", PIXEL_MM)["reference_deg"] == 0
 
 
-@pytest.mark.filterwarnings("always:the images numbered")
 def test_a2_an_image_keeps_its_number_where_others_are_missing(shell: Shell, tmp_path: Path) -> None:
     kept = [0, 1, 3, 4, 5, 7, 8, 9, 10]
     names = [f"frame{number + 1}" for number in kept]
@@ -258,14 +258,14 @@ def test_files_are_in_the_order_of_their_instance_numbers(tmp_path: Path, name: 
     """The names, as of an archive, say nothing of it."""
     for number, other in enumerate((77, 12, 903, 41)):
         dicom(tmp_path / name.format(other), ramp(4)[number][None], InstanceNumber=str(5 + number))
-    with pytest.warns(UserWarning, match="in the order of their InstanceNumber, which is not that of their names; the"):
+    with noted("in the order of their InstanceNumber, which is not that of their names; the"):
         assert levels(read_images(tmp_path)) == [10, 30, 50, 70]
 
 
 def test_missing_instance_numbers_are_named(tmp_path: Path) -> None:
     for number, other in ((1, 9), (2, 3), (4, 8)):
         dicom(tmp_path / f"{other}.dcm", ramp(4)[number - 1][None], InstanceNumber=str(number))
-    with pytest.warns(UserWarning, match="not that of their names; 3 are missing"):
+    with noted("not that of their names; 3 are missing"):
         assert levels(read_images(tmp_path)) == [10, 30, 70]
 
 

@@ -12,6 +12,7 @@ import pytest
 from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks import TableFormat, read_bank
 from markerseek.search import Curve, peak_of
+from tests.notes import noted
 
 MARKER_DEG = -8.25
 ANGLES_DEG = np.arange(-24.5, 25)
@@ -173,18 +174,18 @@ def test_a5_what_looks_like_a_number_is_never_left_out(shell: Shell, tmp_path: P
 @pytest.mark.parametrize("cell", ["n/a", "", "-", "NaN", "#DIV/0!", "1.#QNAN", "Err:502", "inf"])
 def test_a5_cells_without_a_number_are_left_out_as_before(tmp_path: Path, cell: str) -> None:
     path = small(tmp_path, "angle_deg;intensity", "-1,5;387", f"0;{cell}", "1;455", "2;1")
-    with pytest.warns(UserWarning, match="1 without a finite number left out"):
+    with noted("1 without a finite number left out"):
         assert read(path, TableFormat(skip_invalid=True)) == ([-1.5, 1, 2], [387, 455, 1])
 
 
 def test_a5_a_space_that_may_separate_columns_is_not_read(tmp_path: Path) -> None:
     """-35.5 and 387, or -35 and 5387."""
-    with pytest.warns(UserWarning, match="no names"), pytest.raises(RecordError, match="looks like a number"):
+    with noted("no names"), pytest.raises(RecordError, match="looks like a number"):
         read(small(tmp_path, "-35,5 387", "-34,5 455", "-33,5 413"))
 
 
 def test_a5_a_first_row_with_a_typographic_minus_is_no_heading(tmp_path: Path) -> None:
-    with pytest.warns(UserWarning, match="no names"):
+    with noted("no names"):
         assert read(small(tmp_path, "−35,5;1.387", "−34,5;455", "−33,5;413"))[1] == [1387, 455, 413]
 
 
@@ -294,11 +295,11 @@ def wrapped_table(folder: Path, angles: np.ndarray, marker_deg: float) -> Path:
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("name", WRAPPED)
-@pytest.mark.filterwarnings("ignore:.*repeated angle")
+@pytest.mark.usefixtures("notes_allowed")
 def test_a12_a_scan_across_a_turn_is_unwrapped(tmp_path: Path, name: str, order: str) -> None:
     recorded, marker_deg, (low_deg, high_deg), found_deg = WRAPPED[name]
     path = wrapped_table(tmp_path, ORDERS[order](recorded), marker_deg)
-    with pytest.warns(UserWarning, match=f"it runs from {low_deg:g} to {high_deg:g} deg, and all angles of the answer"):
+    with noted(f"it runs from {low_deg:g} to {high_deg:g} deg, and all angles of the answer"):
         bank = read_bank(path)
     assert (bank.range.low_deg, bank.range.high_deg) == (low_deg, high_deg)
     assert max(np.diff(bank.angles_deg)) <= 1.000001
@@ -306,7 +307,6 @@ def test_a12_a_scan_across_a_turn_is_unwrapped(tmp_path: Path, name: str, order:
     assert [peak.com_deg, peak.cen_deg] == pytest.approx([found_deg] * 2, abs=0.2)
 
 
-@pytest.mark.filterwarnings("default")
 def test_a12_the_unwrapped_scan_is_searched_and_that_is_said_once(shell: Shell, tmp_path: Path) -> None:
     angles, marker_deg, _, found_deg = WRAPPED["0"]
     path = wrapped_table(tmp_path, angles[::2], marker_deg)
@@ -334,5 +334,5 @@ def test_a12_other_scans_keep_their_angles(tmp_path: Path, angles: np.ndarray, s
     if says is None:
         assert read(path)[0] == angles.tolist()
     else:
-        with pytest.warns(UserWarning, match=says):
+        with noted(says):
             assert read(path)[0] == angles.tolist()

@@ -18,7 +18,7 @@ from markerseek.core import AcquisitionError, ConfigError, NotConnectedError, St
 from markerseek.drivers import RosImages, open_stereo_images
 from markerseek.geometry import Camera
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*so far:UserWarning")
+pytestmark = pytest.mark.usefixtures("notes_allowed")
 
 PUBLISHER = Path(__file__).with_name("image_publisher.py")
 TOPICS = "/stereo/left/image_raw", "/stereo/right/image_raw"

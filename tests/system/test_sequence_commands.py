@@ -102,7 +102,6 @@ def test_a_tip_is_found_at_the_angles_of_the_recording(shell, tmp_path):
     assert (code, "without --angles and --step-deg" in " ".join(err.split())) == (2, True)
 
 
-@pytest.mark.filterwarnings("always:.*repeat an angle")
 @pytest.mark.skipif(not RECORDING.exists(), reason="the recording of PLUS is not here")
 def test_there_is_no_tip_in_a_recording_of_wires_and_a_wall(shell):
     code, out, err = shell("tooltip", RECORDING, "--json")

@@ -14,6 +14,7 @@ import io
 import os
 import signal
 import sys
+import warnings
 from contextlib import suppress
 
 from markerseek._version import __version__
@@ -57,6 +58,7 @@ SHOW_TRACEBACK = "MARKERSEEK_TRACEBACK"
 def main() -> NoReturn:
     """Run the command line and end the process with its exit code; every error becomes one line."""
     _open_standard_streams()
+    _take_no_warning_as_error()
     # What a command writes may be about a patient: only its owner can read it.
     os.umask(os.umask(0o077) | 0o077)
     _heed_signals()
@@ -114,6 +116,16 @@ def _heed_signals() -> None:
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGALRM, signal.SIGCHLD):
         if signal.getsignal(each) is signal.SIG_IGN:
             signal.signal(each, signal.default_int_handler if each is signal.SIGINT else signal.SIG_DFL)
+
+
+def _take_no_warning_as_error() -> None:
+    """Undo PYTHONWARNINGS and ``-W``, here and in all child processes: a library's warning must not end a command."""
+    if sys.warnoptions:
+        sys.warnoptions.clear()
+        os.environ.pop("PYTHONWARNINGS", None)
+        warnings.resetwarnings()
+        for each in (DeprecationWarning, PendingDeprecationWarning, ImportWarning, ResourceWarning):
+            warnings.simplefilter("ignore", each)
 
 
 def _open_standard_streams() -> None:

@@ -36,6 +36,7 @@ from markerseek.cli import (
     study,
     tooltip,
 )
+from markerseek.cli.notes import notes_printed
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_error, print_warning
 from markerseek.core import ConfigError, MarkerseekError, SearchPlan, SimulationOptions, options_of
@@ -213,7 +214,7 @@ def run() -> None:
 
     Always raises `SystemExit`, except after Ctrl-C, at a closed pipe, or on an unexpected error.
     """
-    # Warnings as one line: the default prints a line of source code that says nothing to a user.
+    # Of libraries: Python would print a line of their source code, which says nothing to a user.
     warnings.showwarning = print_warning
     for stream in (sys.stdout, sys.stderr):
         # A terminal without a degree sign in its encoding gets a question mark instead of an error.
@@ -221,7 +222,8 @@ def run() -> None:
             stream.reconfigure(errors="replace")
     as_json = "--json" in sys.argv
     try:
-        sys.exit(_built()(standalone_mode=False))
+        with notes_printed():
+            sys.exit(_built()(standalone_mode=False))
     except SystemExit as ended:
         if isinstance(ended, Stopped):
             raise

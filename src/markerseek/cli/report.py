@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from markerseek._version import __version__
+from markerseek.cli.notes import notes_said
 from markerseek.cli.terminal import new_table, print_json, stderr, stdout
 from markerseek.core import ConfigError
 from markerseek.files import replace_file
@@ -106,8 +107,8 @@ def require_room(folder: Path) -> None:
 
 
 def with_version(**values: object) -> dict[str, object]:
-    """Values for programs, the version of this program at their end."""
-    return values | {"version": __version__}
+    """Values for programs; at their end what the command has said, and the version of this program."""
+    return values | {"notes": notes_said(), "version": __version__}
 
 
 def matrix_lines(rows: Iterable[Iterable[float]]) -> Iterator[str]:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import msgspec
 from rich.markup import escape
 
+from markerseek.cli.notes import notes_said
 from markerseek.cli.report import Output, Report, drawn, facts, file_line
 from markerseek.cli.signals import StoppedBySignal, WatchOptions, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import print_warning, progress_bar, show_view, stderr
@@ -184,7 +185,8 @@ def conclude(
     intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None if
     there is none, or the answer is from all of it.
     """
-    result, rig = view.result(), view.facts
+    result = msgspec.structs.replace(view.result(), notes=notes_said())
+    rig = view.facts
     form = " as published" if result.as_published else ""
     title = f"{result.method}{form} on a {rig.rig_name}: {rig.description}"
     if result.search is not None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, replace
 from itertools import pairwise
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from markerseek.records import ImageSeries
+
+_LOG = logging.getLogger(__name__)
 
 _PIXEL_MM = 0.1
 """Size of a pixel if neither the files nor the user state it."""
@@ -167,9 +169,7 @@ def _places(stems: Sequence[str]) -> list[int]:
     found, missing = places(stems)
     if missing:
         numbers = ", ".join(map(str, missing))
-        warnings.warn(
-            f"the images numbered {numbers} are missing; the others keep their angles (--angles)", stacklevel=2
-        )
+        _LOG.warning("the images numbered %s are missing; the others keep their angles (--angles)", numbers)
     return found
 
 

@@ -6,7 +6,6 @@ import atexit
 import logging
 import threading
 import time
-import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -183,7 +182,7 @@ class PairSource(Closing):
             if pairs:
                 self._unpaired_from_s = now_s
         for sentence in said:
-            warnings.warn(sentence, stacklevel=2)
+            _LOG.warning("%s", sentence)
         if not pairs:
             self._require_well(now_s, dropped)
         return pairs

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import secrets
-import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -33,6 +33,8 @@ from markerseek.drivers.standard_laser import Permits
 from markerseek.drivers.standard_stage import require_inside
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, reach, topics
 
+_LOG = logging.getLogger(__name__)
+
 _SLICE_S = 0.02
 """Longest time between two beats of the clock while a message is awaited, in seconds."""
 
@@ -52,7 +54,7 @@ def require_found(
         return
     where = f"it is looked for in {reach()}"
     if connect_s > early_s:
-        warnings.warn(f"{missing} so far; {where}; waiting up to {connect_s:g} s", stacklevel=2)
+        _LOG.warning("%s so far; %s; waiting up to %g s", missing, where, connect_s)
         if wait_until(node, clock, found, timeout_s=connect_s - early_s):
             return
     raise NotConnectedError(f"{missing} within {connect_s:g} s; {cure}; {where}")

@@ -12,10 +12,11 @@ import numpy as np
 from markerseek.core import MissingExtraError, RecordError, UInt8
 from markerseek.files import MIB, angle_in, as_read_error, endings, in_natural_order, require_input
 from markerseek.records.banks import open_ultrasonix
-from markerseek.records.banks.bank import first_of, warn
+from markerseek.records.banks.bank import first_of
 from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
 from markerseek.records.dicom import DAMAGED, read_dicom
 from markerseek.records.hdf5 import as_record_error
+from markerseek.records.notes import note
 
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 """Suffixes of files with B-mode images; DICOM files without a suffix need one."""
@@ -105,7 +106,7 @@ def _in_order(path: Path, read: list[_File]) -> list[_File]:
         return read
     missing = sorted({*range(min(numbers), max(numbers))} - {*numbers}) if np.ptp(numbers) < 2 * len(numbers) else []
     gaps = f"; {first_of([str(each) for each in missing])} are missing" if missing else ""
-    warn(
+    note(
         path,
         f"its images are taken in the order of their InstanceNumber, which is not that of their names{gaps}; the angle "
         "of each by its name: --angles FILE",
@@ -133,7 +134,7 @@ def read_image_sequence(
     placed = angles_of(sequence, angle_field=angle_field) if angles else {}
     firsts = {angle_deg: number for number, angle_deg in reversed(placed.items())}
     if len(firsts) < len(placed):
-        warn(path, f"{len(placed) - len(firsts)} images repeat an angle; the first at each angle is taken")
+        note(path, f"{len(placed) - len(firsts)} images repeat an angle; the first at each angle is taken")
     numbers = set(firsts.values()) if angles else set(filter(sequence.valid_image, range(count)))
     found = {number: image for number, image in enumerate(sequence.frames()) if number in numbers}
     if not found:

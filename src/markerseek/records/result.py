@@ -200,6 +200,8 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """Seed of a simulated rig."""
     configuration: str
     """Fingerprint of the rig."""
+    notes: tuple[str, ...] = ()
+    """What its user must know of how the recording was read, or the rig was found, in sentences."""
     outliers_deg: tuple[float, ...] = ()
     """Angles of acquisitions that were left out, because they are far stronger than those beside them."""
     near: AnglePrior | None = None

@@ -105,6 +105,7 @@ def replayed(
         scanner=scanner,
         imaging=imaging,
         dark_frames=bank.dark_frames,
+        notes=bank.notes,
         angles_deg=None if interpolated else bank.angles_deg,
         recipe=ReplayedRecipe(
             path=str(path.absolute()),

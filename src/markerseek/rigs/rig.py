@@ -64,6 +64,8 @@ class Rig(Closing):
     """Settings of a rig of devices, as its rig file has them; None of any other rig."""
     checks: Mapping[str, tuple[RuleCheck, ...]] = field(default_factory=dict)
     """Rules that foreign drivers were tried by when they were opened, by part and driver."""
+    notes: tuple[str, ...] = ()
+    """What was assumed, changed or left out when a recording was read, in sentences."""
 
     def __repr__(self) -> str:
         """What it is, in a line: devices and world would fill a page, and show where a simulated marker is."""

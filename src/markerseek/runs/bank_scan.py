@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
-import warnings
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -53,6 +53,8 @@ from markerseek.runs.journalled import configuration_of, is_scan, journalled, li
 from markerseek.runs.resume import resumed
 from markerseek.runs.run_view import RunView
 from markerseek.search import Exhaustive
+
+_LOG = logging.getLogger(__name__)
 
 MAX_ANGLES = 5000
 """Most angles of one scan."""
@@ -240,7 +242,7 @@ def _exported(journal: Journal, path: Path, facts: BankFacts) -> Iterator[None]:
             _export(journal.path, path, facts)
         except RecordError as problem:
             # It must not hide what ended the scan.
-            warnings.warn(str(problem), stacklevel=2)
+            _LOG.warning("%s", problem)
         raise
     _export(journal.path, path, facts)
 

@@ -7,6 +7,8 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
+import msgspec
+
 from markerseek.core import (
     AnyPolicy,
     ConfigError,
@@ -90,7 +92,7 @@ class Session:
 
     def result(self) -> SearchResult:
         """Result of the search once it is over; `SearchError` before, and after an error."""
-        return self.view.result()
+        return msgspec.structs.replace(self.view.result(), notes=self.rig.notes)
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:

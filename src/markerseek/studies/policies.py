@@ -8,8 +8,8 @@ that it must be installed or lie in a folder of PYTHONPATH.
 from __future__ import annotations
 
 import importlib
+import logging
 import traceback
-import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,8 @@ from markerseek.search import (
     refuse_posterior_settings,
     require_plan,
 )
+
+_LOG = logging.getLogger(__name__)
 
 OF_STUDY = ("prior", "near_sigma_deg", "near_off_deg")
 OF_PLAN = (*(each.name for each in options_of(SearchPlan) if each.name != "near"), "early_end", "cues")
@@ -87,7 +89,7 @@ class StudyPolicy:
                 raise ConfigError(f"{method}: {name} is {value}, a policy of your own has no such setting")
         # A study may come from anyone, and its module may be any that is installed.
         module = method.partition(":")[0]
-        warnings.warn(f"{method}: the study imports the module {module} and runs its code", stacklevel=3)
+        _LOG.warning("%s: the study imports the module %s and runs its code", method, module)
         # A module that cannot be imported is an error when the study is read, not in a worker process.
         _build_own(method, limits=PAPER_RANGE, acquisitions=number)
 

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import pytest
 from markerseek.core import AcquisitionError, ConfigError, DeviceError, NotConnectedError, StereoImages, StereoPair
 from markerseek.drivers import FolderImages, folder_images, open_stereo_images
 from markerseek.geometry import Camera
+from tests.notes import noted
 from tests.unit.drivers.image_writer import encoded, in_two_halves
 
 pytestmark = pytest.mark.real_time
@@ -75,8 +75,7 @@ def test_every_pair_comes_once_in_order_and_whole(
         (folder / "folder.png").mkdir()
     with open_stereo_images([*map(str, folders)], left=CAMERA, right=CAMERA) as source:
         began_s = time.monotonic()
-        with warnings.catch_warnings(), written(folders, manner, 30) as process:
-            warnings.simplefilter("error")
+        with written(folders, manner, 30) as process:
             found = pairs_of(source, until=lambda pairs: len(pairs) >= len(values), limit_s=30)
             times_s = [float(line) for line in process.stdout]
         time.sleep(0.3)
@@ -111,9 +110,9 @@ def test_an_incomplete_file_is_named_once_and_others_come_all_the_same(
     for folder in folders:
         (folder / "1.png").write_bytes(encoded(1)[:-30] if folder is folders[1] else encoded(1))
         (folder / "2.png").write_bytes(encoded(2))
-    with pytest.warns(UserWarning, match="not complete") as said:
+    with noted("not complete") as said:
         found = pairs_of(source, until=lambda _: False, limit_s=3.5)
-    assert [str(each.message).split(" for 2 s, and is left out")[0] for each in said] == [
+    assert [each.split(" for 2 s, and is left out")[0] for each in said] == [
         f"{folders[1] / '1.png'}: it is not complete, or no image,"
     ]
     assert [int(pair.left[0, 0]) for pair in found] == [2]
@@ -131,7 +130,7 @@ def test_where_reading_is_too_slow_whole_pairs_are_left_out_and_the_rates_are_sa
 
     monkeypatch.setattr(folder_images, "decoded_image", slowly)
     with written(folders, "renamed", 250) as process:
-        with pytest.warns(UserWarning, match="are read more slowly") as said:
+        with noted("are read more slowly") as said:
             found = pairs_of(source, until=lambda pairs: len(pairs) >= 3 and process.poll() is not None, limit_s=16)
         process.kill()
     assert len(found) >= 3
@@ -141,7 +140,7 @@ def test_where_reading_is_too_slow_whole_pairs_are_left_out_and_the_rates_are_sa
     assert values == sorted(values)
     # Of the newest, and not one after another of those that wait.
     assert values[-1] > 1.5 * len(values)
-    (sentence,) = {str(each.message) for each in said}
+    (sentence,) = set(said)
     rates = re.search(r"than they come \(([0-9.]+) of ([0-9.]+) a second\); save BMP or JPEG", sentence)
     assert rates is not None
     assert float(rates[1]) <= 1.2 / takes_s
@@ -160,7 +159,7 @@ def test_slow_reading_that_gives_no_pair_is_the_reason_that_is_said(
     monkeypatch.setattr(folder_images, "decoded_image", slowly)
     with written(folders, "renamed", 500) as process:
         with (
-            pytest.warns(UserWarning, match="are read more slowly"),
+            noted("are read more slowly"),
             pytest.raises(AcquisitionError, match=r"images are read more slowly than they come \(0\.[0-9] of"),
         ):
             pairs_of(source, until=lambda _: False, limit_s=25)

@@ -15,6 +15,7 @@ from markerseek.rigs import chosen_probe, read_rig_file
 from markerseek.rigs.bench_rig import imaging_of
 from markerseek.rigs.probe_file import NEEDED, read_probe_file
 from markerseek.signals import ProbeKeys, probe_preset
+from tests.notes import noted
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 WHOLE = {
@@ -105,13 +106,13 @@ VOLTS = 1e-3 * np.random.default_rng(3).standard_normal((4, 5, 60))
 def test_floats_of_a_scan_have_one_scale(tmp_path: Path, kind: type) -> None:
     volts = VOLTS.astype(kind)
     np.save(tmp_path / "scan.npy", volts)
-    with pytest.warns(UserWarning, match="is taken off float.*; it is scaled by .*, its loudest sound to 16384 counts"):
+    with noted("is taken off float.*; it is scaled by .*, its loudest sound to 16384 counts"):
         array = read_arrays(tmp_path / "scan.npy", table=TableFormat(first_and_step_deg=(-3.0, 2.0)))
     folder = tmp_path / "scan"
     folder.mkdir()
     for index, angle_deg in enumerate(array.angles_deg):
         np.save(folder / f"{angle_deg:g}.npy", volts[index])
-    with pytest.warns(UserWarning, match="is scaled by"):
+    with noted("is scaled by"):
         files = read_bank(folder)
     sound = volts.astype(float) - np.median(volts.astype(float), axis=2, keepdims=True)
     # Of five channels the loudest has no say.

@@ -11,8 +11,9 @@ import pytest
 
 from markerseek.core import ConfigError, SearchError
 from markerseek.studies import read_rows, read_study, run_row, run_study
+from tests.notes import noted
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*the study imports the module:UserWarning")
+pytestmark = pytest.mark.usefixtures("notes_allowed")
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -122,9 +123,7 @@ def test_what_cannot_be_a_policy_is_refused_when_the_study_is_read(
 
 def test_a_study_says_what_it_imports_before_it_does(folder: Path) -> None:
     with (
-        pytest.warns(
-            UserWarning, match="^broken_of_this_test:Mine: the study imports the module broken_of_this_test and"
-        ),
+        noted("^broken_of_this_test:Mine: the study imports the module broken_of_this_test and"),
         pytest.raises(ConfigError, match="importing it failed"),
     ):
         read_study(study_of(folder, "broken_of_this_test:Mine"))

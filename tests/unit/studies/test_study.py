@@ -54,7 +54,7 @@ def all_rows(study: Study) -> list[Row]:
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
-@pytest.mark.filterwarnings("ignore:.*the study imports the module:UserWarning")
+@pytest.mark.usefixtures("notes_allowed")
 def test_the_examples_are_studies(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(path.parents[1])
     study = read_study(path)

@@ -28,7 +28,6 @@ from markerseek.records.banks.bank import (
     FrameBank,
     IntensityBank,
     first_of,
-    warn,
 )
 from markerseek.records.banks.foreign_frames import (
     as_counts,
@@ -43,6 +42,7 @@ from markerseek.records.banks.repeats import Merged, merged
 from markerseek.records.banks.table import amplitudes, decibels, warn_skipped
 from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 from markerseek.records.named_arrays import NamedArrays, arrays_in, content
+from markerseek.records.notes import note
 from markerseek.records.vantage import LAST, NUMBERS
 
 LATEST_FIRST_S = 200e-6
@@ -120,7 +120,7 @@ def bank_of_arrays(
     if frames:
         values, padding = unpadded(values)
         if padding:
-            warn(path, padding)
+            note(path, padding)
         values = without_channels_of(path, values, table.without_channels)
         values, sampling_hz = _of_iq(path, arrays, values, facts.sampling_hz, ordered=ordered)
         facts = replace(facts, sampling_hz=sampling_hz)
@@ -472,7 +472,7 @@ def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarr
         return np.ones_like(held)
     if not held.all():
         names = [str(number) for number in np.sort(numbers[~held])]
-        warn(path, f"{len(names)} frames hold zeros only, and are left out: {first_of(names)}")
+        note(path, f"{len(names)} frames hold zeros only, and are left out: {first_of(names)}")
     return held
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -25,6 +24,7 @@ from markerseek.core import (
     counted,
     needs_package,
 )
+from markerseek.records.notes import note
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,6 +104,8 @@ class Bank:
     where it is not known, empty if none is."""
     dark_frames: int = 0
     """Number of frames that were taken without laser; none of intensities."""
+    notes: tuple[str, ...] = field(repr=False, compare=False, default=())
+    """Sentences on what was assumed, changed or left out when it was read."""
 
     def to_xarray(self) -> xr.Dataset:
         """The bank as a data set of xarray: ``intensity`` over ``angle_deg`` where it is known, and the facts.
@@ -217,7 +219,7 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
     inner = cut < rising.size - 1 and gaps[-1] >= 0
     if not inner or gaps[cut] <= 2 * np.sort(gaps)[-2]:
         if gaps[-1] <= np.diff(rising).max() + MIN_STEP_DEG:
-            warn(
+            note(
                 path,
                 f"the angles cover the full circle, and a marker near {rising[0]:g} or {rising[-1]:g} deg is "
                 "seen at both ends; if it is there, leave out angles on the other side, so that a gap remains",
@@ -230,7 +232,7 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
     # Rounded, because 359.9 - 360 has more digits than 359.9.
     turned = np.where(moved, np.round(angles_deg + turn_deg, 9), angles_deg)
     old, new = angles_deg[moved], turned[moved]
-    warn(
+    note(
         path,
         f"the angles jump by a full turn, so that {old.min():g} to {old.max():g} deg are read as "
         f"{new.min():g} to {new.max():g} deg; it runs from {np.nanmin(turned):g} to {np.nanmax(turned):g} deg, and "
@@ -243,11 +245,6 @@ def silenced(samples: np.ndarray, left_out: Sequence[int]) -> np.ndarray:
     """Samples of (…, channels, samples) with zeros in the channels that are left out, counted from 0."""
     chosen = np.isin(np.arange(samples.shape[-2]), left_out)
     return np.where(chosen[:, None], samples.dtype.type(0), samples) if chosen.any() else samples
-
-
-def warn(path: Path, message: str) -> None:
-    """Warn of what was assumed, changed or left out when a file was read."""
-    warnings.warn(f"{path}: {message}", stacklevel=4)
 
 
 def first_of(names: Sequence[str]) -> str:

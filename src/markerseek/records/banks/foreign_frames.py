@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Bool, Float64, Int16, RecordError
-from markerseek.records.banks.bank import AXES, chosen_channels, silenced, warn
+from markerseek.records.banks.bank import AXES, chosen_channels, silenced
+from markerseek.records.notes import note
 
 
 def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, angles: int | None) -> np.ndarray:
@@ -137,7 +138,7 @@ def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...])
         ]
     if not left_out.any():
         return frames
-    warn(path, "; ".join(said))
+    note(path, "; ".join(said))
     return silenced(frames, np.flatnonzero(left_out).tolist())
 
 
@@ -224,7 +225,7 @@ def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) ->
             f"its noise is {sigma:.2g} counts only, and what is weaker than a count is lost: leave out what is "
             "loud and no sound, or blank it (pickup_samples of --probe FILE.toml)"
         )
-    warn(path, "; ".join(said))
+    note(path, "; ".join(said))
     return Scaling(factor=factor, zero=None)
 
 

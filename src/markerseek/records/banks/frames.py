@@ -38,7 +38,6 @@ from markerseek.records.banks.bank import (
     first_of,
     rising,
     silenced,
-    warn,
 )
 from markerseek.records.banks.foreign_frames import (
     EXACT,
@@ -54,6 +53,7 @@ from markerseek.records.banks.repeats import merged
 from markerseek.records.banks.table_format import TableFormat
 from markerseek.records.journal import is_journal
 from markerseek.records.named_arrays import arrays_in, content, try_arrays
+from markerseek.records.notes import note
 from markerseek.wire import sonixdaq, ultrasonix
 
 MAT_PROBE = "L3-8"
@@ -296,7 +296,7 @@ def _stated_angles(path: Path, frames: list[Path], table: TableFormat) -> Float6
         return table.stated_deg(path, len(frames), what="frames")
     at, missing = places([_name(place) for place in frames])
     if missing:
-        warn(path, f"the frames numbered {first_of(list(map(str, missing)))} are missing; the others keep their angles")
+        note(path, f"the frames numbered {first_of(list(map(str, missing)))} are missing; the others keep their angles")
     return table.stated_deg(path, at[-1] + 1, what="frames")[at]
 
 
@@ -355,7 +355,7 @@ def _left_out(path: Path, places: list[Path], stated: tuple[int, ...]) -> tuple[
         broken = broken_channels(map(npy_samples, places), left_out)
         left_out |= broken
         if broken.any():
-            warn(path, "; ".join(said_of_broken(broken)))
+            note(path, "; ".join(said_of_broken(broken)))
     return tuple(np.flatnonzero(left_out).tolist())
 
 

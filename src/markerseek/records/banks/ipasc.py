@@ -15,9 +15,10 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.files import DEGREES
-from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced, warn
+from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced
 from markerseek.records.banks.table import amplitudes
 from markerseek.records.hdf5 import CheckedHdf5, as_record_error
+from markerseek.records.notes import note
 
 BANK_VERSION = 1
 """Version of our own fields; a reader refuses a newer one."""
@@ -292,7 +293,7 @@ def _angles_of_poses(path: Path, file: CheckedHdf5, count: int) -> Float64[np.nd
         raise RecordError(
             f"{path}: {POSES} turns by up to {np.abs(about_rad).max():.4g} rad; write radians, within a turn"
         )
-    warn(path, f"its angles are the rotations about x1 of {POSES}, and count from the pose without rotation")
+    note(path, f"its angles are the rotations about x1 of {POSES}, and count from the pose without rotation")
     return np.asarray(np.round(np.degrees(about_rad[:, 0]), _POSE_DIGITS))
 
 
@@ -304,7 +305,7 @@ def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:
     if not known.size or np.ptp(known) == 0:
         return {"pulse_energy_j": known[0] if known.size else None}
     if joules.size != count:
-        warn(
+        note(
             path,
             f"{PULSE_ENERGY} holds {joules.size} energies for {count} measurements, and only their mean "
             "is used; give one for each",

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.signal import resample
 
 from markerseek.core import Float32, Float64, RecordError
-from markerseek.records.banks.bank import AXES, warn
+from markerseek.records.banks.bank import AXES
+from markerseek.records.notes import note
 
 CARRIERS = ("demodulation_frequency", "demodulation_hz")
 """Names of the carrier, in hertz."""
@@ -84,7 +85,7 @@ def radio_frequency(
 
 def envelope_peaks(path: Path, frames: np.ndarray) -> Float64[np.ndarray, " angles"]:
     """Intensities of IQ data whose carrier is not known: the mean over the channels of their largest magnitudes."""
-    warn(
+    note(
         path,
         f"its frames are IQ data, and {CARRIERS[0]} is missing, without which there is no image: the intensity at an "
         "angle is the mean over the channels of the envelope's peak; add the carrier, in Hz",

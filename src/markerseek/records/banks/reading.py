@@ -30,6 +30,7 @@ from markerseek.records.child import try_files
 from markerseek.records.hdf5 import CheckedHdf5, require_h5py
 from markerseek.records.journal import is_journal
 from markerseek.records.named_arrays import ARRAY_SUFFIXES, plain_arrays
+from markerseek.records.notes import noting
 
 # 4 TiB: frames are read one at a time, so that the size of the file is harmless.
 _LARGEST_BYTES = 1 << 42
@@ -44,7 +45,16 @@ def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int =
     degrees (``-12.5``, ``angle_-12.5deg``). ``table``: what the recording does not say itself. ``blanked``: samples
     from the trigger on that are not imaged (`ProbePreset.pickup_samples`), and do not count for the scale of data that
     are no counts.
+
+    What was assumed, changed or left out is in ``notes`` of the bank, and logged as a warning.
     """
+    with noting() as notes:
+        bank = _read(path, table, blanked=blanked)
+    return replace(bank, notes=tuple(notes))
+
+
+def _read(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank | FrameBank:
+    """As `read_bank`, without the notes."""
     with as_read_error(path):
         if not path.exists():
             record = record_of(path)

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Bool, Float64, Int64, counted
-from markerseek.records.banks.bank import MIN_STEP_DEG, require_angles, unwrapped, warn
+from markerseek.records.banks.bank import MIN_STEP_DEG, require_angles, unwrapped
+from markerseek.records.notes import note
 
 _FEWEST = 10
 """Fewest acquisitions of a pass that is compared."""
@@ -95,7 +96,7 @@ def merged(
     if repeated:
         spread = [float(np.ptp(compared[group])) for group in groups]
         most = int(np.argmax(spread))
-        warn(
+        note(
             path,
             f"{counted(len(repeated), 'repeated angle')}; the acquisitions of each are averaged; they differ by at "
             f"most {spread[most]:.3g}, at {found[most]:g} deg (the largest of all is {compared[order].max():.3g})",
@@ -135,7 +136,7 @@ def of_one_direction(
         shift_deg = fit.shift_deg
         if not fit.is_proven:
             if fit.is_doubted:
-                warn(
+                note(
                     path,
                     f"{each.name} may show the curve {shift_deg:+.2f} ± {fit.sigma_deg:.2f} deg from {reference.name}, "
                     "which their noise hides; they are used together, and the answer may be half of it off",
@@ -143,7 +144,7 @@ def of_one_direction(
             continue
         kept &= ~each.chosen
         left_out = int(each.chosen.sum())
-        warn(
+        note(
             path,
             f"the scan has several passes that differ: {each.name} shows the same curve "
             f"{abs(shift_deg):.2f} deg {'above' if shift_deg > 0 else 'below'} {reference.name}, as after a backlash, "

@@ -25,10 +25,11 @@ import numpy as np
 
 from markerseek.core import Float64, RecordError
 from markerseek.files import MIB, as_read_error, open_input, quoted
-from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, unwrapped, warn
+from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, unwrapped
 from markerseek.records.banks.repeats import merged
 from markerseek.records.banks.table import amplitudes
 from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat, deg_per_unit_of
+from markerseek.records.notes import note
 
 SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
 """Suffixes of sequences; those of PLUS end in ``.igs.mha`` or ``.igs.nrrd``."""
@@ -257,7 +258,7 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
         else:
             kept[number] = values
     if left_out:
-        warn(path, f"{len(left_out)} of {len(frames)} frames are left out: {first_of(left_out)}")
+        note(path, f"{len(left_out)} of {len(frames)} frames are left out: {first_of(left_out)}")
     if not kept:
         raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: --angle-field")
     stacked = np.stack(list(kept.values()))
@@ -304,10 +305,10 @@ def _stated_angles(sequence: ImageSequence, table: TableFormat) -> dict[int, flo
     held = {name for fields in sequence.frame_fields for name in fields}
     own = [name for name in (*ANGLE_FIELDS, *(f"{each}Transform" for each in ANGLE_TRANSFORMS)) if name in held]
     if own:
-        warn(sequence.path, f"the angles are those that are stated, and its {own[0]} is not read")
+        note(sequence.path, f"the angles are those that are stated, and its {own[0]} is not read")
     valid = [number for number in range(count) if sequence.valid_image(number)]
     if len(valid) < count:
-        warn(sequence.path, f"{count - len(valid)} of {count} frames are left out: their ImageStatus is not OK")
+        note(sequence.path, f"{count - len(valid)} of {count} frames are left out: their ImageStatus is not OK")
     return {number: stated[number] for number in valid}
 
 

@@ -14,9 +14,10 @@ import numpy as np
 
 from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, counted
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file, unit_in
-from markerseek.records.banks.bank import IntensityBank, first_of, warn
+from markerseek.records.banks.bank import IntensityBank, first_of
 from markerseek.records.banks.repeats import merged
 from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
+from markerseek.records.notes import note
 
 COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
@@ -90,7 +91,7 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
         name = rows.names[columns.energy]
         for index in np.flatnonzero(energy <= 0)[:1]:
             raise RecordError(f"{path}, line {kept[index]}: {name} is {energy[index]:g}, it must be positive")
-        warn(path, f"the intensities are divided by {name} over its mean")
+        note(path, f"the intensities are divided by {name} over its mean")
         read = read * energy.mean() / energy
     if columns.angle is None:
         # A row that is left out has its place in the scan.
@@ -98,7 +99,7 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
     else:
         degrees = table.degrees(path, names[columns.angle] if names else "", column[columns.angle])
         if not names and table == DEFAULT_FORMAT and _counts(column[columns.angle]):
-            warn(
+            note(
                 path,
                 "its first column counts in steps of 1, and is taken as degrees; if it only counts, state the angles: "
                 "--columns 2 --first-deg -35 --step-deg 0.5",
@@ -165,7 +166,7 @@ def _columns(path: Path, rows: CsvRows, names: Sequence[str], table: TableFormat
     if not names and rows.width == 1 and table.states_angles:
         return _Columns(angle=None, intensity=0)
     if not names and rows.width == 2:
-        warn(path, "its columns have no names; the first is taken as the angle, the second as the intensity")
+        note(path, "its columns have no names; the first is taken as the angle, the second as the intensity")
         return _Columns(angle=0, intensity=1)
     angle = _angle_column(names)
     intensity = _intensity_column(names, angle, table)
@@ -310,7 +311,7 @@ def _refuse_overloads(values: Float64[np.ndarray, " n"], where: Callable[[int], 
 def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
     """Say which rows were left out; ``what``: line, or number of an angle."""
     if names:
-        warn(path, f"{len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}")
+        note(path, f"{len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}")
 
 
 def _row(

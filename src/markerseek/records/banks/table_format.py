@@ -14,7 +14,8 @@ import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError
 from markerseek.files import DEG_PER, MIB, AngleUnit, is_number, read_text, unit_in
-from markerseek.records.banks.bank import AXES, MAX_DEG, warn
+from markerseek.records.banks.bank import AXES, MAX_DEG
+from markerseek.records.notes import note
 
 _FEW = 2.0
 """Range of angles below which their unit may be radians: 2 rad are 115 degrees."""
@@ -119,7 +120,7 @@ class TableFormat:
             if named is None:
                 raise RecordError(f"{path}: {question} Say so: --unit rad, or --unit deg if they are degrees")
             if named == "deg":
-                warn(path, f"{question} They are taken as degrees (--unit rad, --unit deg)")
+                note(path, f"{question} They are taken as degrees (--unit rad, --unit deg)")
         degrees = angles if scale == 1 else np.round(angles * scale, _DEG_DIGITS)
         return degrees + self.offset_deg if self.offset_deg else degrees
 

@@ -9,6 +9,7 @@ from scipy.io import savemat
 from markerseek.core import RecordError
 from markerseek.records.banks import IntensityBank, TableFormat
 from markerseek.records.banks.arrays import ArrayBank, read_arrays
+from tests.notes import noted
 
 ANGLES = np.array([2.0, -1.0, 0.5, 7.0])
 INTENSITIES = np.array([5.0, 1.0, 3.0, 2.0])
@@ -117,7 +118,7 @@ def test_angles_without_numbers_are_left_out_and_named(tmp_path, values):
     values = values.copy()
     values[2] = np.nan
     path = save(tmp_path / "a.npz", angle_deg=ANGLES, **{"intensity" if values.ndim == 1 else "frames": values})
-    with pytest.warns(UserWarning, match=r"1 without a finite number left out \(--skip-invalid\): angle number 3"):
+    with noted(r"1 without a finite number left out \(--skip-invalid\): angle number 3"):
         bank = read_arrays(path, TableFormat(skip_invalid=True))
     assert bank.angles_deg == (-1.0, 2.0, 7.0)
 
@@ -184,7 +185,7 @@ def test_nan_behind_the_end_of_all_records_is_cut_off(tmp_path):
     padded = np.full((4, 8, 37), np.nan)
     padded[:, :, :30] = FRAMES
     path = save(tmp_path / "a.npz", angle_deg=ANGLES, frames=padded)
-    with pytest.warns(UserWarning, match=r"end with NaN in all channels: 30 of 37 samples are read"):
+    with noted(r"end with NaN in all channels: 30 of 37 samples are read"):
         bank = read_arrays(path)
     np.testing.assert_array_equal(bank.frame(1).samples, FRAMES[ORDER[1]])
 
@@ -193,7 +194,7 @@ def test_a_shorter_record_is_filled_with_its_medians(tmp_path):
     padded = FRAMES.astype(float)
     padded[2, :, 21:] = np.nan
     path = save(tmp_path / "a.npz", angle_deg=ANGLES, frames=padded)
-    with pytest.warns(UserWarning, match="1 shorter records are filled with the median of each channel"):
+    with noted("1 shorter records are filled with the median of each channel"):
         bank = read_arrays(path)
     shorter = bank.frame(1).samples
     assert np.ptp(shorter[:, 21:], axis=1).max() == 0
@@ -207,11 +208,11 @@ def test_frames_of_repeated_angles_are_averaged_or_left_out_as_one_direction(tmp
     carrier = np.random.default_rng(2).normal(size=(8, 30))
     scan = [np.rint(carrier * height).astype(np.int16) for height in (*envelope, *back[::-1])]
     path = save(tmp_path / "a.npz", angle_deg=np.r_[angles, angles[::-1]], frames=np.stack(scan))
-    with pytest.warns(UserWarning, match=r"1\.50 deg below the pass of rising angles"):
+    with noted(r"1\.50 deg below the pass of rising angles"):
         bank = read_arrays(path)
     np.testing.assert_array_equal(np.stack([bank.frame(each).samples for each in range(25)]), scan[:25])
     twice = save(tmp_path / "b.npz", angle_deg=np.repeat(ANGLES[:3], 2), frames=np.repeat(FRAMES[:3], 2, axis=0))
-    with pytest.warns(UserWarning, match="3 repeated angles"):
+    with noted("3 repeated angles"):
         bank = read_arrays(twice)
     np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[ORDER[0]])
     assert bank.pulses == (2, 2, 2)

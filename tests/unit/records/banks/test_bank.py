@@ -27,7 +27,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.filterwarnings("ignore:.*are these radians")
+@pytest.mark.usefixtures("notes_allowed")
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     rows=st.lists(

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks import BankFacts, FrameBank, TableFormat, read_bank, whole_bank
 from markerseek.records.banks.ipasc import TOLERANCE, element_row, read_probed
+from tests.notes import noted
 from tests.unit.records.banks.synthetic_banks import ANGLES, FACTS, FIXTURES, changed, counts, put, sample, write
 
 
@@ -64,9 +65,7 @@ def test_the_poses_of_the_measurements_give_the_angles(tmp_path):
     about_deg = np.zeros((4, 3))
     about_deg[:, 0] = (2.5, -4.0, 0.0, 11.25)
     path = with_poses(tmp_path / "a.hdf5", about_deg, positions_m=3e-3)
-    with pytest.warns(
-        UserWarning, match="its angles are the rotations about x1 of meta_data/measurement_spatial_poses"
-    ):
+    with noted("its angles are the rotations about x1 of meta_data/measurement_spatial_poses"):
         bank = read_bank(path)
     assert bank.angles_deg == (-4.0, 0.0, 2.5, 11.25)
     np.testing.assert_array_equal(bank.frame(0).samples, read_bank(FIXTURES / "foreign.hdf5").frame(1).samples)
@@ -141,7 +140,7 @@ def test_a_pulse_energy_of_each_measurement_is_that_of_its_frame(tmp_path):
     for name, joules in (("b", np.full(4, 2e-3)), ("c", np.array([2e-3]))):
         bank = read_bank(foreign(tmp_path / f"{name}.hdf5", frames, pulse_energy=joules))
         assert (bank.frame(1).header.energy, bank.facts.pulse_energy_j) == (None, 2e-3)
-    with pytest.warns(UserWarning, match="pulse_energy holds 3 energies for 4 measurements, and only their mean"):
+    with noted("pulse_energy holds 3 energies for 4 measurements, and only their mean"):
         bank = read_bank(foreign(tmp_path / "d.hdf5", frames, pulse_energy=np.array([1e-3, 2e-3, 3e-3])))
     assert (bank.frame(1).header.energy, bank.facts.pulse_energy_j) == (None, pytest.approx(2e-3))
 

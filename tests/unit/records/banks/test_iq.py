@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from scipy.signal import hilbert
 from markerseek.records.banks import FrameBank, IntensityBank, TableFormat, read_bank
 from markerseek.records.banks.arrays import ArrayBank
 from markerseek.records.banks.table_format import DEFAULT_FORMAT
+from tests.notes import notes_collected
 
 ANGLES_DEG = np.arange(-18.0, 18.1, 1.5)
 SAMPLING_HZ, CARRIER_HZ = 40e6, 6.25e6
@@ -34,10 +34,9 @@ def mixed_down(signals: np.ndarray) -> np.ndarray:
 
 def read(path: Path, table: TableFormat = DEFAULT_FORMAT) -> tuple[IntensityBank | FrameBank, str]:
     """The bank, and what was said."""
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+    with notes_collected():
         bank = read_bank(path, table)
-    return bank, "; ".join(str(each.message) for each in said)
+    return bank, "; ".join(bank.notes)
 
 
 def there_and_back(back_deg: float) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from scipy.optimize import curve_fit
 
 from markerseek.records.banks.repeats import Merged, merged
+from tests.notes import notes_collected
 
 ANGLES_DEG = np.arange(-30, 30.1, 0.8)
 PATH = Path("scan.csv")
@@ -44,10 +44,9 @@ def passes(kind: str, back_deg: float) -> tuple[np.ndarray, np.ndarray]:
 
 def scanned(angles_deg: np.ndarray, intensities: np.ndarray) -> tuple[Merged, str]:
     """The acquisitions by their angles, and what was said."""
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+    with notes_collected() as said:
         scan = merged(PATH, angles_deg, lambda: intensities)
-    return scan, "; ".join(str(each.message) for each in said)
+    return scan, "; ".join(said)
 
 
 def peak_deg(scan: Merged, intensities: np.ndarray) -> float:

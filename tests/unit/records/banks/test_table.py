@@ -12,6 +12,7 @@ import pytest
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks import IntensityBank, TableFormat, angles_in, read_bank
+from tests.notes import noted, notes_collected
 
 ANGLES_DEG = (-10.5, -2.0, 0.25, 7.0)
 INTENSITIES = (1.5, 20.0, 300.25, 4.0)
@@ -53,7 +54,7 @@ def test_separators_decimal_commas_and_encodings(tmp_path: Path, text: str, enco
 def test_what_numpy_writes_is_read(tmp_path: Path) -> None:
     file = io.StringIO()
     np.savetxt(file, np.column_stack([ANGLES_DEG, INTENSITIES]))
-    with pytest.warns(UserWarning, match="no names; the first is taken as the angle, the second as the intensity"):
+    with noted("no names; the first is taken as the angle, the second as the intensity"):
         assert read_bank(written(tmp_path, file.getvalue())) == EXPECTED
 
 
@@ -95,7 +96,7 @@ def test_a_range_below_two_asks_for_the_unit(tmp_path: Path) -> None:
     assert read_bank(path, TableFormat(columns=columns, unit="deg")).angles_deg == (-0.6, 0.0, 0.6)
     assert read_bank(path, TableFormat(columns=columns, unit="rad")).range.width_deg == pytest.approx(68.7549, abs=1e-4)
     named = written(tmp_path, "angle_deg,intensity\n-0.6,1\n0,3\n0.6,2\n")
-    with pytest.warns(UserWarning, match="are these radians"):
+    with noted("are these radians"):
         assert read_bank(named).angles_deg == (-0.6, 0.0, 0.6)
 
 
@@ -109,9 +110,7 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
     angles = rng.permutation(np.repeat(np.arange(-20.0, 21.0, 4.0), 3))
     values = rng.uniform(0, 100, angles.size)
     rows = "".join(f"{angle!r},{value!r}\n" for angle, value in zip(angles.tolist(), values.tolist(), strict=True))
-    with pytest.warns(
-        UserWarning, match="11 repeated angles; the acquisitions of each are averaged; they differ by at most"
-    ):
+    with noted("11 repeated angles; the acquisitions of each are averaged; they differ by at most"):
         bank = read_bank(written(tmp_path, "angle_deg,intensity\n" + rows))
     assert isinstance(bank, IntensityBank)
     # NumPy's own histogram as the second opinion.
@@ -119,7 +118,7 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
     mean = np.histogram(angles, edges, weights=values)[0] / np.histogram(angles, edges)[0]
     assert bank.angles_deg == tuple(np.arange(-20.0, 21.0, 4.0).tolist())
     assert bank.intensities == pytest.approx(mean.tolist(), rel=1e-12)
-    with pytest.warns(UserWarning, match="1 repeated angle;"):
+    with noted("1 repeated angle;"):
         assert len(read_bank(written(tmp_path, "angle_deg,intensity\n0,1\n1e-300,3\n2,3\n5,1\n")).angles_deg) == 3
 
 
@@ -129,7 +128,7 @@ def test_rows_without_numbers_are_left_out_and_named(tmp_path: Path) -> None:
         RecordError, match=r"line 3: intensity is nan, it must be finite; .*all such rows: --skip-invalid"
     ):
         read_bank(path)
-    with pytest.warns(UserWarning, match=r"4 without a finite number left out \(--skip-invalid\): line 3, 5, 6, 7$"):
+    with noted(r"4 without a finite number left out \(--skip-invalid\): line 3, 5, 6, 7$"):
         bank = read_bank(path, TableFormat(skip_invalid=True))
     assert bank == IntensityBank(angles_deg=(-1.0, 1.0, 4.0), intensities=(5.0, 7.0, 2.0))
 
@@ -156,7 +155,7 @@ def test_two_long_rows_are_taken_for_a_transposed_table(tmp_path: Path) -> None:
 def test_a_column_of_energies_takes_the_laser_out_of_the_intensities(tmp_path, name):
     path = tmp_path / "a.csv"
     path.write_text(f"angle_deg,intensity,{name}\n-5,10,1\n0,60,3\n5,20,2\n", encoding="utf-8")
-    with pytest.warns(UserWarning, match=re.escape(f"the intensities are divided by {name} over its mean")):
+    with noted(re.escape(f"the intensities are divided by {name} over its mean")):
         bank = read_bank(path)
     assert bank.intensities == pytest.approx((20.0, 40.0, 20.0))
     path.write_text(f"angle_deg,intensity,{name}\n-5,10,1\n0,60,0\n5,20,2\n", encoding="utf-8")
@@ -255,7 +254,7 @@ def test_two_columns_with_units_in_their_names_need_no_option(tmp_path: Path, na
 def test_intensities_by_frames_take_stated_angles(tmp_path: Path) -> None:
     path = written(tmp_path, "frame,intensity\n1,5\n2,n/a\n3,9\n4,2\n")
     steps = TableFormat(first_and_step_deg=(8.0, -2.0), skip_invalid=True)
-    with pytest.warns(UserWarning, match="line 3"):
+    with noted("line 3"):
         bank = read_bank(path, steps)
     # The row without a number has its place in the scan.
     assert (bank.angles_deg, bank.intensities) == ((2.0, 4.0, 8.0), (2.0, 9.0, 5.0))
@@ -286,10 +285,10 @@ def test_intensities_without_names_take_stated_angles(tmp_path: Path) -> None:
 @pytest.mark.parametrize("first", [0, 1])
 def test_a_first_column_without_a_name_that_counts_is_asked_about(tmp_path: Path, first: int) -> None:
     path = written(tmp_path, "".join(f"{first + number};{value}\n" for number, value in enumerate(INTENSITIES)))
-    with pytest.warns(UserWarning) as said:  # noqa: PT030 - two warnings
-        read_bank(path)
-    assert "its columns have no names" in str(said[0].message)
-    assert "if it only counts, state the angles: --columns 2 --first-deg" in str(said[1].message)
+    with notes_collected() as said:
+        assert read_bank(path).notes == tuple(said)
+    assert "its columns have no names" in said[0]
+    assert "if it only counts, state the angles: --columns 2 --first-deg" in said[1]
 
 
 def test_a_list_of_angles_has_the_unit_of_its_name(tmp_path: Path) -> None:
