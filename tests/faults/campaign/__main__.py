@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -24,12 +26,17 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, help="where the tables go")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="end early; the page says how many were run")
     words = parser.parse_args()
     commit, whole, firsts = _commit_made_from(), Tally(), range(0, words.runs, CHUNK)
+    ends_s = time.monotonic() + 60 * words.minutes
     with ProcessPoolExecutor(words.workers, mp_context=get_context("spawn")) as pool:
         counted = pool.map(partial(readings, words.seed), firsts, (min(CHUNK, words.runs - each) for each in firsts))
         for part in track(counted, total=len(firsts), disable=not sys.stderr.isatty()):
             whole.add(part)
+            if time.monotonic() > ends_s:
+                break
+        pool.shutdown(cancel_futures=True)
     page = _page(whole, seed=words.seed, commit=commit)
     if words.out is not None:
         words.out.write_text(page)

@@ -56,6 +56,7 @@ class Verdict:
     noticed_later: bool = False
     found: bool = False
     off: bool = False
+    covered: bool = False
 
 
 def check(trace: Trace) -> Verdict:
@@ -92,6 +93,7 @@ def check(trace: Trace) -> Verdict:
     if isinstance(last, Finished) and isinstance(last.estimate, Found):
         verdict.found = True
         verdict.off = plan.marker_deg is None or not abs(last.estimate.mean_deg - plan.marker_deg) <= OFF_DEG
+        verdict.covered = plan.marker_deg is not None and plan.marker_deg in last.estimate.interval95_deg
     return verdict
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .checker import OFF_DEG
-from .tally import PROMISES, Tally, upper95
+from .tally import PROMISES, Tally, summed, upper95
 from .vocabulary import FAULTS, Fault
 
 _WORDS = {
@@ -33,13 +33,19 @@ def promises(tally: Tally) -> list[str]:
         runs = tally.in_fault if promise == "P7" else tally.runs
         hits = tally.runs_that_broke(promise)
         lines.append(f"| {promise} | {_WORDS[promise]} | {hits} | {runs:,} | {upper95(hits, runs):.2g} |")
-    single = tally.of(observable_keys())
-    none = tally.of(["none"])
-    for words, row in (("under a single observable fault", single), ("without fault", none)):
+    single, none = (summed(tally.rows, keys) for keys in (observable_keys(), ["none"]))
+    swept, swept_none = (summed(tally.swept, keys) for keys in (observable_keys(), ["none"]))
+    for words, row in (
+        ("under a single observable fault", single),
+        ("without fault", none),
+        ("by sweeps, under a single observable fault", swept),
+        ("by sweeps, without fault", swept_none),
+    ):
         limit = upper95(row.off, row.runs)
+        covered = f", the interval covers {row.covered:,}" if words.startswith("by sweeps") else ""
         lines.append(
             f"| P10 | found and off by more than {OFF_DEG:g}° (twice the tolerance of intensities), {words} "
-            f"({row.found:,} found) | {row.off} | {row.runs:,} | {limit:.2g} |"
+            f"({row.found:,} found{covered}) | {row.off} | {row.runs:,} | {limit:.2g} |"
         )
     reported = single.reported / single.acted if single.acted else 1.0
     missed = single.acted - single.reported

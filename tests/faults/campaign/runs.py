@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +19,11 @@ from markerseek.core import (
     MarkerseekError,
     NotFound,
     Permit,
-    Reading,
     RigFacts,
     Sample,
     SearchPlan,
     Sweep,
     SweepPermit,
-    SweepTiming,
 )
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from markerseek.records.journal import Configuration, Journal, RecordedRun, read_journal
@@ -69,20 +66,25 @@ LEASE_S = 0.3
 AFTER, ALONE = 10, 400
 """Tenths of a second for which a rig is watched after a run, and after the death of its host."""
 
-ANSWERING = 0.3
-"""Share of the runs with sweeps in which the posterior searches by them, and answers."""
-
-SWEEPS = "sweeps"
-"""Method that asks for sweeps."""
+SWEEPS, SWEPT_POSTERIOR = "sweeps", "posterior, by sweeps"
+"""Methods that ask for sweeps: the first judges nothing, the second answers."""
 
 METHODS = (
     ("weighted-average", (15, 29, 57), 0.34),
     ("golden-section", (16, 28), 0.34),
     ("posterior", (6, 8), 0.17),
-    (SWEEPS, (0,), 0.12),
+    (SWEEPS, (0,), 0.1),
+    (SWEPT_POSTERIOR, (0,), 0.02),
     ("endless", (0,), 0.015),
     ("wild", (0,), 0.015),
 )
+"""Each method, its acquisitions, and its share of the runs."""
+
+FAULTS_IN_A_RUN = (0.08, 0.84, 0.08)
+"""Shares of the runs without a fault, with one, and with two."""
+
+FAULTS_IN_AN_ANSWER_BY_SWEEPS = (0.4, 0.55, 0.05)
+"""The same where the posterior sweeps: it takes few steps, most faults end it, and its answer is what is tried."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +105,11 @@ class Plan:
     faults: tuple[Fault, ...]
     dies_at: int | None = None
     """Reading of a stage that sweeps at which the host dies; None: it does not."""
-    answers: bool = False
-    """Whether the posterior asks for the sweeps, and answers."""
+
+    @property
+    def sweeps(self) -> bool:
+        """Whether its method asks for sweeps."""
+        return self.method in (SWEEPS, SWEPT_POSTERIOR)
 
 
 def draw_plan(seed: int, number: int) -> Plan:
@@ -121,9 +126,10 @@ def draw_plan(seed: int, number: int) -> Plan:
     )[int(rng.integers(3))]
     name, counts, _ = METHODS[int(rng.choice(len(METHODS), p=[share for *_, share in METHODS]))]
     acquisitions = int(rng.choice(counts))
-    sweeps = name == SWEEPS
+    answers_by_sweeps = name == SWEPT_POSTERIOR
+    sweeps = answers_by_sweeps or name == SWEEPS
     steps = 4 if sweeps else 3 + (acquisitions or 20)
-    how_many = int(rng.choice(3, p=[0.08, 0.84, 0.08]))
+    how_many = int(rng.choice(3, p=FAULTS_IN_AN_ANSWER_BY_SWEEPS if answers_by_sweeps else FAULTS_IN_A_RUN))
     share = np.array(
         [(1.0 if each.harm == "none" else 0.3) * (sweeps or each.name not in IN_SWEEPS) for each in FAULTS.values()]
     )
@@ -143,8 +149,7 @@ def draw_plan(seed: int, number: int) -> Plan:
         method=name,
         acquisitions=acquisitions,
         faults=tuple(drawn(rng, list(FAULTS.values())[index], steps=steps) for index in chosen),
-        dies_at=int(dies.integers(1, 90)) if sweeps and dies.random() < 0.3 else None,
-        answers=sweeps and dies.random() < ANSWERING,
+        dies_at=int(dies.integers(1, 90)) if name == SWEEPS and dies.random() < 0.3 else None,
     )
 
 
@@ -180,7 +185,6 @@ class Campaign:
     def __init__(self, folder: Path, lines: HeldLines) -> None:
         self._folder = folder
         self._lines = lines
-        _compile_kernels()
 
     def perform(self, plan: Plan) -> Trace:
         """Run a plan to its end."""
@@ -236,7 +240,7 @@ class Campaign:
             start_deg=plan.start_deg,
             laser=LaserSettings(pulses=plan.pulses),
             noise=NoiseSettings(peak_snr_db=plan.peak_snr_db),
-            receiver=ReceiverSettings(single_pulses=plan.method == SWEEPS),
+            receiver=ReceiverSettings(single_pulses=plan.sweeps),
         )
         clock = VirtualClock()
         rng = np.random.default_rng([plan.seed, plan.number, 1])
@@ -280,7 +284,7 @@ class Campaign:
             mischief[2],
             while_reading=laser.due_light,
             readout_s=plan.readout_s,
-            sweeps=plan.method == SWEEPS,
+            sweeps=plan.sweeps,
         )
         guard = Guard(limits=plan.limits, firing=FiringLimits(), admission=Admission(dark_alarm=DARK_ALARM))
         scanner = Scanner(
@@ -307,22 +311,10 @@ class Campaign:
             receiver=receiver,
             scanner=scanner,
             imaging=None,
-            dark_frames=0 if plan.method == SWEEPS else 3,
+            dark_frames=0 if plan.sweeps else 3,
             closing_dark=True,
         )
         return rig, world, clock, (stage, laser, receiver)
-
-
-@cache
-def _compile_kernels() -> None:
-    """Have the posterior's kernels compiled: in a run the supervisor takes that second for a loop that hangs."""
-    limits = Interval(low_deg=-35.0, high_deg=35.0)
-    policy = build_sweeping(SearchPlan(method="posterior", sweep_speed_deg_s=10.0), limits=limits)
-    timing = SweepTiming(number=1, speed_deg_s=10.0, delay_sigma_s=0.01)
-    for angle_deg in np.arange(-20.0, 20.0, 0.5).tolist():
-        reading = Reading(intensity=4.0 + 100.0 * math.exp(-((angle_deg / 4.0) ** 2)), noise_sigma=1.0, cells=CELLS)
-        policy.tell(Sample(angle_deg=angle_deg, reading=reading, sweep=timing))
-    policy.estimate()
 
 
 _DEVICES: tuple[DeviceName, ...] = ("stage", "laser", "receiver")
@@ -375,7 +367,7 @@ def leaves_fault(guard: Guard) -> bool:
             return True
     guard.reset(by="a person")
     out = guard.state is State.DISARMED
-    guard.fail("as it was")
+    guard.fail("a fault again")
     return not out
 
 
@@ -398,7 +390,7 @@ def _policy(plan: Plan, rig: Rig) -> AnyPolicy:
     limits = rig.limits.search
     if plan.method in ("endless", "wild"):
         return Unruly(plan)
-    if plan.answers:
+    if plan.method == SWEPT_POSTERIOR:
         devices = rig.scanner.sweeping
         return build_sweeping(
             SearchPlan(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import msgspec
@@ -13,7 +13,7 @@ from markerseek.core import Measured
 
 from .checker import OFF_DEG, Verdict, check
 from .held_lines import HeldLines
-from .runs import Campaign, draw_plan
+from .runs import SWEPT_POSTERIOR, Campaign, draw_plan
 
 CHUNK = 250
 PROMISES = ("P1", "P2", "P3", "P6", "P7", "P8")
@@ -37,6 +37,7 @@ class Row(msgspec.Struct, kw_only=True):
     answers: int = 0
     found: int = 0
     off: int = 0
+    covered: int = 0
     excess_deg: float = 0.0
     beyond_deg: float = 0.0
     excess_pulses: int = 0
@@ -44,16 +45,20 @@ class Row(msgspec.Struct, kw_only=True):
 
     def add(self, other: Row) -> None:
         """Add another's counts."""
-        for name in ("runs", "acted", "reported", "answers", "found", "off"):
+        for name in ("runs", "acted", "reported", "answers", "found", "off", "covered"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name in ("excess_deg", "beyond_deg", "excess_pulses", "moving_pulses"):
             setattr(self, name, max(getattr(self, name), getattr(other, name)))
 
 
 class Tally(msgspec.Struct, kw_only=True):
-    """Counts over many runs; ``rows`` by "device name" of the only fault, "none" or "two"."""
+    """Counts over many runs; ``rows`` by "device name" of the only fault, "none" or "two".
+
+    ``swept``: the same of the runs alone that answer by sweeps.
+    """
 
     rows: dict[str, Row] = {}
+    swept: dict[str, Row] = {}
     broken: list[Broken] = []
     outcomes: dict[str, int] = {}
     in_fault: int = 0
@@ -72,6 +77,7 @@ class Tally(msgspec.Struct, kw_only=True):
         *,
         number: int,
         faults: tuple[str, ...],
+        by_sweeps: bool,
         accepted: int,
         real_s: float,
         virtual_s: float,
@@ -85,6 +91,7 @@ class Tally(msgspec.Struct, kw_only=True):
             answers=verdict.outcome == "finished",
             found=verdict.found,
             off=verdict.off,
+            covered=verdict.covered,
             excess_deg=verdict.excess_deg,
             beyond_deg=max(0.0, verdict.excess_deg - verdict.injected_deg),
             excess_pulses=verdict.excess_pulses,
@@ -97,6 +104,7 @@ class Tally(msgspec.Struct, kw_only=True):
         self.add(
             Tally(
                 rows={key: row},
+                swept={key: row} if by_sweeps else {},
                 broken=[Broken(promise=each, run=number, faults=faults, said=said[:300]) for each, said in broken],
                 outcomes={verdict.outcome: 1},
                 in_fault=verdict.outcome == "fault",
@@ -109,8 +117,9 @@ class Tally(msgspec.Struct, kw_only=True):
 
     def add(self, other: Tally) -> None:
         """Add the counts of another."""
-        for key, row in other.rows.items():
-            self.rows.setdefault(key, Row()).add(row)
+        for own, others in ((self.rows, other.rows), (self.swept, other.swept)):
+            for key, row in others.items():
+                own.setdefault(key, Row()).add(row)
         for outcome, count in other.outcomes.items():
             self.outcomes[outcome] = self.outcomes.get(outcome, 0) + count
         self.broken += other.broken
@@ -120,16 +129,17 @@ class Tally(msgspec.Struct, kw_only=True):
         self.slowest_s = max(self.slowest_s, other.slowest_s)
         self.longest_s = max(self.longest_s, other.longest_s)
 
-    def of(self, keys: Iterable[str]) -> Row:
-        """The rows of these keys in one."""
-        whole = Row()
-        for key in keys:
-            whole.add(self.rows.get(key, Row()))
-        return whole
-
     def runs_that_broke(self, promise: str) -> int:
         """Number of runs that broke a promise."""
         return len({broken.run for broken in self.broken if broken.promise == promise})
+
+
+def summed(rows: Mapping[str, Row], keys: Iterable[str]) -> Row:
+    """Sum the rows of these keys."""
+    whole = Row()
+    for key in keys:
+        whole.add(rows.get(key, Row()))
+    return whole
 
 
 def upper95(hits: int, count: int) -> float:
@@ -149,6 +159,7 @@ def readings(seed: int, first: int, count: int) -> Tally:
                 check(trace),
                 number=number,
                 faults=tuple(f"{fault.device} {fault.name}" for fault in plan.faults),
+                by_sweeps=plan.method == SWEPT_POSTERIOR,
                 accepted=sum(isinstance(entry.event, Measured) for entry in trace.journal.entries),
                 real_s=trace.real_s,
                 virtual_s=trace.virtual_s,
