@@ -269,7 +269,9 @@ class Held:
             raise OSError(self.number, os.strerror(self.number), path)
 
     def _open(self, path: object, *arguments: object, **named: object) -> int:
-        if str(path).startswith(self._folder) and Path(str(path)).name.startswith(self.files):
+        # What writes the files is another computer.
+        reads = int(str(arguments[0])) & os.O_ACCMODE == os.O_RDONLY if arguments else True
+        if reads and str(path).startswith(self._folder) and Path(str(path)).name.startswith(self.files):
             self._refuse(path)
         return self._opened(path, *arguments, **named)  # type: ignore[arg-type]
 

@@ -116,7 +116,7 @@ def test_d_text_python_and_bank_info_say_the_same(shell: Shell, tmp_path: Path, 
         assert result["reason"] is None or result["reason"] in text
 
 
-@pytest.mark.parametrize("distance_deg", [6, 9, 12])
+@pytest.mark.parametrize("distance_deg", [8, 9, 12])
 @pytest.mark.parametrize("weaker", [0.8, 0.95])
 def test_d_a_search_that_found_the_wrong_hump_does_not_contradict(
     shell: Shell, tmp_path: Path, distance_deg: float, weaker: float

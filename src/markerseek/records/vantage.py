@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from markerseek.core import Float64, Int16, Int64, RecordError
 from markerseek.files import natural
@@ -269,6 +268,8 @@ class _Workspace:
             self.refuse(
                 f"its frames have {' and '.join(map(str, sorted(counts)))} acquisitions without a transmit", _ONE_KIND
             )
+        from scipy.ndimage import median_filter
+
         # What all frames have in common is no source; one frame alone may have missed a pulse.
         curves = np.array(strengths).transpose(1, 0, 2)
         curves = median_filter(curves - np.median(curves, axis=1, keepdims=True), size=(1, 3, 1), mode="nearest")

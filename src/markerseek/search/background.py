@@ -112,8 +112,11 @@ def background_of(curve: Curve, *, scatter: float) -> Background | None:
 
 def background_sigma(curve: Curve, background: Background, *, scatter: float) -> float:
     """Return the standard deviation of a sample of the background: its scatter, and what the line does not follow."""
-    beyond = max(0.0, _depth(curve, background) ** 2 - NOISE_DEPTH * scatter**2)
-    return math.hypot(scatter, UNEVEN * math.sqrt(beyond))
+    depth = max(0.0, _depth(curve, background))
+    noise_depth = math.sqrt(NOISE_DEPTH) * scatter
+    # The difference of their squares, which may be no finite numbers.
+    beyond = math.sqrt(max(0.0, depth - noise_depth)) * math.sqrt(depth + noise_depth)
+    return math.hypot(scatter, UNEVEN * beyond)
 
 
 def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
@@ -126,8 +129,11 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
         return False
     some = np.union1d(np.linspace(0, len(curve) - 1, MAX_COMPARED).astype(np.int64), curve.strongest)
     angle_deg = curve.angle_deg[some]
-    intensity = curve.intensity[some]
-    top = intensity > (largest + lowest) / 2
+    # Relative to the largest one: squares of intensities in an unknown unit may be no finite numbers.
+    intensity = curve.intensity[some] / largest
+    lowest = lowest / largest
+    scatter = scatter / largest
+    top = intensity > (1 + lowest) / 2
     if top.all():
         return True
     beside_deg = float(np.diff(angle_deg).max())
@@ -145,7 +151,7 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
     off = np.abs(intensity - height)
     fits_top = np.sqrt(((off[..., top] / intensity[top]) ** 2).mean(axis=-1)) <= TOP_ERROR
     beyond = off[..., ~top] - TAIL_ERROR * height[..., ~top]
-    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, DEEP_ERROR * largest)
+    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, DEEP_ERROR)
     return bool((fits_top & fits_rest).any())
 
 

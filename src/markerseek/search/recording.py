@@ -72,10 +72,13 @@ class WholeRecording:
     def estimate(self) -> Estimate:
         """The answer of the search while angles are left, then the one from all angles.
 
-        Where both name an angle, and not the same, no angle is claimed.
+        Where a search by the posterior names another angle than all angles, no angle is claimed. The other methods end
+        at any peak: what they say is no evidence against all angles.
         """
         answer = self.present.estimate()
         if self.searched is None or not self._is_answered or not isinstance(answer, Found):
+            return answer
+        if not isinstance(self._search, type(self._posterior)):
             return answer
         reason = contradiction(answer, self.searched.estimate)
         return answer if reason is None else answer.as_unsure("source", reason)

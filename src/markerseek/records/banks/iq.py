@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import resample
 
 from markerseek.core import Float32, Float64, RecordError
 from markerseek.records.banks.bank import AXES
@@ -69,6 +68,9 @@ def radio_frequency(
 
     ``frames``: complex numbers, (angles, channels, samples).
     """
+    # Half a second, which no search needs.
+    from scipy.signal import resample
+
     if sampling_hz is None:
         raise RecordError(
             f"{path}: its frames are IQ data, and sampling_hz is missing; add the rate of the pairs, in Hz"
