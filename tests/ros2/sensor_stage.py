@@ -1,7 +1,8 @@
 """A stage node of another lab, in plain rclpy, with the manners that it is started with.
 
-``sensor_stage.py [--joint NAME] [--state sensor|latched|on-change] [--stamp now|zero|simulated]``: name of its joint;
-how it publishes its state (all topics have the QoS of sensors otherwise, which is best effort); what stamps its angles.
+``sensor_stage.py [--joint NAME] [--state sensor|latched|on-change] [--stamp now|zero|simulated] [--beside NAME]``: name
+of its joint; how it publishes its state (all topics have the QoS of sensors otherwise, which is best effort); what
+stamps its angles; name of a joint that stands still, in messages of its own on the same topic.
 """
 
 import argparse
@@ -53,6 +54,8 @@ class SensorStage:
         elif self.manners.stamp == "simulated":
             message.header.stamp.sec = 1 + self.steps // 50
         self.measured.publish(message)
+        if self.manners.beside:
+            self.measured.publish(JointState(header=message.header, name=[self.manners.beside], position=[0.7]))
         busy = self.angle_rad != self.target_rad
         if self.manners.state != "sensor" and busy == self.published:
             return
@@ -70,6 +73,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--joint", default="trus_roll")
     parser.add_argument("--state", default="sensor", choices=STATES)
+    parser.add_argument("--beside")
     parser.add_argument("--stamp", default="now", choices=["now", "zero", "simulated"])
     manners = parser.parse_args()
     rclpy.init()

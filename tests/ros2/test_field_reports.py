@@ -166,6 +166,17 @@ def test_the_joints_that_came_are_named_and_the_right_one_is_a_key(peer: Any) ->
 
 
 @pytest.mark.usefixtures("notes_allowed")
+def test_messages_of_another_joint_on_the_same_topic_are_none_of_the_stage(peer: Any) -> None:
+    assert peer("sensor_stage.py", "--joint", "roll", "--beside", "gripper").stdout.readline() == "ready\n"
+    with RosNode("markerseek_rig") as node:
+        settings = Ros2StageSettings(**ARM, joint="roll")
+        stage = Ros2Stage(node=node, clock=SystemClock(), settings=settings, travel=TRAVEL)
+        for angle_deg in (1.5, -1.0):
+            assert stage.move_to(angle_deg) == pytest.approx(angle_deg, abs=0.05)
+            assert stage.angle_deg == pytest.approx(angle_deg, abs=0.05)
+
+
+@pytest.mark.usefixtures("notes_allowed")
 @pytest.mark.parametrize(("stamp", "said"), [("zero", "stamped 0.000 s"), ("simulated", r"stamped \d\.000 s")])
 def test_angles_with_stamps_of_another_clock_are_named(peer: Any, stamp: str, said: str) -> None:
     assert peer("sensor_stage.py", "--stamp", stamp).stdout.readline() == "ready\n"

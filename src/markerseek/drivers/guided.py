@@ -13,7 +13,7 @@ import sys
 import termios
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from typing import Annotated, Any, Literal, Protocol
 
@@ -287,7 +287,15 @@ class Ros2Encoder:
         node.subscribe(topics.beside(self._topic, topics.STATE), "std_msgs/msg/String", self._on_state)
 
     def _on_message(self, message: Any) -> None:
+        names = list(message.name) if self._transforms is None else []
+        if names and self._joint not in names:
+            # Several nodes may use one topic, each for its own joints.
+            self._note_joints(names)
+            return
         self._newest = message
+
+    def _note_joints(self, names: Sequence[str]) -> None:
+        self._joints = f"its message has the joints {', '.join(names)}, and no number of {self._joint!r}"
 
     def _on_state(self, message: Any) -> None:
         state = messages.state_of(message)
@@ -310,7 +318,7 @@ class Ros2Encoder:
             angle_deg = joint_angle_deg(message, joint=self._joint)
             if angle_deg is not None:
                 return angle_deg
-            self._joints = f"its message has the joints {', '.join(message.name)}, and no number of {self._joint!r}"
+            self._note_joints(message.name)
             return math.nan
         return self._transforms.angle_deg(_matrix(message.transform))
 

@@ -139,6 +139,7 @@ class Ros2Stage:
         self._states = 0
         self._listens_since_s: float | None = None
         self._joints: list[str] = []
+        self._joints_since_s = math.inf
         self.emulated = False
         self._busy = self._was_busy = self._commanded = False
         self._idle_ns = 0
@@ -170,7 +171,8 @@ class Ros2Stage:
 
     def _finds_angle(self) -> bool:
         """Whether an angle has come; `NotConnectedError` if angles come, and none is of the stage's joint."""
-        if self._readings > 0 and math.isnan(self._angle_deg) and self._joints:
+        waited_s = self._clock.now_s() - self._joints_since_s
+        if math.isnan(self._angle_deg) and waited_s >= (_STATE_S if self._readings == 0 else 0.0):
             settings = self._settings
             raise NotConnectedError(
                 f"stage: {settings.reached_topic} has the joints {', '.join(self._joints)}, and no number of "
@@ -206,11 +208,19 @@ class Ros2Stage:
         if self._in_degrees:
             # The node's state has the same angle, not rounded by the way over radians.
             return
+        if not self._names_joint(list(message.name)):
+            return
         angle_deg = joint_angle_deg(message, joint=self._settings.joint)
-        self._joints = list(message.name)
         self._reached_ns = messages.stamp_ns(message)
         # What is no angle is kept as NaN, which the guard refuses.
         self._take(math.nan if angle_deg is None else angle_deg)
+
+    def _names_joint(self, names: list[str]) -> bool:
+        """Return whether a message may be of the stage: several nodes may use one topic, each for its own joints."""
+        if not self._joints and names:
+            self._joints_since_s = self._clock.now_s()
+        self._joints += [name for name in names if name not in self._joints]
+        return not names or self._settings.joint in names
 
     def _take(self, angle_deg: float) -> None:
         self._angle_deg, self._heard_s = angle_deg, self._clock.now_s()

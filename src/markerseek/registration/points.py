@@ -161,8 +161,8 @@ def _spot(folder: Path, camera: Camera) -> tuple[tuple[float, float], float]:
     """Pixel of the spot in the images of a folder, and its standard deviation in pixels."""
     frames = read_camera_images(folder)
     dark = read_camera_images(folder / DARK) if (folder / DARK).is_dir() else []
-    if problem := camera.size_problem(frames[0]):
-        raise RecordError(f"{folder}: {problem}")
+    if misfit := camera.size_problem(frames[0]):
+        raise RecordError(f"{folder}: {misfit}")
     try:
         spot = find_spot(frames, dark=dark)
     except ConfigError as problem:

@@ -24,16 +24,24 @@ _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 _MIDDLEWARE, _RANGE = "RMW_IMPLEMENTATION", "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
-def _shown(message: Any) -> str:
-    """Kind of a message, its time, and its numbers or text where they are short."""
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    at = "" if stamp is None else f" stamped {stamp.sec}.{stamp.nanosec:09}"
-    content = next((f" {getattr(message, name)}" for name in ("position", "data") if hasattr(message, name)), "")
-    return f"{type(message).__name__}{at}{content[:_SHOWN]}"
-
-
 _SHOWN = 120
 """Most of a message's content in a trace, in characters."""
+
+
+def _note(topic: str, direction: str, message: Any) -> None:
+    """Log a message; it is put into words only where somebody reads the log, because an image takes long."""
+    if _LOG.isEnabledFor(logging.DEBUG):
+        _LOG.debug("%s %s %s", topic, direction, shown(message))
+
+
+def shown(message: Any) -> str:
+    """Return the kind of a message, its time, and its numbers or text; of long ones only their number."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    at = "" if stamp is None else f" stamped {stamp.sec}.{stamp.nanosec:09}"
+    content = next((getattr(message, name) for name in ("position", "data") if hasattr(message, name)), "")
+    is_long = not isinstance(content, str) and hasattr(content, "__len__") and len(content) > _SHOWN
+    text = f"{len(content)} values" if is_long else str(content)
+    return f"{type(message).__name__}{at} {text[:_SHOWN]}".rstrip()
 
 
 def reach() -> str:
@@ -203,7 +211,7 @@ class RosNode(Closing):
 
     def publish(self, topic: str, message: Any) -> None:
         """Publish a message on a topic that was advertised."""
-        _LOG.debug("%s > %s", topic, _shown(message))
+        _note(topic, ">", message)
         self._publishers[topic].publish(message)
 
     def subscribe(
@@ -229,7 +237,7 @@ class RosNode(Closing):
         def take(message: Any, info: Mapping[str, Any]) -> None:
             self.network.handled += 1
             if once.is_new(info):
-                _LOG.debug("%s < %s", topic, _shown(message))
+                _note(topic, "<", message)
                 callback(message)
 
         def add(wanted: Any) -> None:

@@ -357,8 +357,15 @@ def test_a_joint_of_ros_2_is_in_radians() -> None:
     assert encoder.read() == pytest.approx(-12.5)
     node.time_s += 1
     node.hand_over(node.stamped(name=["yaw", "insertion"], position=[0.1, 0.2]))
-    assert math.isnan(encoder.read() or 0.0)
+    assert encoder.read() is None
     assert encoder.unused == "its message has the joints yaw, insertion, and no number of 'trus_roll'"
+    # Of another node on the same topic: the angle that came before it counts.
+    node.hand_over(node.stamped(name=["trus_roll"], position=[math.radians(4.0)]))
+    node.hand_over(node.stamped(name=["gripper"], position=[0.3]))
+    assert encoder.read() == pytest.approx(4.0)
+    node.time_s += 1
+    node.hand_over(node.stamped(name=["trus_roll"], position=[math.nan]))
+    assert math.isnan(encoder.read() or 0.0)
     late = node.stamped(name=["trus_roll"], position=[0.0])
     node.time_s += 3
     node.hand_over(late)

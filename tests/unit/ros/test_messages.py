@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +22,7 @@ from markerseek.ros import (
     degrees,
     joint_angle_deg,
     messages,
+    node,
     reach,
     require_middleware,
 )
@@ -217,3 +219,21 @@ def test_the_example_of_a_ros_rig_has_the_defaults_and_names_every_key(tmp_path:
     for kind in (Ros2StageSettings, RosReceiver):
         for name in kind.__struct_fields__:
             assert f"\n{name} = " in text
+
+
+def test_a_message_is_put_into_words_only_for_a_reader_and_a_long_one_by_its_length(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stamp = SimpleNamespace(sec=7, nanosec=5000)
+    image = SimpleNamespace(header=SimpleNamespace(stamp=stamp), data=np.zeros(3 * 640 * 480, np.uint8))
+    joint = SimpleNamespace(position=[0.25, 1.5])
+    text = SimpleNamespace(data="frame " * 1000)
+    assert node.shown(image) == "SimpleNamespace stamped 7.000005000 921600 values"
+    assert node.shown(joint) == "SimpleNamespace [0.25, 1.5]"
+    assert node.shown(text).endswith("frame frame")
+    assert len(node.shown(text)) < 150
+    for level, lines in ((logging.INFO, 0), (logging.DEBUG, 1)):
+        with caplog.at_level(level, "markerseek.ros.node"):
+            node._note("/angle", "<", joint)
+        assert len(caplog.messages) == lines
+    assert caplog.messages == ["/angle < SimpleNamespace [0.25, 1.5]"]
