@@ -15,7 +15,7 @@ from scipy.io import savemat
 from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 
 Shell = Callable[..., tuple[int, str, str]]
-pytestmark = pytest.mark.usefixtures("no_child")
+pytestmark = pytest.mark.usefixtures("no_child", "notes_allowed")
 
 STRONGEST = 7
 """Number of the frame at 13°, counted from 1."""

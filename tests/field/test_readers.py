@@ -20,7 +20,7 @@ from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 from tests.unit.records.vantage_workspaces import write_workspace
 
 Shell = Callable[..., tuple[int, str, str]]
-pytestmark = pytest.mark.usefixtures("no_child")
+pytestmark = pytest.mark.usefixtures("no_child", "notes_allowed")
 
 STEPS = ("--first-deg", "7", "--step-deg", "1")
 FIRST, LAST = 42, 54

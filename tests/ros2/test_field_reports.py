@@ -104,7 +104,6 @@ def test_b1_an_acquisition_is_asked_for_once_by_a_publisher_of_sensors(peer: Any
     assert answers == [[number, step, ""] for number in "01" for step in ("fired", "frame")]
 
 
-@pytest.mark.usefixtures("notes_allowed")
 @pytest.mark.parametrize("state_topic", ["/arm/state", None])
 def test_b1_a_stage_with_the_qos_of_sensors_is_driven(peer: Any, state_topic: str | None) -> None:
     assert peer("sensor_stage.py").stdout.readline() == "ready\n"
@@ -142,7 +141,6 @@ ARM = {"command_topic": "/arm/move_jp", "reached_topic": "/arm/measured_js", "st
 TRAVEL = Interval(low_deg=-36.5, high_deg=36.5)
 
 
-@pytest.mark.usefixtures("notes_allowed")
 @pytest.mark.parametrize("state", ["latched", "on-change"])
 def test_a_stage_that_publishes_its_state_when_it_changes_is_driven(peer: Any, state: str) -> None:
     assert peer("sensor_stage.py", "--state", state).stdout.readline() == "ready\n"
@@ -154,7 +152,6 @@ def test_a_stage_that_publishes_its_state_when_it_changes_is_driven(peer: Any, s
             assert stage.move_to(angle_deg) == pytest.approx(angle_deg, abs=0.05)
 
 
-@pytest.mark.usefixtures("notes_allowed")
 def test_the_joints_that_came_are_named_and_the_right_one_is_a_key(peer: Any) -> None:
     assert peer("sensor_stage.py", "--joint", "rotary_axis").stdout.readline() == "ready\n"
     with RosNode("markerseek_rig") as node:
@@ -165,7 +162,6 @@ def test_the_joints_that_came_are_named_and_the_right_one_is_a_key(peer: Any) ->
         assert stage.move_to(2.5) == pytest.approx(2.5, abs=0.05)
 
 
-@pytest.mark.usefixtures("notes_allowed")
 def test_messages_of_another_joint_on_the_same_topic_are_none_of_the_stage(peer: Any) -> None:
     assert peer("sensor_stage.py", "--joint", "roll", "--beside", "gripper").stdout.readline() == "ready\n"
     with RosNode("markerseek_rig") as node:
@@ -176,7 +172,6 @@ def test_messages_of_another_joint_on_the_same_topic_are_none_of_the_stage(peer:
             assert stage.angle_deg == pytest.approx(angle_deg, abs=0.05)
 
 
-@pytest.mark.usefixtures("notes_allowed")
 @pytest.mark.parametrize(("stamp", "said"), [("zero", "stamped 0.000 s"), ("simulated", r"stamped \d\.000 s")])
 def test_angles_with_stamps_of_another_clock_are_named(peer: Any, stamp: str, said: str) -> None:
     assert peer("sensor_stage.py", "--stamp", stamp).stdout.readline() == "ready\n"
@@ -252,7 +247,6 @@ def test_b6_a_node_of_default_settings_and_ours_see_one_another(start: Start, pe
     assert {each.partition(":")[0] for each in listening} == {"0100007F"}
 
 
-@pytest.mark.usefixtures("notes_allowed")
 @pytest.mark.parametrize(
     ("first", "chosen"),
     [

@@ -18,8 +18,6 @@ from markerseek.core import AcquisitionError, ConfigError, NotConnectedError, St
 from markerseek.drivers import RosImages, open_stereo_images
 from markerseek.geometry import Camera
 
-pytestmark = pytest.mark.usefixtures("notes_allowed")
-
 PUBLISHER = Path(__file__).with_name("image_publisher.py")
 TOPICS = "/stereo/left/image_raw", "/stereo/right/image_raw"
 CAMERA = Camera(focal_px=(150.0, 150.0), centre_px=(79.5, 63.5), size_px=(160, 128))

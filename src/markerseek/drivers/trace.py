@@ -10,7 +10,6 @@ import logging
 import os
 import platform
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
@@ -100,10 +99,11 @@ class _File(logging.Handler):
             self.write(self.format(record))
         except OSError as problem:
             self._failed = True
-            warnings.warn(
-                f"{self._path}: the trace ends here, it cannot be written: {problem.strerror}; name a file on another "
-                "disk",
-                stacklevel=2,
+            # This handler gets it as well, and passes over it.
+            _LOG.warning(
+                "%s: the trace ends here, it cannot be written: %s; name a file on another disk",
+                self._path,
+                problem.strerror,
             )
 
 
