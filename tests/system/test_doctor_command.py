@@ -39,15 +39,15 @@ def test_a_package_that_is_not_needed_is_called_optional(
     assert "optional" in doctor._STATES[finding.state, finding.needed]
 
 
-@pytest.mark.parametrize("named", [":/opt/lab", "/opt/lab:", "/opt/a::/opt/b"])
-def test_an_empty_element_of_the_python_path_is_named(monkeypatch: pytest.MonkeyPatch, named: str) -> None:
+@pytest.mark.parametrize("named", [":/opt/lab", "/opt/lab:", "/opt/a::/opt/b", ".", "/opt/a:."])
+def test_the_current_folder_in_the_python_path_is_named(monkeypatch: pytest.MonkeyPatch, named: str) -> None:
     monkeypatch.setenv("PYTHONPATH", named)
     (finding,) = (each for each in doctor._packages() if each.what == "PYTHONPATH")
     assert (finding.state, finding.needed) == ("broken", False)
     assert named in finding.detail
 
 
-@pytest.mark.parametrize("named", ["", "/opt/a:/opt/b"])
+@pytest.mark.parametrize("named", ["", "/opt/a:/opt/b", "examples"])
 def test_a_python_path_without_one_is_not(monkeypatch: pytest.MonkeyPatch, named: str) -> None:
     monkeypatch.setenv("PYTHONPATH", named)
     assert "PYTHONPATH" not in {each.what for each in doctor._packages()}

@@ -146,14 +146,14 @@ def _packages() -> list[CheckResult]:
 
 
 def _python_path() -> list[CheckResult]:
-    """Whether PYTHONPATH has an empty element, which stands for the current folder; nothing if it has none."""
+    """Whether PYTHONPATH names the current folder, as an empty element does; nothing if it does not."""
     # If the variable is empty as a whole, Python takes it as not set.
     named = os.environ.get("PYTHONPATH", "")
-    if not named or all(named.split(os.pathsep)):
+    if not named or not {"", "."}.intersection(named.split(os.pathsep)):
         return []
     detail = (
-        f"{named!r} has an empty element, so a file of the current folder is imported in place of a library of its "
-        f"name; remove the {os.pathsep!r} too many"
+        f"{named!r} names the current folder, by an empty element or a point, so that a file there is imported in place "
+        "of a library of its name; leave that element out"
     )
     return [CheckResult(what="PYTHONPATH", state="broken", detail=detail, needed=False)]
 
