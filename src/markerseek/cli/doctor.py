@@ -152,8 +152,8 @@ def _python_path() -> list[CheckResult]:
     if not named or not {"", "."}.intersection(named.split(os.pathsep)):
         return []
     detail = (
-        f"{named!r} names the current folder, by an empty element or a point, so that a file there is imported in place "
-        "of a library of its name; leave that element out"
+        f"{named!r} names the current folder, by an empty element or a point, so that a file there is imported in "
+        "place of a library of its name; leave that element out"
     )
     return [CheckResult(what="PYTHONPATH", state="broken", detail=detail, needed=False)]
 
