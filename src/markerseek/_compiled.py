@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any, TypeVar, cast
 
 from numba import njit
-from numba.core.dispatcher import Dispatcher
+from numba.core import event
 
 _LOG = logging.getLogger(__name__)
 
@@ -23,8 +23,34 @@ _REASSOCIATE = {"nsz", "arcp", "contract", "reassoc"}
 """Sums may be reordered, so that they run in vector registers; NaN and infinity keep their meaning."""
 
 
-KERNELS: list[Dispatcher] = []
-"""All kernels of the process, from which the command line sees whether they are compiled already."""
+def on_compiling(say: Callable[..., object]) -> None:
+    """Call ``say(kept=...)`` once, when the first kernel of this process is compiled; for none that is on the disk.
+
+    ``kept`` says whether the machine code stays on the disk. Numba says it itself, so that it is right wherever the
+    package and its machine code are.
+    """
+    event.register(_COMPILE, _First(say))  # type: ignore[no-untyped-call]
+
+
+_COMPILE = "numba:compile"
+
+
+class _First(event.Listener):
+    """Calls ``say`` at the first kernel of ours that is compiled."""
+
+    def __init__(self, say: Callable[..., object]) -> None:
+        self._say: Callable[..., object] | None = say
+
+    def on_start(self, event: event.Event) -> None:
+        """Say it, unless it was said."""
+        kernel = event.data["dispatcher"]
+        say = self._say
+        if say is not None and kernel.py_func.__module__.startswith("markerseek."):
+            self._say = None
+            say(kept=kernel.stats.cache_path is not None)
+
+    def on_end(self, event: event.Event) -> None:
+        """Nothing to say."""
 
 
 def compiled(kernel: Kernel) -> Kernel:
@@ -41,9 +67,6 @@ def compiled(kernel: Kernel) -> Kernel:
     except RuntimeError:
         _warn_that_nothing_is_kept()
         machine_code = njit(fastmath=_REASSOCIATE, nogil=True)(kernel)
-    # With NUMBA_DISABLE_JIT it is the function itself.
-    if isinstance(machine_code, Dispatcher):
-        KERNELS.append(machine_code)
     return cast("Kernel", machine_code)
 
 

@@ -50,7 +50,7 @@ def test_a_whole_session_is_seen_and_a_reload_shows_it_too(browser, tmp_path):
         assert watched.text(".ms-next").startswith("press Start")
         watched.tab.evaluate(RECORDED)
         watched.start()
-        watched.wait_for(BADGE, "^REGISTERED$", timeout_ms=SESSION_MS)
+        watched.wait_for(BADGE, "^REGISTERED", timeout_ms=SESSION_MS)
         steps = read_session(folder_of(page))
         last = [step for step in steps if isinstance(step, Registered)][-1]
         taken = [step for step in steps if isinstance(step, TakenMarker)]
@@ -69,7 +69,7 @@ def test_a_whole_session_is_seen_and_a_reload_shows_it_too(browser, tmp_path):
         for again in (False, True):
             if again:
                 watched.tab.reload()
-                watched.wait_for(BADGE, "^REGISTERED$")
+                watched.wait_for(BADGE, "^REGISTERED")
             assert watched.text(".ms-angle") == tre
             rows = [row.split() for row in watched.tab.locator(ROWS).all_inner_texts()]
             residuals = {point.name: f"{1e3 * point.residual_m:.2f}" for point in last.report.points}

@@ -82,8 +82,11 @@ def test_a_search_over_emulated_devices_is_resumed_after_kill_9(shell: Shell, tm
         assert (code, json.loads(out)["acquisitions"]) == (4, len(before))
         code, out, err = shell("resume", journal, "--arm", "--json")
         assert (code, "which is not taken from a journal" in err) == (2, True)
-        code, out, err = shell("resume", journal, "--rig", devices.rig, "--arm", "--json")
+        code, out, err = shell(
+            "resume", journal, "--rig", devices.rig, "--arm", "--json", "--trace", tmp_path / "lines.txt"
+        )
         assert code in (0, 3), err
+        assert "stage < " in (tmp_path / "lines.txt").read_text(encoding="utf-8")
         result = json.loads(out)
         low_deg, high_deg, pulses = devices.end()
     held = read_journal(journal)

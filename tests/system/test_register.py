@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from markerseek.core import Measured
+from markerseek.records.journal import read_journal
 from markerseek.registration import read_registration
 from markerseek.registration.points import read_camera_images
 from markerseek.sim import EndoscopeSettings, endoscope
@@ -349,6 +351,30 @@ def test_a_whole_registration_on_the_simulated_rig(shell: Shell) -> None:
     assert simulation["by_hand_s"] == [120, 420]
 
 
+@pytest.mark.long
+def test_a_session_without_frames_has_the_samples_and_is_continued_with_another_goal(shell: Shell) -> None:
+    given = ("register", "--simulate", "--sweep", "--seed", 12)
+    code, _, err = shell(*given, "--markers", 3, "--record", "s", "--no-frames")
+    size = sum(path.stat().st_size for path in Path("s").iterdir())
+    assert (code, size < 8e6) == (0, True), err
+    assert f"the record has {size / 1e6:.3g} MB, no frames" in err
+    for name in ("1", "2", "3"):
+        recorded = read_journal(Path("s", f"{name}.journal"))
+        assert not recorded.configuration.frames
+        samples = [entry.event.sample for entry in recorded.entries if isinstance(entry.event, Measured)]
+        assert samples
+        assert {sample.frame for sample in samples} == {None}
+    code, out, _ = shell("journal", "replay", "s/1.journal", "--json")
+    again = json.loads(out)
+    assert (again["from_the_frames"], again["from_the_samples"]) == (None, again["recorded"])
+    # Above a goal that no marker reaches: registered, and not reached.
+    code, out, err = shell(*given, "--markers", 4, "--tre-mm", 0.05, "--continue", "s")
+    assert code == 0
+    assert "registered above the goal of 0.05 mm: simulated rig and endoscope, 4 points" in " ".join(out.split())
+    assert "the receiver's frames for the most part: --no-frames keeps the samples only" in " ".join(err.split())
+    assert read_journal(Path("s", "4.journal")).configuration.frames
+
+
 def test_a_session_whose_marker_has_moved_is_not_registered_however_often_it_is_continued(shell: Shell) -> None:
     record = sessions.begin(Path("s"), markers=4)
     # As a session of 0.4 that was continued: it said "registered" again.
@@ -382,6 +408,11 @@ def test_a_session_whose_marker_has_moved_is_not_registered_however_often_it_is_
         (["register", EXAMPLE, "--simulate"], "a session makes its own points; leave the CSV"),
         (["register", "--simulate", "--images", "a b"], "the simulated rig has a simulated endoscope"),
         (["register", EXAMPLE, "--tissue", "liver"], "--tissue is for a session"),
+        (["register", "--simulate", "--trace", "lines.txt"], "--trace is for a rig of devices"),
+        (["register", EXAMPLE, "--trace", "lines.txt"], "--trace is for a session"),
+        (["calibrate", "--delay", "--trace", "lines.txt"], "--trace is for a rig of devices"),
+        (["calibrate", EXAMPLE, "--trace", "lines.txt"], "--rig, --arm and --trace belong to --delay"),
+        (["register", EXAMPLE, "--no-frames"], "--no-frames is for a session"),
         (["register", "--simulate", "--tre-mm", 40], "--tre-mm is 40.0 mm, it must lie in [0.01, 20] mm"),
         (["register", "--simulate", "--markers", 2], "--markers is 2, it must be a whole number from 3 to 12"),
         (["register", EXAMPLE, "--target-mm", 0, "nan", 0], "must be finite"),

@@ -24,7 +24,16 @@ def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices
         bench, kept = devices.folder, tmp_path / "session"
         images = f"{bench / 'left'} {bench / 'right'}"
         given = ["--rig", devices.rig, "--cameras", bench / "stereo.toml", "--images", images, "--record", kept]
-        options = ["--arm", "--markers", 3, "--wait-s", 60, *(["--sweep"] if sweep else [])]
+        options = [
+            "--arm",
+            "--markers",
+            3,
+            "--trace",
+            bench / "lines.txt",
+            "--wait-s",
+            60,
+            *(["--sweep"] if sweep else []),
+        ]
         command = markerseek("register", *given, *options)
         said = []
         with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
@@ -43,6 +52,9 @@ def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices
         assert f"images: folders {bench / 'left'} (left) and {bench / 'right'} (right)" in "".join(said).replace(
             "\n", " "
         )
+        lines = (bench / "lines.txt").read_text(encoding="utf-8")
+        for word in ("stage > ", "stage < ", "laser > ", "left image ", "right image "):
+            assert word in lines, word
         truth = devices.ended().split("davinci_to_trus is")[1]
     true = np.array([[float(value) for value in row.split()] for row in truth.strip().splitlines()[:4]])
     report = json.loads((kept / "registration.json").read_bytes())

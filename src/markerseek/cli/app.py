@@ -153,7 +153,10 @@ PANELS = {
     "Search": (*(each.flag for each in options_of(SearchPlan)), "--prior", "--compare", "--registration"),
     "Rig": ("--wavelength-nm", "--pulse-energy-mj"),
     "Endoscope": ("--cameras", "--calibration-sigma-px", "--images", "--frames"),
-    "Session": ("--tre-mm", "--markers", "--again", "--record", "--wait-s", "--idle-s", "--light-while-waiting"),
+    "Session": (
+        *("--tre-mm", "--markers", "--again", "--record", "--no-frames"),
+        *("--wait-s", "--idle-s", "--light-while-waiting"),
+    ),
     "Points": ("--target-mm", "--without"),
     "Arrays and sequences": (
         *("--axes", "--first-frame", "--without-channel", "--angle-field", "--sampling-mhz"),

@@ -21,7 +21,7 @@ from rich.text import Text
 from markerseek import rigs, runs, signals
 from markerseek.cli.doctor import steadiness
 from markerseek.cli.open_rig import arm_rig, open_rig
-from markerseek.cli.options import Arm, AsJson, ProbeName, RigFile
+from markerseek.cli.options import Arm, AsJson, ProbeName, RigFile, Trace
 from markerseek.cli.report import Output, Report, table, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar
 from markerseek.core import Asked, ChannelFrame, ConfigError, RecordError, Sample, SearchError, require_range
@@ -68,6 +68,7 @@ def command(
     ] = False,
     rig: RigFile = None,
     arm: Arm = False,
+    trace: Trace = None,
     as_json: AsJson = False,
 ) -> None:
     """Find angle zero, face radius, trigger offset, sound speed and noise, and print the lines for rig.toml.
@@ -88,12 +89,12 @@ def command(
         raise ConfigError("name a scan of a point source, or measure the delay of a rig with --delay, and not both")
     if bank is None:
         if (probe, source_deg, zero_deg, direction, pickup_us) != (None, 0.0, 0.0, "forward", None):
-            raise ConfigError("--delay takes --rig, --arm and --json; leave the options of a scan out")
+            raise ConfigError("--delay takes --rig, --arm, --trace and --json; leave the options of a scan out")
 
-        _measure_delay(rig, arm=arm, as_json=as_json)
+        _measure_delay(rig, arm=arm, trace=trace, as_json=as_json)
         return
-    if rig is not None or arm:
-        raise ConfigError("--rig and --arm belong to --delay; a scan names no rig")
+    if rig is not None or arm or trace is not None:
+        raise ConfigError("--rig, --arm and --trace belong to --delay; a scan names no rig")
     for name, angle_deg in (("--source-deg", source_deg), ("--zero-deg", zero_deg)):
         require_range(name, angle_deg, low=-360, high=360, unit="deg")
     if pickup_us is not None and not 0 <= pickup_us[0] < pickup_us[1] <= 1000:
@@ -210,10 +211,10 @@ def _row(title: str, scale: float, unit: str, number: Fitted) -> dict[str, str |
     }
 
 
-def _measure_delay(rig: Path | None, *, arm: bool, as_json: bool) -> None:
+def _measure_delay(rig: Path | None, *, arm: bool, trace: Path | None, as_json: bool) -> None:
     """Sweep a rig there and back over one marker, and print the lines for its rig file."""
     output = Output(as_json=as_json)
-    with open_rig(rig, sweeps=True) as (assembled, _):
+    with open_rig(rig, sweeps=True, trace=trace) as (assembled, _):
         run = runs.DelayRun(assembled)
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="sweep", as_json=as_json)

@@ -152,11 +152,14 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     estimates = {
         "recorded": last[-1] if last else None,
         "from the samples": runs.answer_again(recorded, read_frames=False),
-        "from the frames": runs.answer_again(recorded, read_frames=True),
+        "from the frames": runs.answer_again(recorded, read_frames=True) if recorded.configuration.frames else None,
     }
     answers = {name: None if each is None else Answer.of(each) for name, each in estimates.items()}
     values = {name.replace(" ", "_"): each for name, each in answers.items()}
-    rows = ((name, "none: the run is not over" if each is None else str(each)) for name, each in answers.items())
+    missing = dict.fromkeys(answers, "none: the run is not over")
+    if not recorded.configuration.frames:
+        missing["from the frames"] = "none: they were not kept"
+    rows = ((name, missing[name] if each is None else str(each)) for name, each in answers.items())
     state = runs.RunView.of(recorded).state
     Output(as_json=as_json).show(Report(values={"state": state} | values, shown=[facts(rows)]))
 
@@ -181,6 +184,8 @@ def _print_table(recorded: RecordedRun) -> None:
     versions = ", ".join(f"{name} {version}" for name, version in recorded.configuration.versions.items())
     seed = "" if facts.seed is None else f"seed {facts.seed}, "
     stdout.print(f"[dim]{seed}rig {one_line(facts.fingerprint)}, {one_line(versions)}[/]")
+    if not recorded.configuration.frames:
+        stdout.print("[dim]samples only: its frames were not kept[/]")
     table = new_table("", "clock [s]", "event", left=("event",))
     view = runs.RunView.of(recorded.configuration)
     for entry, after in zip_longest(recorded.entries, recorded.entries[1:]):

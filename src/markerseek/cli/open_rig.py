@@ -59,28 +59,39 @@ def open_rig(
                 f"{' and '.join(options.given())}: only for a simulated rig, and {path} is one of devices (kind "
                 "bench); leave it out, or name the rig file of a simulated rig"
             )
-        settings = settings if trace is None else replace(settings, trace=str(trace))
+        settings = with_trace(settings, trace)
         # Before a run handles signals: a driver may hang while it is made, or while a person is asked.
         watch_stop()
-        with _naming(settings.trace), rigs.bench(settings) as rig:
+        with naming_trace(settings), rigs.bench(settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
-    if trace is not None:
-        raise ConfigError("--trace is for a rig of devices, a simulated one has no lines; leave it out")
+    require_no_trace(trace)
     settings = simulated_settings(settings, options, sweeps=sweeps)
     seed = USUAL_SEED if options.seed is None else options.seed
     yield rigs.simulated(seed=seed, settings=settings, pace=options.pace), settings.start_deg
 
 
+def with_trace(settings: drivers.BenchSettings, trace: Path | None) -> drivers.BenchSettings:
+    """The settings with the file of the trace that was named; None: that of the rig file."""
+    return settings if trace is None else replace(settings, trace=str(trace))
+
+
+def require_no_trace(trace: Path | None) -> None:
+    """Refuse a trace of a simulated rig."""
+    if trace is not None:
+        raise ConfigError("--trace is for a rig of devices, a simulated one has no lines; leave it out")
+
+
 @contextmanager
-def _naming(trace: str | None) -> Iterator[None]:
+def naming_trace(settings: drivers.BenchSettings | None) -> Iterator[None]:
     """Name the file of the trace after an error, where there is one."""
     try:
         yield
     except MarkerseekError:
+        file = None if settings is None or settings.trace is None else Path(settings.trace)
         # Nothing is written through a link, or into what is no file.
-        if trace is not None and Path(trace).is_file() and not Path(trace).is_symlink():
-            stderr.print(f"[dim]trace:[/] {escape(trace)}")
+        if file is not None and file.is_file() and not file.is_symlink():
+            stderr.print(f"[dim]trace:[/] {escape(str(file))}")
         raise
 
 

@@ -156,6 +156,8 @@ def _of_session(over: SessionOver) -> Report:
     heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(view.markers)} markers"
     values = msgspec.to_builtins(report) | {
         "decided": registered,
+        "goal_m": view.goal_m,
+        "goal_reached": view.goal_reached,
         "left_out": list(view.left_out),
         "rig_s": view.rig_s,
         "session": str(over.folder),
@@ -164,7 +166,7 @@ def _of_session(over: SessionOver) -> Report:
         values |= {"simulation": msgspec.to_builtins(over.truth)}
     return Report(
         values=values,
-        shown=_shown(report, over.title, _session_rows(over)),
+        shown=_shown(report, over.title, _session_rows(over), above_goal_m=None if view.goal_reached else view.goal_m),
         pictures={"register.png": drawn(_figure, report, heading)},
         notes=(file_line("registration", over.folder / registration.REGISTRATION),) if registered else (),
         exit_code=0 if registered else 3,
@@ -217,8 +219,17 @@ def _pairs(
     return f"{left} and {right}", registration.spot_pairs(left, right, searches=searches, stereo=stereo)
 
 
-def _shown(report: registration.RegistrationReport, title: str, more: list[tuple[str, str]]) -> Iterator[str | Table]:
+def _shown(
+    report: registration.RegistrationReport,
+    title: str,
+    more: list[tuple[str, str]],
+    *,
+    above_goal_m: float | None = None,
+) -> Iterator[str | Table]:
+    """What people get of a registration; ``above_goal_m``: goal of its session, where that is not reached."""
     answer = "[bold green]registered[/]" if report.registered else "[bold yellow]not registered[/]"
+    if report.registered and above_goal_m is not None:
+        answer = f"[bold yellow]registered above the goal of {1e3 * above_goal_m:g} mm[/]"
     yield f"{answer}: {escape(title)}, {len(report.points)} points"
     if report.reason is not None:
         yield escape(report.reason)

@@ -18,8 +18,8 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, registration, rigs
-from markerseek.cli.open_rig import arm_rig, open_rig, person, simulated_settings
-from markerseek.cli.options import Arm
+from markerseek.cli.open_rig import arm_rig, open_rig, person, require_no_trace, simulated_settings
+from markerseek.cli.options import Arm, Trace
 from markerseek.cli.report import file_line
 from markerseek.cli.signals import Heartbeat, StoppedBySignal, end_stopped, require_pipe, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, print_warning, progress_bar, show_view, stderr
@@ -60,6 +60,7 @@ class SessionPlace:
         Path | None, typer.Option("--continue", metavar="FOLDER", help="Go on with the session of this folder.")
     ] = None
     arm: Arm = False
+    trace: Trace = None
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for this session.")] = None
     heartbeat: Heartbeat = None
 
@@ -153,6 +154,8 @@ def run_session(asked: SessionRequest, *, as_json: bool) -> SessionOver:
                 )
         session = registration.RegistrationSession(room, plan=plan, record=record)
         _watch(session, record.folder, as_json=as_json)
+        if not as_json:
+            _say_size(record.folder, frames=not plan.no_frames)
         simulated = isinstance(room, registration.SimulatedRoom)
         return SessionOver(
             view=session.view,
@@ -160,6 +163,13 @@ def run_session(asked: SessionRequest, *, as_json: bool) -> SessionOver:
             title="simulated rig and endoscope" if simulated else room.rig.facts.description,
             truth=room.truth(session.view) if isinstance(room, registration.SimulatedRoom) else None,
         )
+
+
+def _say_size(folder: Path, *, frames: bool) -> None:
+    """Print how large a record is, and how it is made smaller."""
+    size_mb = sum(path.stat().st_size for path in folder.iterdir() if path.is_file()) / 1e6
+    smaller = "the receiver's frames for the most part: --no-frames keeps the samples only" if frames else "no frames"
+    stderr.print(f"[dim]the record has {size_mb:.3g} MB, {smaller}[/]")
 
 
 class SpotIsSet:
@@ -213,6 +223,7 @@ def _room(asked: SessionRequest, *, as_json: bool) -> Iterator[registration.Room
         for name, given in (("--cameras", asked.cameras), ("--images", place.images)):
             if given:
                 raise ConfigError(f"{name} is for a rig of devices; the simulated rig has a simulated endoscope")
+        require_no_trace(place.trace)
         announce_compilation()
         rig_settings = simulated_settings(settings, asked.simulation, sweeps=asked.plan.sweep)
         yield registration.SimulatedRoom(
@@ -229,7 +240,7 @@ def _room(asked: SessionRequest, *, as_json: bool) -> Iterator[registration.Room
     stereo = registration.read_stereo(asked.cameras, calibration_sigma_px=asked.calibration_sigma_px)
     with (
         closing(drivers.open_stereo_images(place.images, left=stereo.left, right=stereo.right)) as images,
-        open_rig(place.rig, sweeps=asked.plan.sweep) as (rig, _),
+        open_rig(place.rig, sweeps=asked.plan.sweep, trace=place.trace) as (rig, _),
     ):
         if rig.facts.face_radius_m is None:
             raise ConfigError(
@@ -285,7 +296,7 @@ def _watch(session: registration.RegistrationSession, folder: Path, *, as_json: 
     with stopped_by_signals():
         try:
             with closing(session.steps()) as steps:
-                _show(steps)
+                _show(steps, session)
         except StoppedBySignal as stop:
             end_stopped(stop, as_json=as_json, kept=folder, resume=again)
         except MarkerseekError:
@@ -293,12 +304,12 @@ def _watch(session: registration.RegistrationSession, folder: Path, *, as_json: 
             raise
 
 
-def _show(steps: Iterator[registration.Step]) -> None:
+def _show(steps: Iterator[registration.Step], session: registration.RegistrationSession) -> None:
     """Print the steps; a search has a bar of its own."""
     for name, group in groupby(steps, lambda step: step.name if isinstance(step, registration.Searching) else None):
         if name is None:
             for step in group:
-                stderr.print(_line(step))
+                stderr.print(_line(step, session.view))
             continue
         with progress_bar(None, what=f"searching marker {name}") as progress:
             for step in group:
@@ -306,8 +317,8 @@ def _show(steps: Iterator[registration.Step]) -> None:
                     show_view(progress, step.view)
 
 
-def _line(step: registration.Step) -> str:
-    """A step in a line."""
+def _line(step: registration.Step, view: registration.SessionView) -> str:
+    """A step in a line; ``view``: the session after it."""
     match step:
         case registration.Waiting():
             set_it = "; the laser is dark: press Enter once the spot is set" if step.dark else ""
@@ -321,7 +332,7 @@ def _line(step: registration.Step) -> str:
             why = f": {step.reason}" if step.reason is not None else ""
             return f"  {escape(step.answer)}{where}, {step.acquisitions} frames, {step.rig_s:.1f} s{escape(why)}"
         case registration.Registered():
-            colour = "green" if step.decided else "dim"
+            colour = "green" if view.goal_reached else "yellow" if step.decided else "dim"
             return f"  [{colour}]{escape(step.said)}[/]"
         case registration.Continued() | registration.MovedMarker() | registration.Ended():
             return f"[bold]{escape(step.said)}[/]"

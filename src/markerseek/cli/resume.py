@@ -9,8 +9,16 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, rigs, runs
-from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
-from markerseek.cli.options import AsJson, Out
+from markerseek.cli.open_rig import (
+    NOT_ARMED,
+    confirmed,
+    naming_trace,
+    person,
+    print_permissions,
+    require_no_trace,
+    with_trace,
+)
+from markerseek.cli.options import AsJson, Out, Trace
 from markerseek.cli.report import Output
 from markerseek.cli.signals import Heartbeat, require_pipe
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
@@ -26,6 +34,7 @@ def command(
         Path | None, typer.Option(help="Rig file (TOML); needed to resume a journal of a rig of devices.")
     ] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Arm the laser and continue without being asked.")] = False,
+    trace: Trace = None,
     reset_fault: Annotated[
         bool,
         typer.Option("--reset-fault", help="Reset the fault that ended the run; inspect the rig first."),
@@ -65,7 +74,7 @@ def command(
             runs.tell_recorded(policy, since_started(recorded.entries))
     else:
         runs.require_reset(recorded.path, view, reset_fault=reset_fault)
-        bench = _bench_named(recorded, rig, arm=arm)
+        bench = _bench_named(recorded, rig, arm=arm, trace=trace)
         announce_compilation()
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
@@ -74,11 +83,15 @@ def command(
     conclude(view, output, name="resume", imaging=imaging, policy=policy)
 
 
-def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool) -> drivers.BenchSettings | None:
+def _bench_named(
+    recorded: RecordedRun, rig: Path | None, *, arm: bool, trace: Path | None
+) -> drivers.BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
     from markerseek.cli.session import resume_command
 
     recorded_settings = runs.recorded_bench(recorded.configuration)
+    if recorded_settings is None:
+        require_no_trace(trace)
     if recorded_settings is None and rig is not None:
         raise ConfigError(
             f"--rig {rig}: {recorded.path} is of a {recorded.configuration.facts.kind} rig and describes it in full; "
@@ -103,7 +116,7 @@ def _bench_named(recorded: RecordedRun, rig: Path | None, *, arm: bool) -> drive
     for difference in differences:
         print_warning(f"{rig} differs from the rig of the journal: {difference}")
     print_permissions(named)
-    return named
+    return with_trace(named, trace)
 
 
 def _resume(
@@ -120,7 +133,7 @@ def _resume(
 
     # Read again under the lock: another program may have continued the run while the user was asked.
     kept, recorded = Journal.reopen(journal)
-    with closed_at_end(kept), runs.rebuild_rig(recorded, bench_settings=bench) as rig:
+    with closed_at_end(kept), naming_trace(bench), runs.rebuild_rig(recorded, bench_settings=bench) as rig:
         session = runs.resumed_session(rig, kept, recorded, by=person(), reset_fault=reset_fault)
         run_session(session, as_json=as_json, rig_file=rig_file)
     return session

@@ -11,7 +11,7 @@ import time
 import unicodedata
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -201,14 +201,18 @@ def print_warning(message: Warning | str, *_where: object, **_more: object) -> N
     stderr.print(f"[yellow]warning:[/] {escape(str(message))}")
 
 
+@cache
 def announce_compilation() -> None:
-    """Announce that the first run compiles the kernels; prints nothing if they are cached on disk."""
-    from markerseek._compiled import KERNELS
+    """Announce that kernels are compiled, once the first one is; nothing is printed where all are on the disk."""
+    from markerseek._compiled import on_compiling
 
-    folders = {Path(kernel.stats.cache_path) for kernel in KERNELS if kernel.stats.cache_path is not None}
-    # Numba writes an .nbi index for each function in its cache.
-    if folders and not any(index for folder in folders for index in folder.glob("*.nbi")):
-        stderr.print("[dim]compiling the kernels: the first run takes some 15 seconds more, later ones do not[/]")
+    on_compiling(_say_compiling)
+
+
+def _say_compiling(*, kept: bool) -> None:
+    """Print that kernels are compiled; ``kept``: whether the machine code stays on the disk."""
+    later = "later ones do not" if kept else "as each start does: no folder for compiled code can be written"
+    stderr.print(f"[dim]compiling the kernels: this run takes some 15 seconds more, {later}[/]")
 
 
 _LEFT = TimeRemainingColumn(elapsed_when_finished=True)

@@ -13,8 +13,9 @@ acquisitions less each. A search that does not reach it counts by its sigma."""
 MOST_MARKERS = 12
 """Markers after which a session ends in any case."""
 
-USUAL_TRE_MM = 0.5
-"""Expected error at the target at which a session ends, in mm, where nobody names one."""
+USUAL_TRE_MM = 1.0
+"""Expected error at the target at which a session ends, in mm, where nobody names one: what four to six good markers
+reach."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +32,7 @@ class SessionPlan:
 
     sweep: bool = option(False)
     """Search each marker by sweeps: an answer in seconds."""
-    tre_mm: float | None = option(None, shown="0.5, or that of the session that is continued")
+    tre_mm: float | None = option(None, shown="1, or that of the session that is continued")
     """Expected error at the target at which the session ends, in mm."""
     markers: int | None = option(None, shown="as many as it takes")
     """Number of markers after which the session ends, whatever the error: 3 to 12."""
@@ -44,6 +45,9 @@ class SessionPlan:
     light_while_waiting: bool = option(False)
     """Fire once a second while the session waits, until the cameras see a spot, instead of waiting in the dark until
     somebody says that the spot is set."""
+    no_frames: bool = option(False)
+    """Keep the samples of each search only, without the receiver's frames, of which a marker has some 50 MB: its answer
+    can then not be computed again from its frames."""
 
     target_trus_m: tuple[float, float, float] | None = None
     """Point of the expected error, in the TRUS frame; None: 20 mm under the middle of the points, or that of the

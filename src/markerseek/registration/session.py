@@ -195,7 +195,8 @@ class RegistrationSession:
         self._room.arm()
         search = new_session(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
         if journal is not None:
-            search = replace(search, journal=Journal.create(journal, search.configuration))
+            configuration = structs.replace(search.configuration, frames=not self._plan.no_frames)
+            search = replace(search, configuration=configuration, journal=Journal.create(journal, configuration))
         later = yield from self._searched(name, search)
         result, finished = search.result(), search.view.finished
         assert finished is not None  # noqa: S101  a search that ends without is an error
@@ -311,7 +312,7 @@ class RegistrationSession:
         more = (
             "" if place is None or place.tre_m is None else f"; another marker lowers it to {1e3 * place.tre_m:.2f} mm"
         )
-        return f"registered: {report.expected}{more}{left}"
+        return f"registered above the goal of {1e3 * self._plan.goal_m:g} mm: {report.expected}{more}{left}"
 
     def _asking(self, state: Registered) -> str:
         """What the person has to do now, in a sentence."""

@@ -145,6 +145,11 @@ class SessionView:
         return tuple(each for each in self.measured_again if each.moved)
 
     @property
+    def goal_reached(self) -> bool:
+        """Whether a registration holds whose expected error is at most the goal."""
+        return self.registration is not None and self.registration.report.tre_m <= self.goal_m
+
+    @property
     def left_out(self) -> tuple[str, ...]:
         """Markers that do not fit the others."""
         return () if self.last is None else self.last.left_out

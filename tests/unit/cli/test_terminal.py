@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
+from numba import njit
 
+from markerseek._compiled import on_compiling
 from markerseek.cli.doctor import CheckResult
 from markerseek.cli.terminal import ProgressLines, print_json, time_left
 
@@ -40,6 +46,47 @@ def test_lines_say_what_begins_and_at_least_every_30_s_what_is_left(capsys: pyte
 )
 def test_a_duration_has_the_unit_that_suits_it(seconds: float, words: str) -> None:
     assert time_left(seconds) == words
+
+
+COMPILING = """
+import numpy as np
+from markerseek.cli.terminal import announce_compilation
+from markerseek.search.posterior.grid import _tops
+announce_compilation()
+announce_compilation()
+print("begun")
+_tops(np.zeros((2, 3), dtype=np.float32))
+"""
+"""A program that runs one kernel."""
+
+
+def test_the_kernels_are_announced_only_when_one_is_compiled(tmp_path: Path) -> None:
+    said = []
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", COMPILING],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        said.append(done.stderr.count("compiling the kernels: this run takes some 15 seconds more, later ones do not"))
+        tmp_path.chmod(0o500)
+    assert said == [1, 0], done.stderr
+
+
+def test_kernels_that_no_folder_keeps_are_announced_at_each_start(capsys: pytest.CaptureFixture[str]) -> None:
+    from markerseek.cli.terminal import _say_compiling
+
+    def ours(value: float) -> float:
+        return value
+
+    def theirs(value: float) -> float:
+        return value
+
+    ours.__module__ = "markerseek.acoustics"
+    on_compiling(_say_compiling)
+    njit(theirs)(1.0)
+    assert capsys.readouterr().err == ""
+    njit(ours)(1.0)
+    assert "as each start does: no folder for compiled code can be written" in capsys.readouterr().err
 
 
 def test_a_name_that_is_no_unicode_is_escaped_wherever_it_stands(capsys: pytest.CaptureFixture[str]) -> None:

@@ -49,18 +49,20 @@ def session_verdict(view: SessionView, *, next_step: str) -> Verdict:
 
 def _end_verdict(view: SessionView, shown: Verdict, *, next_step: str) -> Verdict:
     """Return the verdict at the end, or once a marker has moved."""
-    is_below = view.registration is not None and view.registration.report.tre_m <= view.goal_m
-    goal = f"the goal of {1e3 * view.goal_m:g} mm is {'' if is_below else 'not '}reached"
+    goal = f"the goal of {1e3 * view.goal_m:g} mm is {'' if view.goal_reached else 'not '}reached"
     turn = f"{counted(len(view.markers), 'marker')}; {goal}"
     ended = "" if view.ended is None else view.ended.said
     sentences = dict.fromkeys((*(each.said for each in view.measured_again), ended))
     reason = "; ".join(filter(None, sentences))
-    word, kind = _END[view.registration is not None]
+    word, kind = _end_word(view)
     return replace(shown, word=word, kind=kind, turn=turn, reason=reason, next_step=next_step)
 
 
-_END: dict[bool, tuple[str, VerdictKind]] = {True: ("REGISTERED", "found"), False: ("NOT REGISTERED", "unsure")}
-"""Word and kind of the verdict at the end, by whether a registration holds."""
+def _end_word(view: SessionView) -> tuple[str, VerdictKind]:
+    """Return word and kind of the verdict at the end: green is a registration that reaches the goal only."""
+    if view.registration is None:
+        return "NOT REGISTERED", "unsure"
+    return ("REGISTERED", "found") if view.goal_reached else ("REGISTERED ABOVE GOAL", "unsure")
 
 
 def session_marks(view: SessionView, side: Side) -> str:

@@ -68,6 +68,8 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     """Preset of the rig's imaging chain, as JSON; null where there are intensities only."""
     bank: msgspec.Raw = msgspec.Raw(b"null")
     """Facts of the bank that a scan becomes, as JSON; null for a search."""
+    frames: bool = True
+    """Whether the journal keeps the frames of the receiver; otherwise it has the samples only."""
     versions: dict[str, str] = msgspec.field(default_factory=versions)
 
     def flat(self) -> dict[str, object]:
@@ -133,6 +135,19 @@ class Entry:
     clock_s: float
     """The rig's clock then."""
     event: JournalEvent
+
+
+def without_frame(event: JournalEvent) -> JournalEvent:
+    """Return the event without the frame of its acquisition, where it has one."""
+    match event:
+        case Measured(sample=sample):
+            return replace(event, sample=replace(sample, frame=None))
+        case Finished(confirmation=Sample() as sample):
+            return replace(event, confirmation=replace(sample, frame=None))
+        case Refused() | Checked():
+            return replace(event, frame=None)
+        case _:
+            return event
 
 
 _KINDS: dict[str, type[JournalEvent]] = {

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from markerseek.core import Finished, Measured, RecordError, Refused, Sample, Started
-from markerseek.records.journal.entries import Checked, Configuration, Entry
+from markerseek.core import RecordError, Started
+from markerseek.records.journal.entries import Configuration, Entry, without_frame
 from markerseek.records.journal.file import as_record_error, is_written, open_for_reading
 from markerseek.records.journal.lines import EntryReader, UnfinishedError
 
@@ -71,7 +71,7 @@ def salvage(
             if on_entry is not None:
                 on_entry(entry)
             # A search of 40 acquisitions has 20 MB of frames; a list of many journals needs none of them.
-            entries.append(entry if frames else _without_frame(entry))
+            entries.append(entry if frames else replace(entry, event=without_frame(entry.event)))
         written = is_written(reader.descriptor)
         recorded = RecordedRun(
             path=path,
@@ -133,15 +133,3 @@ def _opened(path: Path) -> Iterator[EntryReader]:
             yield EntryReader(path, descriptor)
         finally:
             os.close(descriptor)
-
-
-def _without_frame(entry: Entry) -> Entry:
-    match entry.event:
-        case Measured(sample=sample):
-            return replace(entry, event=replace(entry.event, sample=replace(sample, frame=None)))
-        case Finished(confirmation=Sample() as sample):
-            return replace(entry, event=replace(entry.event, confirmation=replace(sample, frame=None)))
-        case Refused() | Checked():
-            return replace(entry, event=replace(entry.event, frame=None))
-        case _:
-            return entry

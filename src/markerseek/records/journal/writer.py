@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from markerseek.core import Failed, Finished, RecordError
-from markerseek.records.journal.entries import Configuration, Entry, Interrupted, JournalEvent
+from markerseek.records.journal.entries import Configuration, Entry, Interrupted, JournalEvent, without_frame
 from markerseek.records.journal.file import as_record_error, exists_error, open_for_reading
 from markerseek.records.journal.line_file import LineFile
 from markerseek.records.journal.lines import VERSION, EntryReader, entry_line, first_line
@@ -83,7 +83,7 @@ class Journal:
             number=1 if self._last is None else self._last.number + 1,
             written=datetime.now(UTC).isoformat(),
             clock_s=clock_s,
-            event=event,
+            event=event if self.configuration.frames else without_frame(event),
         )
         data = entry_line(entry)
         end = self._lines.end

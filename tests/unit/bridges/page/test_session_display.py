@@ -99,7 +99,7 @@ def test_a_marker_that_has_moved_takes_the_word_and_the_expected_error_back():
     for step in (BEGUN, sessions.registered(4), sessions.ENDED):
         view = view.after(step)
     held = session_verdict(view, next_step="")
-    assert (held.word, held.lead) == ("REGISTERED", "expected error")
+    assert (held.word, held.lead) == ("REGISTERED ABOVE GOAL", "expected error")
     for step in (sessions.MOVED, sessions.ENDED, sessions.registered(4)):
         view = view.after(step)
         verdict = session_verdict(view, next_step="")
@@ -107,6 +107,20 @@ def test_a_marker_that_has_moved_takes_the_word_and_the_expected_error_back():
         assert "marker 1 has moved" in verdict.reason
         assert "not reached" in verdict.turn
         assert "ms-mark-target" not in session_marks(view, "left")
+
+
+@pytest.mark.parametrize(
+    ("share", "word", "kind", "said"),
+    [(1.02, "REGISTERED", "found", "mm is reached"), (0.97, "REGISTERED ABOVE GOAL", "unsure", "is not reached")],
+)
+def test_the_word_at_the_end_says_whether_the_goal_is_reached(share, word, kind, said):
+    newest = sessions.registered(4)
+    view = SessionView()
+    for step in (structs.replace(BEGUN, goal_m=share * newest.report.tre_m), newest, sessions.ENDED):
+        view = view.after(step)
+    verdict = session_verdict(view, next_step="")
+    assert (verdict.word, verdict.kind, said in verdict.turn) == (word, kind, True)
+    assert view.goal_reached == (kind == "found")
 
 
 def test_a_session_that_waits_in_the_dark_says_what_to_press():
