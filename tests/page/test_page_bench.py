@@ -12,7 +12,7 @@ import pytest
 
 from markerseek.core import Measured
 from markerseek.records.journal import Interrupted, read_journal
-from tests.emulated import fixed_bench
+from tests.emulated import WORLD, emulation, fixed_bench
 from tests.page.page_browser import needs_browser, open_tab, served, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
@@ -75,3 +75,31 @@ def test_armed_in_the_terminal_and_stopped_in_the_browser(browser, tmp_path):
     assert -36.5 <= low_deg <= high_deg <= 36.5
     assert lit >= 2
     assert 16 * lit <= pulses <= 16 * (lit + 1)
+
+
+@pytest.mark.long
+def test_a_spot_that_is_set_in_the_browser_is_looked_for(browser, tmp_path):
+    terminal, inside = os.openpty()
+    world = WORLD.replace("[marker]\nangle_deg = 6.4\n", "")
+    with emulation(tmp_path, "--endoscope", seed=3, text=world) as devices:
+        bench = devices.folder
+        images = f"{bench / 'left'} {bench / 'right'}"
+        rig = ("--rig", str(devices.rig), "--cameras", str(bench / "stereo.toml"), "--images", images)
+        with served(tmp_path, *rig, stdin=inside) as page:
+            watched = open_tab(browser, page, "/", "&sweep=0&markers=3")
+            button = watched.tab.get_by_role("button", name="Spot is set", exact=True)
+            sync_api.expect(button).to_be_hidden()
+            watched.press("Start")
+            page.wait_for_text("name of the rig: ")
+            os.write(terminal, b"rig.toml\n")
+            watched.wait_for(".ms-turn", "the laser is dark: press Spot is set", timeout_ms=120_000)
+            watched.press("Spot is set")
+            watched.wait_for(".ms-badge", "^SEARCHING$", timeout_ms=120_000)
+            sync_api.expect(button).to_be_hidden()
+            watched.tab.locator(".ms-stop").click()
+            watched.wait_for(".ms-badge", "^STOPPED$")
+            watched.tab.context.close()
+            assert watched.problems == []
+        devices.ended()
+    os.close(terminal)
+    os.close(inside)
