@@ -83,8 +83,8 @@ def main() -> NoReturn:
         from markerseek.cli import hung
         from markerseek.cli.app import run
 
-        hung.may_end_by(_end_now)
-        run()
+        with hung.ended_by(_end_now):
+            run()
     except KeyboardInterrupt:
         _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
     except OSError as problem:

@@ -10,8 +10,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import NoReturn
 
 SAID_S = 1.5
@@ -27,12 +27,23 @@ _END: list[Callable[[str, int], NoReturn]] = []
 """How the process may be ended; empty if other things than one command run in it, or it is watched already."""
 
 
-def may_end_by(end: Callable[[str, int], NoReturn]) -> None:
-    """Allow to end this process, which runs one command only.
+_OVER = threading.Event()
+"""Set once the command is over: its devices are closed, and a signal is meant for whatever runs then."""
+
+
+@contextmanager
+def ended_by(end: Callable[[str, int], NoReturn]) -> Iterator[None]:
+    """Allow to end this process, which runs one command only, until the end of the block.
 
     ``end``: prints a message, and ends the process at once with an exit code.
     """
+    _OVER.clear()
     _END[:] = [end]
+    try:
+        yield
+    finally:
+        _OVER.set()
+        _END.clear()
 
 
 def watch_stop() -> None:
@@ -52,15 +63,13 @@ def _watch(signals: int, end: Callable[[str, int], NoReturn]) -> None:
     while number not in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         number = os.read(signals, 1)[0]
     main = threading.main_thread()
-    main.join(SAID_S)
-    if not main.is_alive():
+    if _OVER.wait(SAID_S):
         return
     left_s = ENDED_S - SAID_S
     said = f"stopping takes long: it waits {_place(main)}; the process ends in {left_s:g} s in any case"
     with suppress(OSError):
         os.write(_STANDARD_ERROR, f"warning: {said}\n".encode())
-    main.join(left_s)
-    if main.is_alive():
+    if not _OVER.wait(left_s):
         end(
             f"the stop took more than {ENDED_S:g} s: it waits {_place(main)}, so the process was ended; a supervisor, "
             "if the rig has one, makes laser and stage safe; check both",

@@ -47,6 +47,8 @@ def test_a_fault_names_the_command_that_goes_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     class Broken:
+        view = registration.SessionView()
+
         def steps(self) -> Iterator[registration.Step]:
             yield registration.Ended(registered=False, said="over", rig_s=0.0)
             raise DeviceError("the line 'stage' is gone")
