@@ -174,8 +174,7 @@ def test_setting_that_cannot_be_used_is_said(opened):
     [
         ("/", "markers", "4.25", "markers is '4.25', it must be a whole number"),
         ("/", "seed", "", "seed is empty, it needs a value, such as 1"),
-        ("/", "TRE [mm]", "31", "TRE [mm] is 31, it must lie between"),
-        ("/", "TRE [mm]", "", "TRE [mm] is empty"),
+        ("/", "TRE [mm]", "31", "TRE [mm] is 31.0 mm, it must lie in"),
         ("/search", "seed", "", "seed is empty"),
         ("/search", "seed", "2.5", "seed is '2.5', it must be a whole number"),
         ("/search", "acquisitions", "7.5", "acquisitions is '7.5', it must be a whole number"),

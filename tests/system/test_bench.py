@@ -181,7 +181,7 @@ def test_the_doctor_looks_at_a_rig_s_devices_and_moves_nothing(
             ("search", "--arm", "--tissue", "liver"),
             "--tissue liver: only for a simulated rig, and .*rig.toml is one of",
         ),
-        (("search", "--arm", "--seed", "3", "--no-marker"), "--seed 3 and --no-marker: only for a simulated rig"),
+        (("search", "--arm", "--seed", "3", "--no-marker"), "--no-marker and --seed 3: only for a simulated rig"),
         (("search", "--arm"), "serial port /nowhere/laser cannot be opened|line .*cannot be opened|No such file"),
         (("bank", "scan", "scan.hdf5", "--seed", "1"), "--seed 1: only for a simulated rig"),
     ],
