@@ -45,11 +45,11 @@ def served(folder: str) -> Iterator[str]:
 
 
 def register(tab: Page, link: str) -> None:
-    """A screenshot of a session on the simulated rig, once it asks for the fifth marker."""
+    """A screenshot of a session on the simulated rig, once it asks for the fourth marker."""
     tab.goto(f"{link}&seed={SESSION_SEED}")
     tab.wait_for_function("window.markerseekBeat > 0")
     tab.get_by_role("button", name="Start", exact=True).click()
-    asks = "document.querySelectorAll('.ms-table tbody tr').length > 3 && document.querySelector('.ms-mark-place')"
+    asks = "document.querySelectorAll('.ms-table tbody tr').length > 2 && document.querySelector('.ms-mark-place')"
     tab.wait_for_function(asks, timeout=600_000)
     # An image is loaded after the marks over it.
     tab.wait_for_timeout(300)
