@@ -249,6 +249,11 @@ class Course:
         spare_s = self._least_unsteady_deg / self._speed_deg_s
         return reading.asked_s - spare_s, reading.answered_s + spare_s
 
+    @property
+    def sweeps(self) -> bool:
+        """Whether it turns evenly between its ramps."""
+        return self._speed_deg_s is not None
+
     def swing_deg(self, *angles_deg: float) -> float:
         """How far apart two readings of a servo that settles may be, if it settles at these angles; 0 if not."""
         # It swings to both sides of its rest.
@@ -465,7 +470,11 @@ class Move:
             ways.append((self.seen_deg, turned_s, max(_TOO_FAST * rules.speed_deg_s * turned_s, swing_deg)))
         if self._from_deg is not None:
             turned_s = 0.0 if self._begun_s is None else now_s - self._begun_s
-            ways.append((self._from_deg, turned_s, rules.reach_deg(turned_s)))
+            swing_deg = 0.0
+            if self._course is not None and self._course.sweeps:
+                # A sweep begins where the servo may still swing, as at its turn.
+                swing_deg = self._course.swing_deg(self._from_deg, angle_deg)
+            ways.append((self._from_deg, turned_s, max(rules.reach_deg(turned_s), swing_deg)))
         for start_deg, turned_s, most_deg in ways:
             if not abs(angle_deg - start_deg) <= most_deg + rules.unsteady_deg:
                 return (
