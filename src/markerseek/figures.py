@@ -10,7 +10,7 @@ from markerseek.pictures import bank_figure as draw_bank
 from markerseek.pictures import search_figure as draw_search
 from markerseek.records import SampleRow, SearchResult
 from markerseek.records.banks import FrameBank, IntensityBank
-from markerseek.search import Curve, peak_of
+from markerseek.search import Curve, Peak, peak_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,7 +67,12 @@ def _estimate(result: SearchResult) -> Estimate:
 
 
 def bank_figure(
-    bank: IntensityBank | FrameBank, *, title: str = "", probe: str | None = None, curve: Curve | None = None
+    bank: IntensityBank | FrameBank,
+    *,
+    title: str = "",
+    probe: str | None = None,
+    curve: Curve | None = None,
+    peak: Peak | None = None,
 ) -> Figure:
     """Figure of a bank: intensity over angle with the statistics of its peak, and the image at the maximum.
 
@@ -82,6 +87,8 @@ def bank_figure(
         bank names, else the first of all.
     curve
         Its intensities, where they have been computed already.
+    peak
+        Statistics of its peak, where they are those above a background; None: of all that the curve holds.
 
     Raises
     ------
@@ -91,7 +98,7 @@ def bank_figure(
         If a frame cannot be read or imaged.
     """
     curve = runs.bank_curve(bank, probe=probe) if curve is None else curve
-    peak = peak_of(curve)
+    peak = peak_of(curve) if peak is None else peak
     return draw_bank(
         bank.angles_deg,
         curve.intensity.tolist(),

@@ -37,7 +37,7 @@ from markerseek.records import Answer, outliers_rows
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
-    from markerseek.search import Curve
+    from markerseek.search import Curve, Peak
 
 
 def scan(
@@ -184,13 +184,18 @@ def info(
         rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior")
     )
     answer = Answer.of(estimate)
-    values = _values(held, probe) | _peak(curve, estimate) | msgspec.structs.asdict(answer)
+    peak = _peak(curve, estimate)
+    judged_by = {
+        "background": None if estimate.floor is None else estimate.floor.background,
+        "outliers_deg": estimate.outliers_deg,
+    }
+    values = _values(held, probe) | asdict(peak) | judged_by | msgspec.structs.asdict(answer)
     name = f"{bank.stem if bank.is_file() else bank.name}.png"
     title = ": ".join(filter(None, (bank.name, held.facts.description)))
     report = Report(
         values=with_version(path=str(bank), **values),
         shown=(f"[bold]{escape(str(bank))}[/]: {values['content']}", facts(_rows(values, answer))),
-        pictures={name: drawn(bank_figure, held, title=title, probe=probe, curve=curve)},
+        pictures={name: drawn(bank_figure, held, title=title, probe=probe, curve=curve, peak=peak)},
     )
     output.show(report)
 
@@ -221,20 +226,16 @@ def _values(bank: IntensityBank | FrameBank, probe: str | None) -> dict[str, Any
     } | {name: getattr(known, name) for name in (*_SCALED, "probe", "made_with", "configuration", "seed")}
 
 
-def _peak(curve: Curve, estimate: Estimate) -> dict[str, Any]:
+def _peak(curve: Curve, estimate: Estimate) -> Peak:
     """Return the statistics of the highest peak, of the samples and above the background by which the answer judges."""
     import numpy as np
 
     from markerseek.search import Curve, peak_of
 
     background = None if estimate.floor is None else estimate.floor.background
-    outliers_deg = estimate.outliers_deg
-    kept = ~np.isin(curve.angle_deg, outliers_deg)
+    kept = ~np.isin(curve.angle_deg, estimate.outliers_deg)
     judged = Curve(angle_deg=curve.angle_deg[kept], intensity=curve.intensity[kept])
-    return asdict(peak_of(judged, background=background or 0.0)) | {
-        "background": background,
-        "outliers_deg": outliers_deg,
-    }
+    return peak_of(judged, background=background or 0.0)
 
 
 _SCALED = {

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+
+from tests.unit.drivers.network_camera import serving
 
 pytestmark = pytest.mark.real_time
 
@@ -104,14 +105,8 @@ class _Frozen(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def frozen() -> Iterator[str]:
-    server = ThreadingHTTPServer(("127.0.0.1", 0), _Frozen)
-    server.daemon_threads = True
-    server.ends = threading.Event()
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}"
-    server.ends.set()
-    server.shutdown()
-    server.server_close()
+    with serving(_Frozen) as at:
+        yield at
 
 
 @pytest.mark.parametrize("how", ["closed", "never closed"])

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
 import cv2
@@ -15,6 +14,7 @@ import pytest
 from markerseek.core import AcquisitionError, ConfigError, DeviceError, NotConnectedError, StereoPair
 from markerseek.drivers import VideoImages, open_stereo_images
 from markerseek.geometry import Camera
+from tests.unit.drivers.network_camera import serving
 
 pytestmark = pytest.mark.real_time
 
@@ -87,14 +87,8 @@ class _Camera(BaseHTTPRequestHandler):
 
 @pytest.fixture
 def address() -> Iterator[str]:
-    server = ThreadingHTTPServer(("127.0.0.1", 0), _Camera)
-    server.daemon_threads = True
-    server.ends = threading.Event()
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}"
-    server.ends.set()
-    server.shutdown()
-    server.server_close()
+    with serving(_Camera) as at:
+        yield at
 
 
 def test_a_camera_gives_new_images_and_its_silence_is_an_error(address: str) -> None:
