@@ -104,6 +104,7 @@ from markerseek.core.reading import (
     SpotEnergy,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
+from markerseek.core.spot import SpotToSource
 from markerseek.core.sweep import (
     MAX_AHEAD_DEG,
     MAX_RESOLUTION_DEG,
@@ -203,6 +204,7 @@ __all__ = [
     "Searched",
     "SimulationOptions",
     "SpotEnergy",
+    "SpotToSource",
     "Stage",
     "StageReading",
     "Started",

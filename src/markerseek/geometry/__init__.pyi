@@ -1,6 +1,7 @@
 from .cameras import Camera, StereoCameras, Triangulated, triangulate
 from .registration import (
     MIN_POINTS,
+    OFFSET_FACTORS,
     Registration,
     RegistrationErrors,
     best_rotation,
@@ -12,6 +13,7 @@ from .transform import RigidTransform
 
 __all__ = [
     "MIN_POINTS",
+    "OFFSET_FACTORS",
     "Camera",
     "Registration",
     "RegistrationErrors",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import AnglePrior, ConfigError, Float64, Interval
+from markerseek.core import AnglePrior, ConfigError, Float64, Interval, SpotToSource
 from markerseek.geometry import (
     MIN_POINTS,
     Registration,
@@ -139,6 +139,8 @@ class Poses:
     """The points by which they were drawn."""
     registration: Registration | None
     """Registration of these points; None where rotations are open."""
+    spot: SpotToSource
+    """Where the light of a spot is absorbed."""
 
     @classmethod
     def of(
@@ -148,15 +150,18 @@ class Poses:
         reach: Reach,
         *,
         missed_m: Sequence[Float64[np.ndarray, " 3"]] = (),
+        spot: SpotToSource | None = None,
         rng: np.random.Generator,
     ) -> Poses | None:
         """The poses that the markers allow; None before the first.
 
         ``missed_m``: spots in the camera's frame whose markers were not found: they were probably out of reach.
+        ``spot``: as of `register_pairs`.
         """
+        spot = spot or SpotToSource()
         pairs = chosen_pairs(markers, choice.chosen)
         if len(pairs) >= MIN_POINTS and choice.report is not None:
-            return cls._registered(tuple(pairs), rng=rng)
+            return cls._registered(tuple(pairs), spot, rng=rng)
         # Of more that lie on a line, or do not fit, the first two.
         pairs = pairs[: MIN_POINTS - 1]
         if not pairs:
@@ -182,18 +187,24 @@ class Poses:
         kept = rng.random(len(matrices)) < likely
         if not kept.any():
             return None
-        return cls(rotations=matrices[kept], translations_m=translations_m[kept], pairs=tuple(pairs), registration=None)
+        return cls(
+            rotations=matrices[kept],
+            translations_m=translations_m[kept],
+            pairs=tuple(pairs),
+            registration=None,
+            spot=spot,
+        )
 
     @classmethod
-    def _registered(cls, pairs: tuple[PointPair, ...], *, rng: np.random.Generator) -> Poses:
-        found = registered_pairs(pairs)
-        covariance = found.errors.covariance[:6, :6] * max(1.0, found.misfit)
+    def _registered(cls, pairs: tuple[PointPair, ...], spot: SpotToSource, *, rng: np.random.Generator) -> Poses:
+        found = registered_pairs(pairs, spot=spot)
+        covariance = found.errors.covariance[:6, :6] * found.scale**2
         steps = rng.multivariate_normal(np.zeros(6), covariance, size=DRAWS // 10)
         turns = Rotation.from_rotvec(steps[:, :3]).as_matrix()
         middle_m = found.errors.middle_m
         moved_m = turns @ (found.transform.translation_m - middle_m) + middle_m + steps[:, 3:]
         rotations = turns @ found.transform.rotation
-        return cls(rotations=rotations, translations_m=moved_m, pairs=pairs, registration=found)
+        return cls(rotations=rotations, translations_m=moved_m, pairs=pairs, registration=found, spot=spot)
 
     def positions(self, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "poses 3"]:
         """Where a point of the camera's frame is in that of the probe, for each pose."""

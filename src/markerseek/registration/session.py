@@ -267,8 +267,8 @@ class RegistrationSession:
         rig = self._room.rig
         markers = [marker.seen for marker in self.view.markers]
         missed_m = [np.array(marker.camera_m) for marker in self.view.markers if not marker.candidates]
-        choice = choose(markers, target_trus_m=self._plan.target_trus_m)
-        self._possible = Poses.of(markers, choice, reach_of(rig), missed_m=missed_m, rng=self._rng)
+        choice = choose(markers, target_trus_m=self._plan.target_trus_m, spot=rig.spot)
+        self._possible = Poses.of(markers, choice, reach_of(rig), missed_m=missed_m, spot=rig.spot, rng=self._rng)
         place = None
         if self._possible is not None:
             place = self._possible.best_place(
@@ -287,7 +287,7 @@ class RegistrationSession:
 
     def _is_done(self, choice: Choice, place: Place | None) -> bool:
         """Whether the session ends: the goal is reached, or another marker would not help."""
-        if len(self.view.markers) >= MOST_MARKERS:
+        if choice.over or len(self.view.markers) >= MOST_MARKERS:
             return True
         if not choice.decided or choice.report is None:
             return False
@@ -347,7 +347,8 @@ class RegistrationSession:
 
     def _movement(self, chosen: dict[str, int], first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
-        transform = registered_pairs(chosen_pairs([marker.seen for marker in self.view.markers], chosen)).transform
+        pairs = chosen_pairs([marker.seen for marker in self.view.markers], chosen)
+        transform = registered_pairs(pairs, spot=self._room.rig.spot).transform
         spots_m = transform.apply(np.array([first.camera_m, again.camera_m]))
         was, now = first.candidates[chosen[first.name]].position, again.candidates[0].position
         apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])

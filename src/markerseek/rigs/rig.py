@@ -14,7 +14,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 import msgspec
 
 from markerseek._closing import Closing
-from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, Stage
+from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, SpotToSource, Stage
 from markerseek.drivers import BenchSettings, bench_settings_from
 from markerseek.files import read_toml, settings_from
 from markerseek.guard import Limits
@@ -48,6 +48,8 @@ class Rig(Closing):
     scanner: Scanner
     imaging: ImageReader | None
     """Imaging chain of its channel data; None if there are intensities only."""
+    spot: SpotToSource = field(default_factory=SpotToSource)
+    """Where the light of a visible spot is absorbed, for a registration."""
     dark_frames: int
     """Number of dark frames at the start of a search; 0 if the rig cannot take any."""
     angles_deg: tuple[float, ...] | None = None
