@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.bridges import Outcome
@@ -191,7 +192,7 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_time() -> None:
     streams.after(Entry(number=1, written=WRITTEN, clock_s=0.0, event=asked))
     began_s = datetime.fromisoformat(WRITTEN).timestamp()
     for index, (angle_deg, fired_s) in enumerate([(5.0, 99.75), (5.4, 99.8)], start=1):
-        frame = replace(sample.frame, header=replace(sample.frame.header, started_s=fired_s))
+        frame = replace(sample.frame, header=structs.replace(sample.frame.header, started_s=fired_s))
         pulse = replace(sample, angle_deg=angle_deg, frame=frame, sweep=SweepTiming(number=1, speed_deg_s=8.6))
         event = Measured(role="search", index=index, sample=pulse)
         sent = by_device(streams.after(Entry(number=index + 1, written=WRITTEN, clock_s=100.0, event=event)))

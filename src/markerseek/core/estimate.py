@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Annotated, Literal, TypeAlias
 
+import msgspec
+
 from markerseek.core.checks import Within, require_fields
 from markerseek.core.interval import Interval
 from markerseek.core.reading import MAX_INTENSITY, MIN_INTENSITY
@@ -26,8 +28,7 @@ FALSE_FOUND = 1e-3
 """Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Floor:
+class Floor(msgspec.Struct, frozen=True, kw_only=True):
     """Noise floor: an intensity that is not above ``level`` is no evidence of a marker.
 
     Attributes
@@ -45,8 +46,7 @@ class Floor:
     background: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OtherSource:
+class OtherSource(msgspec.Struct, frozen=True, kw_only=True):
     """A source beside the one answered: clutter, a repeat of the sound, or a second marker.
 
     Attributes
@@ -189,8 +189,7 @@ class Unsure:
 Estimate: TypeAlias = Found | NotFound | Ambiguous | AtBound | Unsure
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerCurve:
+class MarkerCurve(msgspec.Struct, frozen=True, kw_only=True):
     """The intensity curve of a marker that was found.
 
     Attributes

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import msgspec
 
 from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
 from markerseek.core.errors import ConfigError, ReadingError
 from markerseek.core.shapes import CHECKED, Int16
 from markerseek.core.sweep import SweepTiming
+from markerseek.core.values import repr_without
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameHeader:
+class FrameHeader(msgspec.Struct, frozen=True, kw_only=True):
     """Time, angle and permit of a frame.
 
     Attributes
@@ -114,8 +116,7 @@ _BYTES = 4
 """Bytes of one intensity, float32."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arrival:
+class Arrival(msgspec.Struct, frozen=True, kw_only=True):
     """A peak of the image that is above the noise and coherent.
 
     Attributes
@@ -137,15 +138,14 @@ class Arrival:
     coherence: float | None
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            low, high = _POSSIBLE[each.name]
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            low, high = _POSSIBLE[name]
             if value is not None and not (is_finite(value) and low <= value <= high):
-                raise ConfigError(f"arrival: {each.name} is {value}, it must lie between {low:g} and {high:g}")
+                raise ConfigError(f"arrival: {name} is {value}, it must lie between {low:g} and {high:g}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpotEnergy:
+class SpotEnergy(msgspec.Struct, frozen=True, kw_only=True):
     """Energy of the image about its largest peak, noise subtracted, and its centroid.
 
     The peak of a stained spot is speckle: which of its grains add up there changes with the angle. Their energy does
@@ -170,8 +170,7 @@ class SpotEnergy:
         require_fields(self, "spot energy")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LocalMaxima:
+class LocalMaxima(msgspec.Struct, frozen=True, kw_only=True):
     """Largest envelope in each block of an image, to look up later how strong the image was at a given place.
 
     The image is divided into equal blocks, about 2 mm wide and deep. Those at the far ends may hold less of the image.
@@ -291,8 +290,7 @@ MIN_INTENSITY, MAX_INTENSITY = 1e-60, 1e60
 """Intensities outside are refused as damaged: squares and ratios of those inside neither vanish nor overflow."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True, kw_only=True):
     """The features of one frame; all but the intensity may be unknown (None).
 
     Attributes
@@ -347,8 +345,7 @@ class Reading:
     saturated_fraction: float | None = None
     dead_channels: tuple[int, ...] = ()
     arrivals: tuple[Arrival, ...] = ()
-    # Left out of repr: a thousand numbers would hide the others.
-    local_maxima: LocalMaxima | None = field(default=None, repr=False)
+    local_maxima: LocalMaxima | None = None
 
     def __post_init__(self) -> None:
         # The guard checks this again, because a reader from elsewhere may return a class of its own.
@@ -364,6 +361,10 @@ class Reading:
             low, high = _POSSIBLE[name]
             if value is not None and not low <= value <= high:
                 raise ReadingError(f"{name} is {value!r}, it must lie between {low:g} and {high:g}")
+
+    def __repr__(self) -> str:
+        # A thousand numbers would hide the others.
+        return repr_without(self, "local_maxima")
 
 
 _POSSIBLE: dict[str, tuple[float, float]] = {
@@ -381,7 +382,9 @@ _POSSIBLE: dict[str, tuple[float, float]] = {
 """Limits of the features of a frame, and of its arrivals."""
 
 _OPTIONAL = tuple(
-    name for name in Reading.__slots__ if name not in ("intensity", "spot", "dead_channels", "arrivals", "local_maxima")
+    name
+    for name in Reading.__struct_fields__
+    if name not in ("intensity", "spot", "dead_channels", "arrivals", "local_maxima")
 )
 """Features that may be unknown."""
 

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import cast
 
+from msgspec import structs
+
 from markerseek.core import (
     ChannelFrame,
     ConfigError,
@@ -109,7 +111,7 @@ class EnergyMeter:
         self._values.append(value)
         if self._usual_energy is None:
             return frame
-        return replace(frame, header=replace(frame.header, energy=value / self._usual_energy))
+        return replace(frame, header=structs.replace(frame.header, energy=value / self._usual_energy))
 
 
 def metered(keys: LaserSettings, laser: Laser, receiver: Receiver, *, full_scale: int) -> Receiver:

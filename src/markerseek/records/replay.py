@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -121,6 +122,6 @@ class ReplayReceiver:
                 return replace(self._bank.dark_frame(self._dark - 1), header=header)
             # The header of the new acquisition, which the guard compares with the permit, and the recorded energy.
             frame = self._bank.frame(self._bank.angles_deg.index(angle_deg))
-            return replace(frame, header=replace(header, energy=frame.header.energy))
+            return replace(frame, header=structs.replace(header, energy=frame.header.energy))
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)

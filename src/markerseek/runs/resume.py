@@ -6,6 +6,8 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from msgspec import structs
+
 from markerseek.core import (
     AcquisitionError,
     AnyPolicy,
@@ -193,7 +195,7 @@ def _recall(rig: Rig, entries: Sequence[Entry]) -> None:
     for entry in entries:
         if isinstance(entry.event, Measured) and (frame := entry.event.sample.frame) is not None:
             # A restarted receiver counts from 1 again.
-            again = replace(frame, header=replace(frame.header, sequence=0))
+            again = replace(frame, header=structs.replace(frame.header, sequence=0))
             rig.scanner.guard.recall(again, entry.event.sample.reading)
 
 

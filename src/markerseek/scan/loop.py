@@ -11,6 +11,8 @@ from collections.abc import Generator, Iterable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
+from msgspec import structs
+
 from markerseek.core import (
     MAX_ACQUISITIONS,
     AcquisitionError,
@@ -284,7 +286,7 @@ def _planned(asked: float | Sweep, policy: AnyPolicy, limits: Limits, tally: Tal
     begin_deg = tally.place_deg if asked.from_deg is None else asked.from_deg
     assert begin_deg is not None  # noqa: S101 - the run has started
     # Always stated: a run that is resumed goes on from another angle.
-    return replace(asked, from_deg=limits.search.nearest(begin_deg))
+    return structs.replace(asked, from_deg=limits.search.nearest(begin_deg))
 
 
 def _require_order(scanner: Scanner, policy: AnyPolicy) -> None:

@@ -12,6 +12,8 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
+from msgspec import structs
+
 from markerseek.core import (
     AcquisitionError,
     Clock,
@@ -417,7 +419,7 @@ class SweepInProgress:
         latest_s = now_s + CLOCKS_S + max(0.0, -laser.stamp_delay_s)
         latest_s += 4 * math.hypot(laser.delay_sigma_s, STAMP_SIGMA_S)
         for stamped in pulses:
-            pulse = replace(
+            pulse = structs.replace(
                 stamped,
                 at_s=stamped.at_s + laser.stamp_delay_s,
                 sigma_s=max(stamped.sigma_s, STAMP_SIGMA_S),
@@ -480,7 +482,7 @@ class SweepInProgress:
         turned = self._turning_s is not None and pulse.at_s >= self._turning_s
         forward = -self._permit.forward if turned else self._permit.forward
         backlash_deg = self._devices.stage.play_deg(forward)
-        header = replace(
+        header = structs.replace(
             frame.header,
             angle_before_deg=stamped.lower.angle_deg,
             angle_after_deg=stamped.upper.angle_deg,

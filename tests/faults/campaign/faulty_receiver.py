@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame, SweepPermit
 from markerseek.sim import SimulatedReceiver, VirtualClock
@@ -114,18 +115,20 @@ class FaultyReceiver(Faulty):
             if self._until == 0 and self.has("trigger lost"):
                 self._shift -= 1
                 continue
-            frame = replace(each, header=replace(each.header, sequence=each.header.sequence + self._shift))
+            frame = replace(each, header=structs.replace(each.header, sequence=each.header.sequence + self._shift))
             handed_over.append(self._faulty_frame(frame, self._last))
             if self._until == 0 and self.has("trigger doubled"):
                 self._shift += 1
-                handed_over.append(replace(each, header=replace(frame.header, sequence=frame.header.sequence + 1)))
+                handed_over.append(
+                    replace(each, header=structs.replace(frame.header, sequence=frame.header.sequence + 1))
+                )
             self._last = frame
         return handed_over
 
     def read(self, frame: Frame) -> Reading:
         reading = self._reader.read(frame)
         if (full := self.has("saturated")) is not None:
-            return replace(reading, saturated_fraction=full.amount)
+            return structs.replace(reading, saturated_fraction=full.amount)
         self._unread -= 1
         pulses = frame.header.pulses
         # In a run with sweeps not in the first frame of as many pulses: that is a noisy rig.
@@ -133,12 +136,12 @@ class FaultyReceiver(Faulty):
         if not early and (burst := self.has("burst")) is not None:
             sigma = (reading.noise_sigma or 0.0) * burst.amount
             noise = sigma * float(self._rng.uniform(4, 6))
-            return replace(reading, intensity=max(reading.intensity, noise), noise_sigma=sigma)
+            return structs.replace(reading, intensity=max(reading.intensity, noise), noise_sigma=sigma)
         self._quiet.add(pulses)
         if self.has("garbled feature"):
             # past the reading's own check: the guard's is tried
-            reading = replace(reading)
-            object.__setattr__(reading, "noise_sigma", math.nan)
+            reading = structs.replace(reading)
+            structs.force_setattr(reading, "noise_sigma", math.nan)
             return reading
         return reading
 
@@ -170,15 +173,17 @@ class FaultyReceiver(Faulty):
     def _faulty_header(self, frame: ReadingFrame) -> Any:
         header = frame.header
         if self.has("other token"):
-            return replace(header, token=f"{header.token}0")
+            return structs.replace(header, token=f"{header.token}0")
         if header.sequence > 1 and self.has("out of order"):
-            return replace(header, sequence=header.sequence - 1)
+            return structs.replace(header, sequence=header.sequence - 1)
         if (pulses := self.has("other pulses")) is not None:
-            return replace(header, pulses=header.pulses + max(1, round(pulses.amount)))
+            return structs.replace(header, pulses=header.pulses + max(1, round(pulses.amount)))
         if (angle := self.has("other angle")) is not None:
-            return replace(header, commanded_deg=header.commanded_deg + angle.amount)
+            return structs.replace(header, commanded_deg=header.commanded_deg + angle.amount)
         if (old := self.has("old frames")) is not None:
-            return replace(header, started_s=header.started_s - old.amount, ended_s=header.ended_s - old.amount)
+            return structs.replace(header, started_s=header.started_s - old.amount, ended_s=header.ended_s - old.amount)
         if (future := self.has("frames of the future")) is not None:
-            return replace(header, started_s=header.started_s + future.amount, ended_s=header.ended_s + future.amount)
+            return structs.replace(
+                header, started_s=header.started_s + future.amount, ended_s=header.ended_s + future.amount
+            )
         return header

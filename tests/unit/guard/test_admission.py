@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -40,7 +41,7 @@ HEADER = FrameHeader(
 )
 SAMPLES = np.arange(128 * 8, dtype=np.int16).reshape(128, 8)
 FRAME = ChannelFrame(header=HEADER, samples=SAMPLES, sampling_hz=40e6)
-BEFORE = replace(FRAME, header=replace(HEADER, sequence=3, token="permit-6"), samples=SAMPLES + np.int16(1))
+BEFORE = replace(FRAME, header=structs.replace(HEADER, sequence=3, token="permit-6"), samples=SAMPLES + np.int16(1))
 INTENSITY = ReadingFrame(header=HEADER, intensity=5.0)
 INTENSITY_BEFORE = replace(INTENSITY, header=BEFORE.header, intensity=6.0)
 READING = Reading(intensity=10.0)
@@ -102,12 +103,12 @@ def test_the_answer_to_the_permit_is_admitted() -> None:
 )
 def test_a_frame_that_is_not_the_answer_is_refused_by_name(changes: dict[str, float], message: str) -> None:
     with pytest.raises(AcquisitionError) as refusal:
-        admit(replace(FRAME, header=replace(HEADER, **changes)))
+        admit(replace(FRAME, header=structs.replace(HEADER, **changes)))
     assert str(refusal.value) == message
 
 
 def test_the_probe_may_move_by_the_limit() -> None:
-    admit(replace(FRAME, header=replace(HEADER, angle_after_deg=3.0625)))
+    admit(replace(FRAME, header=structs.replace(HEADER, angle_after_deg=3.0625)))
 
 
 @pytest.mark.parametrize(
@@ -128,7 +129,7 @@ def test_the_probe_may_move_by_the_limit() -> None:
 def test_a_frame_is_of_its_own_time(
     issued_s: float, started_s: float, ended_s: float, now_s: float, fresh: bool
 ) -> None:
-    frame = replace(FRAME, header=replace(HEADER, started_s=started_s, ended_s=ended_s))
+    frame = replace(FRAME, header=structs.replace(HEADER, started_s=started_s, ended_s=ended_s))
     if fresh:
         admit(frame, issued_s=issued_s, now_s=now_s)
     else:
@@ -295,7 +296,7 @@ MAX_NOISE = math.sqrt(2 * math.log(460_000 / 1e-6))
     ],
 )
 def test_a_dark_frame_holds_no_more_than_noise_reaches(changes: dict[str, float], believed: bool) -> None:
-    reading = replace(DARK, **changes)  # type: ignore[arg-type]
+    reading = structs.replace(DARK, **changes)  # type: ignore[arg-type]
     said = Admission(dark_alarm=1e-6).source_in_dark(reading)
     assert (said is None) == believed
     assert Admission().source_in_dark(reading) is None
@@ -366,7 +367,7 @@ def test_a_reading_is_admitted_by_the_rules_given() -> None:
     permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
     answer = admitted(made, permit, sequence=1, intensity=1.0, started_s=0.0)
     made.admit_reading(Reading(intensity=1.0, saturated_fraction=0.5), frame=answer)
-    for bad in (replace(Reading(intensity=1.0), saturated_fraction=0.75), damaged(intensity=math.nan)):
+    for bad in (structs.replace(Reading(intensity=1.0), saturated_fraction=0.75), damaged(intensity=math.nan)):
         with pytest.raises(AcquisitionError):
             made.admit_reading(bad, frame=answer)
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import (
@@ -149,14 +150,14 @@ STRONG = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.05
     ("before", "now", "said"),
     [
         (STRONG, STRONG, None),
-        (STRONG, replace(STRONG, intensity=115.0), None),
-        (STRONG, replace(STRONG, intensity=120.0), "intensity"),
-        (STRONG, replace(STRONG, intensity=80.0), "intensity"),
-        (STRONG, replace(STRONG, lateral_m=0.0116), "lateral_m"),
-        (STRONG, replace(STRONG, depth_m=0.0484), "depth_m"),
-        (STRONG, replace(STRONG, depth_m=None), None),
-        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=6.0, depth_m=0.02), None),
-        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=14.0), "intensity"),
+        (STRONG, structs.replace(STRONG, intensity=115.0), None),
+        (STRONG, structs.replace(STRONG, intensity=120.0), "intensity"),
+        (STRONG, structs.replace(STRONG, intensity=80.0), "intensity"),
+        (STRONG, structs.replace(STRONG, lateral_m=0.0116), "lateral_m"),
+        (STRONG, structs.replace(STRONG, depth_m=0.0484), "depth_m"),
+        (STRONG, structs.replace(STRONG, depth_m=None), None),
+        (structs.replace(STRONG, intensity=5.0), structs.replace(STRONG, intensity=6.0, depth_m=0.02), None),
+        (structs.replace(STRONG, intensity=5.0), structs.replace(STRONG, intensity=14.0), "intensity"),
         (Reading(intensity=100.0), Reading(intensity=91.0), None),
         (Reading(intensity=100.0), Reading(intensity=89.0), "intensity"),
     ],

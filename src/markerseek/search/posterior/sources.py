@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import Arrival, Float64, Interval, OtherSource, Reading, Sample
 from markerseek.search.background import FLAT_SHARE
@@ -182,7 +183,7 @@ def as_upper_limit(sample: Sample) -> Sample:
 
 def _without_position(sample: Sample, *, intensity: float, noise_sigma: float | None, cells: int) -> Sample:
     """A sample of this intensity without a position in the image."""
-    reading = replace(
+    reading = structs.replace(
         sample.reading,
         intensity=intensity,
         noise_sigma=noise_sigma,
@@ -236,7 +237,7 @@ def _of_arrival(reading: Reading, arrival: Arrival, source: Source, *, angle_deg
         within_m=source.reach_m,
     )
     largest = arrival.intensity >= reading.intensity
-    return replace(
+    return structs.replace(
         reading,
         intensity=arrival.intensity,
         cells=reading.cells if around is None else around[1],

@@ -7,12 +7,12 @@ import os
 import signal
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from markerseek import rigs
 from markerseek.acoustics import Probe

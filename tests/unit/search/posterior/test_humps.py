@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import Ambiguous, Found, LocalMaxima, Reading, Sample, SweepTiming
 from markerseek.search.curve import log_curve
@@ -62,7 +63,7 @@ def test_a_weak_pulse_among_hundreds_of_a_sweep_is_no_dip():
     assert asymmetric_sample(swept, centre_deg=0.0, sigma=1.0, level=6.0) is None
     # A dip that all pulses about it show is one.
     two = [
-        replace(each, reading=replace(each.reading, intensity=height))
+        replace(each, reading=structs.replace(each.reading, intensity=height))
         for each, height in zip(swept, (heights * (1 - 0.8 * np.exp(-((angles_deg / 3) ** 2)))).tolist(), strict=True)
     ]
     assert dip_deg(two, sigma=1.0, level=6.0) == pytest.approx(0.0, abs=0.5)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.optimize import curve_fit
 from scipy.stats import norm
 
@@ -442,7 +443,7 @@ def test_one_way_that_is_late_looks_like_a_delay_and_widens_the_interval_by_its_
 
 def test_a_burst_of_a_rig_that_knows_its_delay_is_no_wider() -> None:
     samples = burst()
-    known = [replace(each, sweep=replace(each.sweep, delay_sigma_s=1e-3)) for each in samples if each.sweep]
+    known = [replace(each, sweep=structs.replace(each.sweep, delay_sigma_s=1e-3)) for each in samples if each.sweep]
     assert order_in(known).way_sigma_deg < 1e-3 < order_in(samples).way_sigma_deg
 
 
