@@ -143,8 +143,8 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     --------
     markerseek journal replay run.journal
     """
-    from markerseek.records import Answer
     from markerseek.records.journal import read_journal
+    from markerseek.show import Answer
 
     recorded = read_journal(journal)
     announce_compilation()

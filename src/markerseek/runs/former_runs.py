@@ -9,9 +9,9 @@ import msgspec
 
 from markerseek.core import ConfigError, MarkerCurve, MarkerPosition, RecordError, SearchError
 from markerseek.files import MIB, as_read_error, read_json
-from markerseek.records import SearchResult, answer_line, answer_name
 from markerseek.records.journal import escaped, is_journal, read_journal, salvage, size_bytes_of
 from markerseek.runs.run_view import RunView
+from markerseek.show import SearchResult, answer_line, answer_name
 
 _MAX_BYTES = 16 * MIB
 """Largest result that is read; one of 500 acquisitions has 0.1 MiB."""

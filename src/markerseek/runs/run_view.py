@@ -25,8 +25,8 @@ from markerseek.core import (
     Turning,
     counted,
 )
-from markerseek.records import SearchResult, angle_text, answer_name, with_minus
 from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, JournalEvent, RecordedRun, Resuming
+from markerseek.show import SearchResult, angle_text, answer_name, with_minus
 
 Phase: TypeAlias = Literal[
     "ready",

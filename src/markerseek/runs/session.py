@@ -16,7 +16,6 @@ from markerseek.core import (
     Measured,
     SearchPlan,
 )
-from markerseek.records import SearchResult
 from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, limits_of
@@ -25,6 +24,7 @@ from markerseek.runs.resume import resumed
 from markerseek.runs.run_view import RunView
 from markerseek.scan import run
 from markerseek.search import MethodName, build_sweeping, method_named, most_acquisitions, posterior_of_all
+from markerseek.show import SearchResult
 
 
 @dataclass(slots=True, kw_only=True)

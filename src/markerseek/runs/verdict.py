@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from markerseek.core import Ambiguous, AngleBelief, Found, NotFound, Unsure
-from markerseek.records import (
+from markerseek.runs.run_view import Point, RunView
+from markerseek.show import (
     NO_CLAIM,
     DrawnCurve,
     Mark,
@@ -22,7 +23,6 @@ from markerseek.records import (
     time_text,
     with_minus,
 )
-from markerseek.runs.run_view import Point, RunView
 
 VerdictKind: TypeAlias = Literal["idle", "busy", "found", "unsure", "nothing", "stopped", "fault"]
 """Kind of a verdict: its colour."""

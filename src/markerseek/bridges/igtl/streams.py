@@ -26,8 +26,8 @@ from markerseek.core import Measured, Sample
 from markerseek.records.banks import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Configuration, JournalItem
 from markerseek.registration import KnownRegistration, SessionView
-from markerseek.ros import messages
 from markerseek.runs import RunView
+from markerseek.show import grey_levels
 from markerseek.wire import igtl
 
 
@@ -144,7 +144,7 @@ class Streams:
         radius_m = None if self._view is None else self._view.facts.face_radius_m
         if image is None or self._images is None or radius_m is None:
             return []
-        pixels = messages.grey(image.envelope, brightest=self._images.brightest)
+        pixels = grey_levels(image.envelope, brightest=self._images.brightest)
         matrix = probe_to_probe_home(sample.angle_deg) @ image_to_probe(image.geometry, face_radius_m=radius_m)
         return [Stream(device="PA_ProbeHome", content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
 

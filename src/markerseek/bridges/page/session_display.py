@@ -12,9 +12,9 @@ import msgspec
 import numpy as np
 
 from markerseek.core import ConfigError, counted
-from markerseek.records import errors_svg, with_minus
 from markerseek.registration import RegistrationReport, SessionView, StereoSettings, target_pixels
 from markerseek.runs import Verdict, VerdictKind
+from markerseek.show import errors_svg, with_minus
 
 Side: TypeAlias = Literal["left", "right"]
 

@@ -12,7 +12,6 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges.page.run_history import (
     BRIGHT_SIGMAS,
-    RANGE_DB,
     RunHistory,
     fan_model,
     image_model,
@@ -44,11 +43,11 @@ from markerseek.core import (
     Swept,
     Turning,
 )
-from markerseek.records import angle_text, answer_name, interval_text, sigma_text, with_minus
 from markerseek.records.journal import Interrupted, Resuming
 from markerseek.runs import RunView, curve_of, new_session, numbers_of, plan_on, verdict_of
 from markerseek.runs.journalled import Beliefs
 from markerseek.search import METHODS, build
+from markerseek.show import RANGE_DB, angle_text, answer_name, interval_text, sigma_text, with_minus
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
 NAMES = [method.name for method in METHODS]

@@ -37,8 +37,8 @@ from markerseek.core import (
     needs_package,
     rig_in_words,
 )
-from markerseek.records.curve_svg import DrawnCurve, Mark, as_html
-from markerseek.records.words import (
+from markerseek.show.curve_svg import DrawnCurve, Mark, as_html
+from markerseek.show.words import (
     NO_CLAIM,
     AnswerName,
     acquisitions_text,
