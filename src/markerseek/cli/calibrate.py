@@ -167,8 +167,8 @@ def _with_energies(
             "the beginning of a frame"
         )
     headers = [structs.replace(frame.header, energy=each / usual) for frame, each in zip(frames, pickups, strict=True)]
-    measured = [replace(frame, header=header) for frame, header in zip(frames, headers, strict=True)]
-    return [replace(sample, frame=frame) for sample, frame in zip(samples, measured, strict=True)], usual
+    measured = [structs.replace(frame, header=header) for frame, header in zip(frames, headers, strict=True)]
+    return [structs.replace(sample, frame=frame) for sample, frame in zip(samples, measured, strict=True)], usual
 
 
 def _laser_toml(pickup_us: tuple[float, float] | None, usual_energy: float | None) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
 
 import msgspec
 
@@ -13,10 +12,12 @@ from markerseek.core.checks import Within, is_finite, is_whole, require_fields, 
 from markerseek.core.errors import ConfigError, ReadingError
 from markerseek.core.shapes import CHECKED, Int16
 from markerseek.core.sweep import SweepTiming
-from markerseek.core.values import repr_without
+from markerseek.core.values import EqualWithout, repr_without
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
+else:
+    from markerseek.core.shapes import np
 
 
 class FrameHeader(msgspec.Struct, frozen=True, kw_only=True):
@@ -56,8 +57,7 @@ NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, start
 
 
 # eq=False: comparing arrays gives an array, so that == of two frames would raise.
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ChannelFrame:
+class ChannelFrame(msgspec.Struct, frozen=True, kw_only=True, eq=False, tag=True):
     """Channel data of one acquisition, before beamforming.
 
     Attributes
@@ -85,8 +85,7 @@ class ChannelFrame:
             raise ConfigError(f"channel frame: sampling_hz is {self.sampling_hz} Hz, it must be positive and finite")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadingFrame:
+class ReadingFrame(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """A frame that another program has already reduced to one intensity (a row of a CSV).
 
     Attributes
@@ -389,8 +388,7 @@ _OPTIONAL = tuple(
 """Features that may be unknown."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sample:
+class Sample(EqualWithout, frozen=True, kw_only=True):
     """One acquisition as a policy receives it.
 
     Attributes
@@ -414,13 +412,17 @@ class Sample:
         If ``angle_sigma_deg`` is negative or no number.
     """
 
+    # Channel data are large, and samples of a replay must equal those of the run.
+    left_out: ClassVar[str] = "frame"
     angle_deg: float
     reading: Reading
     dark: bool = False
     angle_sigma_deg: Annotated[float, Within(0, 10, "deg")] = 0.0
     sweep: SweepTiming | None = None
-    # Left out of repr and ==: channel data are large, and samples of a replay must equal those of the run.
-    frame: Frame | None = field(default=None, repr=False, compare=False)
+    frame: Frame | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, "sample")
+
+    def __repr__(self) -> str:
+        return repr_without(self, self.left_out)

@@ -1,15 +1,25 @@
-"""What is left out where two values are compared, or one is shown."""
+"""Values of which one field is left out where they are compared, or shown."""
 
 from __future__ import annotations
+
+from typing import ClassVar
 
 import msgspec
 
 
-def equal_without(one: msgspec.Struct, other: object, left_out: str) -> bool:
-    """Whether two values are of one class and equal in all fields but one."""
-    return type(one) is type(other) and all(
-        getattr(one, name) == getattr(other, name) for name in one.__struct_fields__ if name != left_out
-    )
+class EqualWithout(msgspec.Struct, frozen=True, kw_only=True):
+    """A value that equals another one whatever one of its fields is."""
+
+    left_out: ClassVar[str]
+    """Name of this field."""
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and all(
+            getattr(self, name) == getattr(other, name) for name in self.__struct_fields__ if name != self.left_out
+        )
+
+    def __hash__(self) -> int:
+        return hash(tuple(getattr(self, name) for name in self.__struct_fields__ if name != self.left_out))
 
 
 def repr_without(value: msgspec.Struct, left_out: str) -> str:

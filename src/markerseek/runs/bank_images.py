@@ -78,7 +78,7 @@ def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | No
     if intensities_stored(bank, probe=probe):
         return Curve(angle_deg=np.array(bank.angles_deg), intensity=np.array(bank.intensities))
     # The curve needs no frames, and all of them may not fit into memory.
-    return curve_of([replace(each, frame=None) for each in bank_samples(bank, probe=probe) if not each.dark])
+    return curve_of([structs.replace(each, frame=None) for each in bank_samples(bank, probe=probe) if not each.dark])
 
 
 def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> float | None:

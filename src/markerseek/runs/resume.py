@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from msgspec import structs
@@ -195,7 +194,7 @@ def _recall(rig: Rig, entries: Sequence[Entry]) -> None:
     for entry in entries:
         if isinstance(entry.event, Measured) and (frame := entry.event.sample.frame) is not None:
             # A restarted receiver counts from 1 again.
-            again = replace(frame, header=structs.replace(frame.header, sequence=0))
+            again = structs.replace(frame, header=structs.replace(frame.header, sequence=0))
             rig.scanner.guard.recall(again, entry.event.sample.reading)
 
 

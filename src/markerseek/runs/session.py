@@ -8,6 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 import msgspec
+from msgspec import structs
 
 from markerseek.core import (
     AnyPolicy,
@@ -209,5 +210,5 @@ def answer_from_all(rig: Rig, plan: SearchPlan) -> Estimate:
     policy = posterior_of_all(replace(plan, angles_deg=rig.angles_deg), limits=rig.limits.search)
     dark = [rig.scanner.measure_dark() for _ in range(rig.dark_frames)]
     # Without their frames: one has half a megabyte.
-    policy.tell_recorded([*dark, *(replace(rig.scanner.measure(each), frame=None) for each in rig.angles_deg)])
+    policy.tell_recorded([*dark, *(structs.replace(rig.scanner.measure(each), frame=None) for each in rig.angles_deg)])
     return policy.estimate()

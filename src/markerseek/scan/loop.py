@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Generator, Iterable
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from msgspec import structs
 
@@ -105,7 +105,7 @@ class Tally:
                     self.steps += role == "search" and sample.sweep is None
                     self.confirmed = role == "confirmation"
                     self.confirmation = sample if self.confirmed else self.confirmation
-                    self.lit.append(replace(sample, frame=None))
+                    self.lit.append(structs.replace(sample, frame=None))
                     self.turn(sample.angle_deg)
             case Swept(angle_deg=angle_deg):
                 self.sweep_from_deg, self.confirmed = None, False

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Protocol, cast
@@ -348,7 +347,7 @@ class Scanner:
         _LOG.debug("frame %s", frame.header)
         # A second readback after the frame: the guard refuses one during which the probe moved.
         after_deg = self.angle_deg
-        frame = replace(
+        frame = structs.replace(
             frame, header=structs.replace(frame.header, angle_before_deg=before_deg, angle_after_deg=after_deg)
         )
         # Kept until it is admitted, so that `Refused` can carry it into the journal.

@@ -10,7 +10,7 @@ import logging
 import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from msgspec import structs
 
@@ -489,7 +489,7 @@ class SweepInProgress:
             energy=frame.header.energy if pulse.energy is None else pulse.energy,
         )
         return SweptFrame(
-            frame=replace(frame, header=header),
+            frame=structs.replace(frame, header=header),
             # The probe lags behind the encoder by the backlash.
             angle_deg=stamped.angle_deg - forward * backlash_deg,
             angle_sigma_deg=stamped.sigma_deg,

@@ -162,7 +162,7 @@ def above_background(lit: Sequence[Sample], background: Background | None) -> Se
         return lit
     rest = [max(0.0, each.reading.intensity - background.at(each.angle_deg)) for each in lit]
     return [
-        replace(sample, reading=structs.replace(sample.reading, intensity=intensity))
+        structs.replace(sample, reading=structs.replace(sample.reading, intensity=intensity))
         for sample, intensity in zip(lit, rest, strict=True)
     ]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -115,12 +114,14 @@ class FaultyReceiver(Faulty):
             if self._until == 0 and self.has("trigger lost"):
                 self._shift -= 1
                 continue
-            frame = replace(each, header=structs.replace(each.header, sequence=each.header.sequence + self._shift))
+            frame = structs.replace(
+                each, header=structs.replace(each.header, sequence=each.header.sequence + self._shift)
+            )
             handed_over.append(self._faulty_frame(frame, self._last))
             if self._until == 0 and self.has("trigger doubled"):
                 self._shift += 1
                 handed_over.append(
-                    replace(each, header=structs.replace(frame.header, sequence=frame.header.sequence + 1))
+                    structs.replace(each, header=structs.replace(frame.header, sequence=frame.header.sequence + 1))
                 )
             self._last = frame
         return handed_over
@@ -151,24 +152,24 @@ class FaultyReceiver(Faulty):
             return last
         if last is not None and self.has("same data"):
             self._held = last.intensity if self._held is None else self._held
-            return replace(frame, intensity=self._held)
+            return structs.replace(frame, intensity=self._held)
         self._held = None
         if last is not None and (mixed := self.has("mixed triggers")) is not None:
             intensity = (1 - mixed.amount) * frame.intensity + mixed.amount * last.intensity
-            return replace(frame, intensity=intensity)
+            return structs.replace(frame, intensity=intensity)
         if last is not None and self.has("one behind"):
-            return replace(frame, intensity=last.intensity)
+            return structs.replace(frame, intensity=last.intensity)
         for name, intensity in (("dead", 0.0), ("NaN", math.nan), ("infinite", math.inf), ("negative", -1.0)):
             if self.has(name):
-                return replace(frame, intensity=intensity)
+                return structs.replace(frame, intensity=intensity)
         if (gain := self.has("gain drops")) is not None:
-            return replace(frame, intensity=frame.intensity * gain.amount)
+            return structs.replace(frame, intensity=frame.intensity * gain.amount)
         if (times := self.has("garbage at times", silently=True)) is not None and self.chance(times.amount):
             self.act(times)
-            return replace(frame, intensity=math.nan)
+            return structs.replace(frame, intensity=math.nan)
         if self.has("other kind"):
             return ChannelFrame(header=header, samples=np.arange(8, dtype=np.int16).reshape(2, 4), sampling_hz=4e7)
-        return replace(frame, header=self._faulty_header(frame))
+        return structs.replace(frame, header=self._faulty_header(frame))
 
     def _faulty_header(self, frame: ReadingFrame) -> Any:
         header = frame.header

@@ -457,7 +457,9 @@ class Behind(SimulatedReceiver):
         behind = []
         for frame in super()._swept(now_s):
             assert isinstance(frame, ReadingFrame)
-            behind.append(replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before))
+            behind.append(
+                structs.replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before)
+            )
             self.before = frame.intensity
         return behind
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from msgspec import structs
@@ -341,8 +340,8 @@ def test_a_frame_of_a_sweep_is_one_pulse_between_two_readings(changes: dict[str,
 def test_the_noise_of_one_pulse_is_not_compared_with_that_of_an_average() -> None:
     made, permit = sweeping()
     single = frame_of(permit)
-    average = replace(single, header=structs.replace(single.header, pulses=16))
-    dark = replace(single, header=structs.replace(single.header, pulses=0))
+    average = structs.replace(single, header=structs.replace(single.header, pulses=16))
+    dark = structs.replace(single, header=structs.replace(single.header, pulses=0))
     for frame, sigma in ((dark, 1.0), (single, 4.0), (average, 1.0), (single, 4.0), (average, 1.9)):
         made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=frame)
     with pytest.raises(AcquisitionError, match="was 4 at first"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -241,7 +240,7 @@ def test_a_receiver_that_repeats_a_frame_of_before_is_refused(tmp_path: Path) ->
 
     def stuck(permit: object) -> object:
         frame = acquire(permit)  # type: ignore[arg-type]
-        return replace(frame, intensity=last.intensity) if next(calls) == 0 else frame  # type: ignore[union-attr]
+        return structs.replace(frame, intensity=last.intensity) if next(calls) == 0 else frame  # type: ignore[union-attr]
 
     rig.scanner._receiver.acquire = stuck  # type: ignore[assignment, method-assign]
     policy, _, _ = begin_method("golden-section")

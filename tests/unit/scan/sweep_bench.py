@@ -239,7 +239,9 @@ class Losing(SimulatedReceiver):
                 self.sequence -= 1
                 continue
             late = self.triggers > 30
-            kept.append(replace(frame, header=structs.replace(frame.header, sequence=frame.header.sequence - late)))
+            kept.append(
+                structs.replace(frame, header=structs.replace(frame.header, sequence=frame.header.sequence - late))
+            )
         return kept
 
     def begin_sweep(self, permit: SweepPermit) -> None:

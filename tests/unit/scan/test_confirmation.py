@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from msgspec import structs
 
@@ -27,7 +25,7 @@ from markerseek.scan.confirmation import apply_confirmation
 from tests.unit.scan.scan_bench import FOUND, Bench, Tour, scanner
 
 RIG = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
-CHECKED = replace(FOUND, floor=Floor(level=40.0, source="dark frames"))
+CHECKED = structs.replace(FOUND, floor=Floor(level=40.0, source="dark frames"))
 STRONGEST = Reading(intensity=1274.0, noise_sigma=10.0, lateral_m=2e-3, depth_m=30e-3)
 SAMPLES = [
     Sample(angle_deg=2.0, reading=structs.replace(STRONGEST, intensity=300.0)),
@@ -88,7 +86,9 @@ class Fading(Bench):
     def acquire(self, permit):  # type: ignore[no-untyped-def]
         frame = super().acquire(permit)
         return (
-            replace(frame, intensity=51.0) if self.sequence == 4 else replace(frame, intensity=1274.0 - self.sequence)
+            structs.replace(frame, intensity=51.0)
+            if self.sequence == 4
+            else structs.replace(frame, intensity=1274.0 - self.sequence)
         )
 
 
@@ -158,7 +158,7 @@ def test_a_long_pulse_that_arrives_twice_has_not_moved() -> None:
 
 def test_what_else_an_answer_says_is_kept_when_it_is_not_confirmed() -> None:
     other = OtherSource(angle_deg=9.0, sigma_deg=0.2, relative_db=-12.0, lateral_m=1e-3, depth_m=40e-3)
-    found = replace(CHECKED, others=(other,), surveyed=0.995)
+    found = structs.replace(CHECKED, others=(other,), surveyed=0.995)
     answer = apply_confirmation(
         found, Sample(angle_deg=4.0, reading=structs.replace(STRONGEST, intensity=51.0)), SAMPLES
     )

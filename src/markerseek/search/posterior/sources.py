@@ -150,7 +150,9 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tup
         (here if mine else elsewhere).append(arrival)
     if here:
         arrival = max(here, key=lambda each: each.intensity)
-        return replace(sample, reading=_of_arrival(reading, arrival, source, angle_deg=angle_deg), frame=None), True
+        return structs.replace(
+            sample, reading=_of_arrival(reading, arrival, source, angle_deg=angle_deg), frame=None
+        ), True
     looked_up = None
     if reading.local_maxima is not None:
         looked_up = reading.local_maxima.near(
@@ -197,7 +199,7 @@ def _without_position(sample: Sample, *, intensity: float, noise_sigma: float | 
         focused_coherence=None,
         spot=None,
     )
-    return replace(sample, reading=reading, frame=None)
+    return structs.replace(sample, reading=reading, frame=None)
 
 
 def _arrivals(reading: Reading) -> Iterator[Arrival]:

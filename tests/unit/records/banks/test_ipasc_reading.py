@@ -112,7 +112,7 @@ def test_unknown_times_stay_unknown(tmp_path):
     with whole_bank(path, facts=BankFacts(clock_zero_unix_s=None)) as writer:
         for seed, started_s in enumerate((1.0, math.nan, math.inf)):
             frame = sample(float(seed), seed=seed).frame
-            frame = replace(frame, header=structs.replace(frame.header, started_s=started_s))
+            frame = structs.replace(frame, header=structs.replace(frame.header, started_s=started_s))
             writer.add(replace(sample(float(seed)), frame=frame))
     bank = read_bank(path)
     assert isinstance(bank, FrameBank)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -73,7 +72,7 @@ def test_a_number_that_is_not_finite_is_refused_by_its_name(number: float) -> No
     channels = ChannelFrame(header=header, samples=np.ones((2, 3), np.int16), sampling_hz=40e6)
     for event, name in (
         (Asked(role="search", index=1, angle_deg=number), "angle_deg"),
-        (replace(EVENTS["Ambiguous"], travel_deg=number), "travel_deg"),
+        (structs.replace(EVENTS["Ambiguous"], travel_deg=number), "travel_deg"),
         (
             Measured(role="search", index=1, sample=Sample(angle_deg=0.0, reading=FULL_READING, frame=channels)),
             "before",
@@ -85,7 +84,7 @@ def test_a_number_that_is_not_finite_is_refused_by_its_name(number: float) -> No
 
 def test_a_refused_frame_whose_numbers_are_why_it_was_refused_is_left_out() -> None:
     whole = frame(1)
-    broken = replace(whole, header=structs.replace(whole.header, angle_before_deg=math.nan))
+    broken = structs.replace(whole, header=structs.replace(whole.header, angle_before_deg=math.nan))
     row = encode(Refused(angle_deg=1.0, reason="not finite", frame=broken))
     assert decode(row.kind, row.body, row.samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
     assert row.samples is None
