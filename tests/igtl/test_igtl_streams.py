@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from datetime import datetime
 from inspect import signature
 from pathlib import Path
@@ -167,7 +166,7 @@ def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, w
     sample = structs.replace(rig.scanner.measure(5.0), angle_deg=5.0)
     configuration = configuration_of(rig, SearchPlan(method="ternary"))
     streams = Streams()
-    streams.after(msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind=kind)))
+    streams.after(msgspec.structs.replace(configuration, facts=structs.replace(configuration.facts, kind=kind)))
     sent = streams.after(
         Entry(
             number=1,
@@ -187,7 +186,7 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_time() -> None:
     assert sample.frame is not None
     configuration = configuration_of(rig, SearchPlan(method="posterior", sweep_speed_deg_s=8.6))
     streams = Streams()
-    streams.after(msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind="bench")))
+    streams.after(msgspec.structs.replace(configuration, facts=structs.replace(configuration.facts, kind="bench")))
     asked = Asked(role="search", index=1, angle_deg=35.0, sweep=Sweep(to_deg=35.0, speed_deg_s=8.6))
     streams.after(Entry(number=1, written=WRITTEN, clock_s=0.0, event=asked))
     began_s = datetime.fromisoformat(WRITTEN).timestamp()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from msgspec import structs
@@ -117,7 +115,7 @@ def test_the_covariance_lies_along_turn_axis_and_depth() -> None:
 
 def test_without_a_centroid_or_sound_speed_the_peak_is_taken() -> None:
     for facts, samples in (
-        (replace(FACTS, sound_speed_m_s=None), SAMPLES[2:]),
+        (structs.replace(FACTS, sound_speed_m_s=None), SAMPLES[2:]),
         (FACTS, [structs.replace(SAMPLES[2], reading=structs.replace(SAMPLES[2].reading, centroid_s=None))]),
     ):
         marker = marker_position(FOUND, samples, facts)
@@ -126,6 +124,6 @@ def test_without_a_centroid_or_sound_speed_the_peak_is_taken() -> None:
 
 
 def test_without_face_radius_or_positions_there_is_none() -> None:
-    assert marker_position(FOUND, SAMPLES, replace(FACTS, face_radius_m=None)) is None
+    assert marker_position(FOUND, SAMPLES, structs.replace(FACTS, face_radius_m=None)) is None
     assert marker_position(FOUND, [Sample(angle_deg=1.0, reading=Reading(intensity=5.0))], FACTS) is None
     assert marker_position(FOUND, [], FACTS) is None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -86,7 +85,7 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_stamp(kind, stamps_s):
     rig = rigs.simulated(seed=1)
     sample = rig.scanner.measure(5.0)
     configuration = configuration_of(rig, SearchPlan(method="posterior", sweep_speed_deg_s=8.6))
-    configuration = structs.replace(configuration, facts=replace(configuration.facts, kind=kind))
+    configuration = structs.replace(configuration, facts=structs.replace(configuration.facts, kind=kind))
     node = Node()
     shown = SampleTopics(node=node, publishes_angle=True)
     shown.begin(configuration)

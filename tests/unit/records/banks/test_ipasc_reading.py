@@ -113,7 +113,7 @@ def test_unknown_times_stay_unknown(tmp_path):
         for seed, started_s in enumerate((1.0, math.nan, math.inf)):
             frame = sample(float(seed), seed=seed).frame
             frame = structs.replace(frame, header=structs.replace(frame.header, started_s=started_s))
-            writer.add(replace(sample(float(seed)), frame=frame))
+            writer.add(structs.replace(sample(float(seed)), frame=frame))
     bank = read_bank(path)
     assert isinstance(bank, FrameBank)
     np.testing.assert_array_equal(bank.started_s, (1.0, np.nan, np.nan))

@@ -304,7 +304,7 @@ def test_a_writer_refuses_what_it_cannot_keep(tmp_path):
 
 def invalid(**changes):
     taken = sample(1.0, seed=1)
-    return replace(taken, **changes)
+    return structs.replace(taken, **changes)
 
 
 @pytest.mark.parametrize(

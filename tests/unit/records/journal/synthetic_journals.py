@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import signal
 import struct
@@ -52,12 +51,14 @@ from markerseek.sim import ReceiverSettings, SimulatedSettings
 
 def changed(configuration: Configuration, **changes: Any) -> Configuration:
     """With other values of its plan, its facts, or its own fields, by their names."""
-    plan = {field.name: changes.pop(field.name) for field in dataclasses.fields(SearchPlan) if field.name in changes}
-    facts = {field.name: changes.pop(field.name) for field in dataclasses.fields(RigFacts) if field.name in changes}
+    plan = {
+        field.name: changes.pop(field.name) for field in msgspec.structs.fields(SearchPlan) if field.name in changes
+    }
+    facts = {field.name: changes.pop(field.name) for field in msgspec.structs.fields(RigFacts) if field.name in changes}
     return msgspec.structs.replace(
         configuration,
-        plan=dataclasses.replace(configuration.plan, **plan),
-        facts=dataclasses.replace(configuration.facts, **facts),
+        plan=msgspec.structs.replace(configuration.plan, **plan),
+        facts=msgspec.structs.replace(configuration.facts, **facts),
         **changes,
     )
 
