@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import Measured
-from markerseek.records.journal import read_journal
-from markerseek.runs import RunView
+from markerseek.records.journal import RunView, read_journal
 from tests.emulated import ran
 
 Shell = Callable[..., tuple[int, str, str]]

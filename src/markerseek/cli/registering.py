@@ -31,6 +31,7 @@ from markerseek.core import (
     SearchError,
     counted,
 )
+from markerseek.show import event_line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -339,7 +340,7 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
         case registration.Begun():
             return escape(step.description)
         case registration.Searching():
-            return escape(step.view.line)
+            return escape(event_line(step.view))
 
 
 def _refused_line(step: registration.SpotRefused) -> str:
