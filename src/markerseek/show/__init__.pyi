@@ -7,11 +7,12 @@ from .files import (
     save_figure,
     write_page,
 )
+from .flat import flat_answer, flat_result
 from .frame_picture import bank_figure, frame_figure
 from .grey import RANGE_DB, grey_levels
 from .log import STOPPED, event_line
 from .registration_picture import registration_figure
-from .result import NAME_WITHOUT_CLAIM, Answer, SampleRow, SearchResult
+from .result import NAME_WITHOUT_CLAIM, SearchResult
 from .search_picture import ComparedSearch, Curve, comparison_figure, pictured_sample, search_figure
 from .style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from .tip_picture import tip_figure
@@ -24,6 +25,7 @@ from .words import (
     answer_name,
     answer_reason,
     digits_of,
+    estimate_line,
     interval_text,
     others_rows,
     outliers_rows,
@@ -39,12 +41,10 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "RANGE_DB",
     "STOPPED",
-    "Answer",
     "ComparedSearch",
     "Curve",
     "DrawnCurve",
     "Mark",
-    "SampleRow",
     "SearchResult",
     "Verdict",
     "VerdictKind",
@@ -59,7 +59,10 @@ __all__ = [
     "curve_of",
     "digits_of",
     "errors_svg",
+    "estimate_line",
     "event_line",
+    "flat_answer",
+    "flat_result",
     "frame_figure",
     "grey_levels",
     "interval_text",
