@@ -228,7 +228,11 @@ def _room(asked: SessionRequest, *, as_json: bool) -> Iterator[registration.Room
         announce_compilation()
         rig_settings = simulated_settings(settings, asked.simulation, sweeps=asked.plan.sweep)
         yield registration.SimulatedRoom(
-            registration.SimulatedRoomSettings(rig=rig_settings, pace=asked.simulation.pace), seed=asked.seed
+            # Where the tissue moves, the cameras are to see it.
+            registration.SimulatedRoomSettings(
+                rig=rig_settings, pace=asked.simulation.pace, textured=rig_settings.motion.moves
+            ),
+            seed=asked.seed,
         )
         return
     if asked.simulation != SceneOptions():
