@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from markerseek.core import AcquisitionError, ChannelFrame, Measured, PaImage, ReadingFrame
-from markerseek.records.journal import Configuration, Entry, JournalItem
-from markerseek.runs import ImageRing, RunView, rebuild_image_reader
+from markerseek.records.journal import Configuration, Entry, JournalItem, RunView
+from markerseek.runs import ImageRing, rebuild_image_reader
 from markerseek.signals import ImageReader
 
 

@@ -23,32 +23,15 @@ from .rebuild import (
     require_same_measurement,
 )
 from .resume import require_reset, tell_recorded
-from .run_view import STOPPED, Phase, Point, RunView
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
-from .verdict import (
-    Verdict,
-    VerdictKind,
-    curve_of,
-    mark_of,
-    mean_deg,
-    numbers_of,
-    others_deg,
-    verdict_of,
-)
 
 __all__ = [
-    "STOPPED",
     "Calibration",
     "DelayRun",
     "ImageRing",
     "JournalSummary",
     "MeasuredDelay",
-    "Phase",
-    "Point",
-    "RunView",
     "Session",
-    "Verdict",
-    "VerdictKind",
     "answer_again",
     "answer_from_all",
     "bank_curve",
@@ -58,7 +41,6 @@ __all__ = [
     "bank_samples",
     "calibrate",
     "configuration_of",
-    "curve_of",
     "dark_intensity",
     "find_marker",
     "former_curve",
@@ -66,11 +48,7 @@ __all__ = [
     "intensities_stored",
     "journal_bank",
     "journal_summary",
-    "mark_of",
-    "mean_deg",
     "new_session",
-    "numbers_of",
-    "others_deg",
     "plan_on",
     "read_marker",
     "rebuild_image_reader",
@@ -85,5 +63,4 @@ __all__ = [
     "scan_angles",
     "scan_bank",
     "tell_recorded",
-    "verdict_of",
 ]

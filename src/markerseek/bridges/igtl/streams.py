@@ -24,10 +24,9 @@ from markerseek.bridges.child import Outcome
 from markerseek.bridges.run_images import PicturedEntry, PicturedItem, since_fired_s
 from markerseek.core import Measured
 from markerseek.records.banks import image_to_probe, probe_to_probe_home
-from markerseek.records.journal import Configuration
+from markerseek.records.journal import Configuration, RunView
 from markerseek.registration import KnownRegistration, SessionView
-from markerseek.runs import RunView
-from markerseek.show import grey_levels
+from markerseek.show import event_line, grey_levels
 from markerseek.wire import igtl
 
 
@@ -85,7 +84,7 @@ class Streams:
             case "idle":
                 return igtl.OK, "IDLE", "no search runs"
             case "running":
-                return igtl.BUSY, "SEARCHING", (self._view and self._view.line) or "the search begins"
+                return igtl.BUSY, "SEARCHING", (self._view and event_line(self._view)) or "the search begins"
         outcome, answer = self._outcome, self._outcome.answer or {}
         if outcome.answered and "answer" in answer:
             # The answer's own name: a marker that is unsure, ambiguous or at a bound may well be there.
@@ -174,9 +173,14 @@ class Streams:
 def _known(view: RunView) -> dict[str, Any]:
     """What a view says, as plain values."""
     facts = view.facts
-    same = ("number", "phase", "line", "role", "index", "acquisitions", "refused")
-    known = {name: getattr(view, name) for name in same}
-    return known | {
+    return {
+        "number": view.number,
+        "phase": view.phase,
+        "line": event_line(view),
+        "role": view.role,
+        "index": view.index,
+        "acquisitions": view.acquisitions,
+        "refused": view.refused,
         "rig": facts.kind,
         "emulated": facts.emulated,
         "method": view.plan.method,

@@ -12,9 +12,8 @@ import numpy as np
 
 from markerseek.bridges.run_images import PicturedEntry
 from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, Sample, UInt8
-from markerseek.records.journal import Configuration
-from markerseek.runs import RunView, mark_of, mean_deg, others_deg
-from markerseek.show import RANGE_DB, grey_levels, with_minus
+from markerseek.records.journal import Configuration, RunView
+from markerseek.show import RANGE_DB, event_line, grey_levels, mark_of, mean_deg, others_deg, with_minus
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 
 SAME_ANGLE_DEG = 0.02
@@ -64,7 +63,7 @@ class RunHistory:
         # A move is a line until its acquisition replaces it, and a pulse of a sweep until the next.
         passing = {"dark", "moving", "turning", "sweeping"}
         known = [each for each in self.views[1 : view.number + 1] if each.phase not in passing or each is view]
-        return [f"{each.elapsed_s:6.1f} s  {each.line}" for each in reversed(known[-most:])]
+        return [f"{each.elapsed_s:6.1f} s  {event_line(each)}" for each in reversed(known[-most:])]
 
 
 def is_image_of(picture: Picture, view: RunView) -> bool:

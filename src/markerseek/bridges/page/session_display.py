@@ -13,8 +13,7 @@ import numpy as np
 
 from markerseek.core import ConfigError, counted
 from markerseek.registration import RegistrationReport, SessionView, StereoSettings, target_pixels
-from markerseek.runs import Verdict, VerdictKind
-from markerseek.show import errors_svg, with_minus
+from markerseek.show import Verdict, VerdictKind, errors_svg, with_minus
 
 Side: TypeAlias = Literal["left", "right"]
 

@@ -14,11 +14,10 @@ from typing import Any
 from markerseek.bridges.followed import RegistrationSource
 from markerseek.bridges.run_images import PicturedEntry, since_fired_s
 from markerseek.core import Measured
-from markerseek.records.journal import Configuration
+from markerseek.records.journal import Configuration, RunView
 from markerseek.registration import KnownRegistration
 from markerseek.ros import RosNode, messages, topics
-from markerseek.runs import RunView
-from markerseek.show import RANGE_DB, grey_levels
+from markerseek.show import RANGE_DB, event_line, grey_levels
 
 _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 
@@ -86,7 +85,7 @@ class SampleTopics:
             "role": view.role,
             "angle_deg": angle_deg,
             "intensity": intensity,
-            "line": view.line,
+            "line": event_line(view),
             "time_s": time_s,
             "pulses": None if sample.frame is None else sample.frame.header.pulses,
             # sensor_msgs/Image has no place for the distances of pixels, and neither has a transform.
