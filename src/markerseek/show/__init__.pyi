@@ -19,6 +19,7 @@ from .tip_picture import tip_figure
 from .verdict import Verdict, VerdictKind, curve_of, mark_of, mean_deg, numbers_of, others_deg, verdict_of
 from .words import (
     NO_CLAIM,
+    AnswerName,
     acquisitions_text,
     angle_text,
     answer_line,
@@ -41,6 +42,7 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "RANGE_DB",
     "STOPPED",
+    "AnswerName",
     "ComparedSearch",
     "Curve",
     "DrawnCurve",
