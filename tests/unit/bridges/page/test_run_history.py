@@ -6,7 +6,6 @@ import base64
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -54,6 +53,7 @@ from markerseek.show import (
     answer_name,
     curve_of,
     event_line,
+    flat_result,
     interval_text,
     numbers_of,
     sigma_text,
@@ -165,7 +165,7 @@ def test_published_form_claims_nothing():
     assert not any("FOUND" in verdict_of(each).word or "confirm" in event_line(each) for each in snapshots)
     mark = fan_of(last)["curve"]["marks"][-1]
     assert (mark["role"], mark["text"]) == ("confirmation", "")
-    answer = msgspec.to_builtins(result)
+    answer = flat_result(result)
     assert (answer["answer"], is_claimed(answer)) == ("found", False)
 
 
