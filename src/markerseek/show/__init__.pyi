@@ -20,6 +20,7 @@ from .tip_picture import tip_figure
 from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
 from .words import (
     NO_CLAIM,
+    AnswerName,
     acquisitions_text,
     angle_text,
     answer_line,
@@ -42,6 +43,7 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "RANGE_DB",
     "STOPPED",
+    "AnswerName",
     "DrawnAngle",
     "DrawnCurve",
     "DrawnInterval",
