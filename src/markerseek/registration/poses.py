@@ -11,10 +11,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
-
-import msgspec
 
 from markerseek.core import AnglePrior, ConfigError, Float64, Interval
 from markerseek.geometry import (
