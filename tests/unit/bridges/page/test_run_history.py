@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -53,6 +52,7 @@ from markerseek.show import (
     answer_name,
     curve_of,
     event_line,
+    flat_result,
     interval_text,
     numbers_of,
     sigma_text,
@@ -161,7 +161,7 @@ def test_published_form_claims_nothing():
     assert not any("FOUND" in verdict_of(each).word or "confirm" in event_line(each) for each in snapshots)
     fan = fan_model(last)
     assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
-    answer = msgspec.to_builtins(result)
+    answer = flat_result(result)
     assert (answer["answer"], is_claimed(answer)) == ("found", False)
 
 
