@@ -71,6 +71,8 @@ class Scene:
             start_deg=settings.start_deg,
             rng=rng,
             averaged=settings.laser.pulses,
+            motion=settings.motion.drawn(rng),
+            pulse_period_s=1 / settings.laser.rate_hz,
         )
 
     def hidden_noise(self, settings: SimulatedSettings, *, pulses: int) -> str | None:

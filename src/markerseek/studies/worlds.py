@@ -184,6 +184,8 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
     """Rig with everything drawn."""
     rng = np.random.default_rng(draw.noise_seed)
     settings = _drawn_settings(study, settings, unknowns)
+    if draw.scene.motion is not None:
+        settings = replace(settings, motion=draw.scene.motion)
     if study.drawn == "everything-and-timing":
         settings = with_timing(settings, np.random.default_rng((draw.noise_seed, 1)))
     return rig_in_world(
