@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from markerseek import runs
 from markerseek.core import Estimate, Found, Interval, NotFound, Reading, Sample
-from markerseek.pictures import bank_figure as draw_bank
-from markerseek.pictures import search_figure as draw_search
-from markerseek.records import SampleRow, SearchResult
 from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.search import Curve, Peak, peak_of
+from markerseek.show import SampleRow, SearchResult
+from markerseek.show import bank_figure as draw_bank
+from markerseek.show import search_figure as draw_search
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

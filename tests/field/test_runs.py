@@ -20,11 +20,11 @@ from pathlib import Path
 
 import pytest
 
+from markerseek.bmode.series import _read_png
 from markerseek.bridges import AskedSearch, Outcome, Searches, SearchOptions
 from markerseek.bridges.page.server import Address
 from markerseek.cli import doctor
 from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
-from markerseek.records.images import _read_png
 from markerseek.records.journal import Entry, Interrupted, JournalItem, read_journal
 from tests.emulated import markerseek
 

@@ -27,9 +27,9 @@ import msgspec
 from markerseek.bridges.asked import AskedSearch
 from markerseek.core import MarkerseekError, RecordError, SearchError
 from markerseek.drivers import BenchSettings
-from markerseek.records import answer_line
 from markerseek.records.journal import JournalItem, default_journal, follow, make_folder
 from markerseek.rigs import read_rig_file
+from markerseek.show import answer_line
 
 TERMINATE_S = 2.0
 """Time from SIGINT to SIGTERM when a child is stopped, in seconds: SIGINT is ignored in what a script starts with &."""

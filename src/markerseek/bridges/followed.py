@@ -9,7 +9,7 @@ from pathlib import Path
 
 from markerseek._closing import Closing
 from markerseek.core import AcquisitionError, ChannelFrame, Measured, PaImage, RecordError, Sample
-from markerseek.records.journal import Configuration, Entry
+from markerseek.records.journal import Configuration, Entry, RunView
 from markerseek.registration import (
     SessionView,
     follow_session,
@@ -20,7 +20,7 @@ from markerseek.registration import (
     session_folder,
     view_of,
 )
-from markerseek.runs import RunView, rebuild_image_reader
+from markerseek.runs import rebuild_image_reader
 
 
 class RunImages:

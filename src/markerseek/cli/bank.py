@@ -33,7 +33,7 @@ from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_sign
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
 from markerseek.core import ConfigError, Estimate, MarkerseekError, Measured, SearchPlan, SimulationOptions
 from markerseek.files import as_read_error
-from markerseek.records import Answer, outliers_rows
+from markerseek.show import Answer, outliers_rows
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -71,6 +71,7 @@ def scan(
     markerseek bank scan --continue scan.hdf5 --seed 1
     """
     from markerseek.records.banks import read_bank, record_of
+    from markerseek.records.journal import RunView
 
     runs.require_new_scan(out, goes_on=goes_on)
     wavelength_m = scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000)
@@ -80,7 +81,7 @@ def scan(
     stopped: StoppedBySignal | None = None
     with open_rig(rig, SimulationOptions(seed=seed), trace=trace) as (assembled, _start_deg):
         angles = runs.scan_angles(assembled, step_deg=step_deg)
-        view = runs.RunView(plan=SearchPlan(method="exhaustive"), facts=assembled.facts)
+        view = RunView(plan=SearchPlan(method="exhaustive"), facts=assembled.facts)
         arm_rig(assembled, file=rig, arm=arm, what="scan", as_json=as_json)
         events = runs.scan_bank(
             assembled,

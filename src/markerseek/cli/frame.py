@@ -131,7 +131,7 @@ def _shown(findings: signals.FrameFindings, file: Path, probe: str) -> Iterator[
 
 
 def _figure(findings: signals.FrameFindings, picture: PaImage, *, title: str) -> Figure:
-    from markerseek.pictures import frame_figure
+    from markerseek.show import frame_figure
 
     arrivals = (findings.strongest, *findings.others) if findings.found else ()
     marks_m = [(each.lateral_m, each.depth_m) for each in arrivals]

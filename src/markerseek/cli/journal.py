@@ -70,7 +70,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     --------
     markerseek journal show run.journal
     """
-    from markerseek.records.journal import salvage
+    from markerseek.records.journal import RunView, salvage
 
     objects: list[dict[str, object]] = []
     # Converted one by one, so that the frames (half a megabyte each) are not all in memory.
@@ -80,7 +80,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
         print_json(
             {
                 "configuration": recorded.configuration.flat(),
-                "state": runs.RunView.of(recorded).state,
+                "state": RunView.of(recorded).state,
                 "entries": objects,
                 "damage": None if damage is None else str(damage),
             }
@@ -143,8 +143,8 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     --------
     markerseek journal replay run.journal
     """
-    from markerseek.records import Answer
-    from markerseek.records.journal import read_journal
+    from markerseek.records.journal import RunView, read_journal
+    from markerseek.show import Answer
 
     recorded = read_journal(journal)
     announce_compilation()
@@ -160,7 +160,7 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     if not recorded.configuration.frames:
         missing["from the frames"] = "none: they were not kept"
     rows = ((name, missing[name] if each is None else str(each)) for name, each in answers.items())
-    state = runs.RunView.of(recorded).state
+    state = RunView.of(recorded).state
     Output(as_json=as_json).show(Report(values={"state": state} | values, shown=[facts(rows)]))
 
 
@@ -178,6 +178,9 @@ def _as_object(entry: Entry) -> dict[str, object]:
 
 
 def _print_table(recorded: RecordedRun) -> None:
+    from markerseek.records.journal import RunView
+    from markerseek.show import event_line
+
     plan, facts = recorded.configuration.plan, recorded.configuration.facts
     form = " as published" if plan.as_published else ""
     stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.rig_name}: {one_line(facts.description)}")
@@ -187,13 +190,13 @@ def _print_table(recorded: RecordedRun) -> None:
     if not recorded.configuration.frames:
         stdout.print("[dim]samples only: its frames were not kept[/]")
     table = new_table("", "clock [s]", "event", left=("event",))
-    view = runs.RunView.of(recorded.configuration)
+    view = RunView.of(recorded.configuration)
     for entry, after in zip_longest(recorded.entries, recorded.entries[1:]):
         view = view.add_entry(entry)
         # A hand's angle is reported five times a second: the last before something else happens is enough to look at.
         if after is not None and isinstance(entry.event, Turning) and isinstance(after.event, Turning):
             continue
-        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", one_line(view.line))
+        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", one_line(event_line(view)))
     stdout.print(table)
     stdout.print(f"state: {view.state}" + ("" if view.fault is None else f": {one_line(view.fault)}"))
 

@@ -9,7 +9,6 @@ import sys
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -103,7 +102,7 @@ def simulated_settings(settings: SimulatedSettings | None, options: SceneOptions
     usual = STREAMING if sweeps else SimulatedSettings()
     chosen = with_options(usual if settings is None else settings, options)
     single = sweeps or chosen.receiver.single_pulses
-    return structs.replace(chosen, receiver=replace(chosen.receiver, single_pulses=single))
+    return structs.replace(chosen, receiver=structs.replace(chosen.receiver, single_pulses=single))
 
 
 def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float, stay: bool) -> None:

@@ -269,7 +269,7 @@ def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
 def _figure(report: registration.RegistrationReport, title: str) -> Figure:
     import numpy as np
 
-    from markerseek.pictures import registration_figure
+    from markerseek.show import registration_figure
 
     return registration_figure(
         np.array([point.trus_m for point in report.points]),

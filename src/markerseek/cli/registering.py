@@ -31,6 +31,7 @@ from markerseek.core import (
     SearchError,
     counted,
 )
+from markerseek.show import event_line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,7 +228,11 @@ def _room(asked: SessionRequest, *, as_json: bool) -> Iterator[registration.Room
         announce_compilation()
         rig_settings = simulated_settings(settings, asked.simulation, sweeps=asked.plan.sweep)
         yield registration.SimulatedRoom(
-            registration.SimulatedRoomSettings(rig=rig_settings, pace=asked.simulation.pace), seed=asked.seed
+            # Where the tissue moves, the cameras are to see it.
+            registration.SimulatedRoomSettings(
+                rig=rig_settings, pace=asked.simulation.pace, textured=rig_settings.motion.moves
+            ),
+            seed=asked.seed,
         )
         return
     if asked.simulation != SceneOptions():
@@ -339,7 +344,7 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
         case registration.Begun():
             return escape(step.description)
         case registration.Searching():
-            return escape(step.view.line)
+            return escape(event_line(step.view))
 
 
 def _refused_line(step: registration.SpotRefused) -> str:

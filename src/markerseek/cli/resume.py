@@ -59,13 +59,13 @@ def command(
     markerseek resume run.journal --rig examples/rigs/bench.toml --arm
     """
     from markerseek.cli.session import conclude
-    from markerseek.records.journal import read_journal, since_started
+    from markerseek.records.journal import RunView, read_journal, since_started
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     require_pipe(heartbeat)
     # Frames are needed for the picture only, and have half a megabyte each.
     recorded = read_journal(journal, frames=plot)
-    view = runs.RunView.of(recorded)
+    view = RunView.of(recorded)
     if view.state == "finished":
         imaging, policy = None, None
         if plot:
@@ -142,8 +142,9 @@ def _resume(
 def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> bool:
     """Print the state of the run, and ask on a terminal whether to continue; with --json nothing is asked."""
     from markerseek.cli.session import resume_command
+    from markerseek.records.journal import RunView
 
-    view = runs.RunView.of(recorded)
+    view = RunView.of(recorded)
     plan, facts = recorded.configuration.plan, recorded.configuration.facts
     rig_file_needed = rig is None and facts.kind == "bench"
     if as_json:

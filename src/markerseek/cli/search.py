@@ -22,7 +22,7 @@ from markerseek.core import ConfigError, SearchPlan, SimulationOptions
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from markerseek.records import SearchResult
+    from markerseek.show import SearchResult
 
 
 @with_values
@@ -173,7 +173,7 @@ def _compared(results: list[SearchResult], title: str) -> Iterator[str | Table]:
 
 
 def _figure(sessions: list[runs.Session], title: str) -> Figure:
-    from markerseek.pictures import ComparedSearch, comparison_figure
+    from markerseek.show import ComparedSearch, comparison_figure
 
     facts = sessions[0].configuration.facts
     searches = [

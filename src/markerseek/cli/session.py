@@ -22,16 +22,16 @@ from markerseek.cli.signals import StoppedBySignal, WatchOptions, end_stopped, s
 from markerseek.cli.terminal import print_warning, progress_bar, show_view, stderr
 from markerseek.core import AnyPolicy, ConfigError, Estimate, Failed, MarkerseekError, RecordError
 from markerseek.files import quoted
-from markerseek.records import NAME_WITHOUT_CLAIM, SearchResult
-from markerseek.records.journal import Configuration, Journal, default_journal, make_folder
-from markerseek.runs import RunView, Session, curve_of, verdict_of
+from markerseek.records.journal import Configuration, Journal, RunView, default_journal, make_folder
+from markerseek.runs import Session
 from markerseek.search import WholeRecording
+from markerseek.show import NAME_WITHOUT_CLAIM, SearchResult, curve_of, verdict_of
 from markerseek.signals import ImageReader
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from markerseek.pictures import Curve
+    from markerseek.show import Curve
 
 
 _UNWATCHED = WatchOptions()
@@ -182,10 +182,10 @@ def conclude(
     """Show the result of a search, and end the command with its exit code.
 
     ``name``: name of the picture's files. ``imaging``: imaging chain of the rig's channel data; None if there are
-    intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.pictures.search_figure`; None if
+    intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.show.search_figure`; None if
     there is none, or the answer is from all of it.
     """
-    result = msgspec.structs.replace(view.result(), notes=notes_said())
+    result = msgspec.structs.replace(SearchResult.of(view), notes=notes_said())
     rig = view.facts
     form = " as published" if result.as_published else ""
     title = f"{result.method}{form} on a {rig.rig_name}: {rig.description}"
@@ -225,7 +225,7 @@ def _figure(
     view: RunView, estimate: Estimate, result: SearchResult, imaging: ImageReader | None, **curves: Any
 ) -> Callable[..., Figure]:
     """A function that draws a search, with curves as of `search_figure`."""
-    from markerseek.pictures import pictured_sample, search_figure
+    from markerseek.show import pictured_sample, search_figure
 
     pictured = pictured_sample(view.samples, view.confirmation)
     frame = pictured.frame
@@ -245,9 +245,9 @@ def _figure(
 
 
 def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable[..., Figure], path: Path) -> None:
-    from markerseek.pictures import png_data_uri, write_page
+    from markerseek.show import png_data_uri, write_page
 
-    result, curve = view.result(), curve_of(view, reveal=True)
+    result, curve = SearchResult.of(view), curve_of(view, reveal=True)
     # None for a result of hardware or of a recording.
     stand_in = result.stand_in
     if density is not None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from markerseek.core.angle_prior import PriorEvidence
-from markerseek.core.estimate import Estimate, NotFound
+from markerseek.core.estimate import Estimate
 from markerseek.core.interval import Interval
 from markerseek.core.reading import Frame, Sample
 from markerseek.core.sweep import Sweep
@@ -212,10 +212,10 @@ class AngleBelief:
     @property
     def sigma_deg(self) -> float | None:
         """Standard deviation in degrees; None if the answer has none."""
-        return None if not self.claims or isinstance(self.estimate, NotFound) else self.estimate.sigma_deg
+        return self.estimate.sigma_deg if self.claims else None
 
     @property
     def interval95_deg(self) -> tuple[float, float] | None:
         """95 % interval in degrees; None if the answer has none."""
-        interval = None if not self.claims or isinstance(self.estimate, NotFound) else self.estimate.interval95_deg
+        interval = self.estimate.interval95_deg if self.claims else None
         return None if interval is None else (interval.low_deg, interval.high_deg)

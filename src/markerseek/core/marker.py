@@ -127,7 +127,7 @@ def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigF
         for mode_deg in estimate.modes_deg:
             if all(abs(mode_deg - angle_deg) > _SAME_DEG for angle_deg, _, _ in found):
                 found.append((mode_deg, 1.0, _placed(mode_deg, estimate.sigma_deg, lateral_m, math.hypot(x, z))))
-    rest = estimate.other_probability if isinstance(estimate, Found | Unsure) else None
+    rest = estimate.other_probability
     if isinstance(estimate, Found) or (isinstance(estimate, Unsure) and estimate.doubt == "width"):
         rest = _USUAL_OTHER if rest is None else max(rest, _LEAST_OTHER)
     others = sum(weight for _, weight, _ in found[1:])

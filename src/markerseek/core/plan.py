@@ -316,6 +316,10 @@ class SceneOptions:
     """Simulated material, instead of the rig's; an unknown name lists them all."""
     readout_s: float | None = option(None, shown="10")
     """Seconds to read one acquisition of a simulated rig, instead of the rig's."""
+    breathing_mm: float | None = option(None, shown="0")
+    """Breathing of the simulated tissue: it moves by this to either side of its middle, in mm."""
+    breathing_period_s: float | None = option(None, shown="4")
+    """Seconds from breath to breath of the simulated tissue."""
     pace: float = option(0.0)
     """Real seconds per virtual second: 0 does not wait, 1 is real time."""
 

@@ -72,6 +72,8 @@ class Scene:
             start_deg=settings.start_deg,
             rng=rng,
             averaged=settings.laser.pulses,
+            motion=settings.motion.drawn(rng),
+            pulse_period_s=1 / settings.laser.rate_hz,
         )
 
     def hidden_noise(self, settings: SimulatedSettings, *, pulses: int) -> str | None:
@@ -152,7 +154,7 @@ def _scaled(
         description=description,
         model=model,
         marker=marker,
-        absorbers=tuple(replace(each, strength=each.strength * (peak_counts / largest)) for each in spot),
+        absorbers=tuple(structs.replace(each, strength=each.strength * (peak_counts / largest)) for each in spot),
         noise=Noise(white_sigma=sigma * white, coloured_sigma=sigma * coloured, bursts=settings.noise.bursts),
         peak=peak_counts * peak_over_largest,
         peak_counts=peak_counts,
@@ -303,7 +305,7 @@ def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
     Array and sampling are those of the rig, which a user knows; sound speed, band and aperture are those of the first
     preset even if the tissue differs, because a user would not know.
     """
-    return ImageReader(replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
+    return ImageReader(structs.replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
 
 
 def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:

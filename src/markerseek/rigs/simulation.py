@@ -289,4 +289,4 @@ def marker_scene(
 ) -> Scene:
     """Draw the scene of a simulated rig with its marker at this place."""
     marker = structs.replace(settings.marker, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m, present=True)
-    return draw_scene(replace(settings, marker=marker), rng)
+    return draw_scene(structs.replace(settings, marker=marker), rng)

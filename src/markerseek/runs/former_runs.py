@@ -9,9 +9,8 @@ import msgspec
 
 from markerseek.core import ConfigError, MarkerCurve, MarkerPosition, RecordError, SearchError
 from markerseek.files import MIB, as_read_error, read_json
-from markerseek.records import SearchResult, answer_line, answer_name
-from markerseek.records.journal import escaped, is_journal, read_journal, salvage, size_bytes_of
-from markerseek.runs.run_view import RunView
+from markerseek.records.journal import RunView, escaped, is_journal, read_journal, salvage, size_bytes_of
+from markerseek.show import SearchResult, answer_line, answer_name
 
 _MAX_BYTES = 16 * MIB
 """Largest result that is read; one of 500 acquisitions has 0.1 MiB."""
@@ -62,7 +61,7 @@ def _result_of(path: Path, kind: type[_Kind]) -> SearchResult | _Kind:
     try:
         with as_read_error(path):
             if is_journal(path):
-                return RunView.of(read_journal(path, frames=False)).result()
+                return SearchResult.of(RunView.of(read_journal(path, frames=False)))
         return read_json(
             path,
             kind,

@@ -31,12 +31,12 @@ from markerseek.records.journal import (
     JournalEvent,
     RecordedRun,
     Resuming,
+    RunView,
     since_started,
     versions,
 )
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import committed, limits_of
-from markerseek.runs.run_view import RunView
 from markerseek.scan import RunLimits, Tally, larger_noise, moved_source, run
 
 SHARE, PULSE_SHARE, HAND_SHARE = 0.1, 0.4, 0.3

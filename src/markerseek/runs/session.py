@@ -16,15 +16,14 @@ from markerseek.core import (
     Measured,
     SearchPlan,
 )
-from markerseek.records import SearchResult
-from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun
+from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun, RunView
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, limits_of
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
-from markerseek.runs.run_view import RunView
 from markerseek.scan import run
 from markerseek.search import MethodName, build_sweeping, method_named, most_acquisitions, posterior_of_all
+from markerseek.show import SearchResult, event_line
 
 
 @dataclass(slots=True, kw_only=True)
@@ -92,7 +91,7 @@ class Session:
 
     def result(self) -> SearchResult:
         """Result of the search once it is over; `SearchError` before, and after an error."""
-        return msgspec.structs.replace(self.view.result(), notes=self.rig.notes)
+        return msgspec.structs.replace(SearchResult.of(self.view), notes=self.rig.notes)
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
@@ -172,7 +171,7 @@ def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, prog
     session = new_session(rig, plan_on(rig, asked))
     for event in session.events():
         if progress and isinstance(event, Measured) and not event.sample.dark:
-            sys.stderr.write(f"{session.view.line}\n")
+            sys.stderr.write(f"{event_line(session.view)}\n")
     return session.result()
 
 

@@ -10,6 +10,7 @@ from msgspec import structs
 from markerseek.acoustics import Bursts, Probe
 from markerseek.core import ConfigError, Interval, SceneOptions, SimulationOptions, Within, require_fields
 from markerseek.guard import FiringLimits, Limits
+from markerseek.sim.motion import TissueMotion
 from markerseek.sim.stage import StageMotion
 from markerseek.sim.tissues import tissue_named
 
@@ -116,6 +117,8 @@ class SimulatedSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     noise: NoiseSettings = NoiseSettings()
     stage: StageMotion = StageMotion()
     receiver: ReceiverSettings = ReceiverSettings()
+    motion: TissueMotion = TissueMotion()
+    """How the tissue moves; the marker's place is that in the pause of breathing."""
     limits: Limits = Limits()
 
     def __post_init__(self) -> None:
@@ -146,11 +149,16 @@ def with_options(settings: SimulatedSettings, options: SceneOptions) -> Simulate
         noise = structs.replace(noise, peak_snr_db=options.snr_db)
     if options.readout_s is not None:
         receiver = structs.replace(receiver, readout_s=options.readout_s)
+    motion = settings.motion
+    if options.breathing_mm is not None:
+        motion = structs.replace(motion, breathing_mm=options.breathing_mm)
+    if options.breathing_period_s is not None:
+        motion = structs.replace(motion, period_s=options.breathing_period_s)
     tissue = settings.tissue
     if options.tissue is not None:
         tissue_named(options.tissue)
         tissue = options.tissue
-    return structs.replace(settings, tissue=tissue, noise=noise, receiver=receiver)
+    return structs.replace(settings, tissue=tissue, noise=noise, receiver=receiver, motion=motion)
 
 
 def _with_markers(settings: SimulatedSettings, options: SimulationOptions) -> SimulatedSettings:
@@ -187,8 +195,9 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     for part, name in newer:
         if values[part][name] == usual[part][name]:
             del values[part][name]
-    if values["second"] == usual["second"]:
-        del values["second"]
+    for part in ("second", "motion"):
+        if values[part] == usual[part]:
+            del values[part]
     if settings.receiver.peak_counts is None:
         # The default that the hashes have been made with.
         values["receiver"]["peak_counts"] = 600.0

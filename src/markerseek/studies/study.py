@@ -168,7 +168,7 @@ class Cell:
 @lru_cache(maxsize=32)
 def _digest(study: Study) -> str:
     # With the version: another one may compute other rows.
-    values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig)}
+    values = msgspec.to_builtins(study) | {"rig": hashable_values(study.rig), "scene": _scene_values(study.scene)}
     return _hashed([values, __version__]).hexdigest()[:16]
 
 
@@ -196,12 +196,23 @@ def cells(study: Study) -> tuple[Cell, ...]:
 
 def _hashable(world: CellWorld) -> dict[str, typing.Any]:
     """Settings of a world for the seed of its trials: without an empty scene, and without stated noise."""
-    settings: dict[str, typing.Any] = msgspec.to_builtins(world) | {"rig": hashable_values(world.rig)}
+    settings: dict[str, typing.Any] = msgspec.to_builtins(world) | {
+        "rig": hashable_values(world.rig),
+        "scene": _scene_values(world.scene),
+    }
     if world.scene == SceneSettings():
         del settings["scene"]
     if world.curve.noise_stated:
         del settings["curve"]["noise_stated"]
     return settings
+
+
+def _scene_values(scene: SceneSettings) -> dict[str, typing.Any]:
+    """Settings of a scene for a hash, as of `hashable_values`: still tissue is newer than the hashes."""
+    values: dict[str, typing.Any] = msgspec.to_builtins(scene)
+    if scene.breathing is None:
+        del values["breathing"]
+    return values
 
 
 def _require_scene(study: Study, world: CellWorld) -> None:
@@ -210,7 +221,7 @@ def _require_scene(study: Study, world: CellWorld) -> None:
         return
     if not world.rig.marker.present:
         raise ConfigError("scene: there is nothing beside a marker that is not present; leave the scene out")
-    if study.drawn == "everything":
+    if study.drawn != "marker":
         return
     if (
         study.level == "curves"
@@ -219,8 +230,8 @@ def _require_scene(study: Study, world: CellWorld) -> None:
     ):
         return
     raise ConfigError(
-        'scene: a second source, clutter and repeats need level = "frames" with drawn = "everything"; the curves of a '
-        "closed form can have a second source too"
+        'scene: a second source, clutter, repeats and breathing need level = "frames" with drawn = "everything"; the '
+        "curves of a closed form can have a second source too"
     )
 
 

@@ -30,8 +30,8 @@ from markerseek.core import (
     described,
     estimate_of,
 )
-from markerseek.records import answer_name
 from markerseek.scan import Scanner, run
+from markerseek.show import answer_name
 from markerseek.studies.policies import StudyPolicy, build_policy, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, expected_angle_deg, former_rig, hidden_noise, study_rig

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -31,8 +32,8 @@ from markerseek.acoustics import (
     RectanglePulse,
     Reverberation,
 )
-from markerseek.core import ConfigError, Interval, is_whole, require_range
-from markerseek.sim import ReceiverSettings, SimulatedSettings
+from markerseek.core import ConfigError, Float64, Interval, Within, is_whole, require_fields, require_range
+from markerseek.sim import ReceiverSettings, SimulatedSettings, TissueMotion
 
 ELEMENT_HEIGHT_M = (3e-3, 6e-3)
 """Element height in metres."""
@@ -220,12 +221,33 @@ class Repeats(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
             raise ConfigError(f"scene.repeats: most_repeats is {self.most_repeats}, it must be 1 to 10")
 
 
+class Breathing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Tissue that breathes; the truth is the marker's place in the pause."""
+
+    amplitude_mm: Annotated[float, Within(0, 30, "mm")] = 0.3
+    """Half of the way."""
+    least_period_s: Annotated[float, Within(1, 60, "s")] = 3.0
+    """Least time from breath to breath, which is drawn evenly."""
+    most_period_s: Annotated[float, Within(1, 60, "s")] = 5.0
+    """Largest time from breath to breath."""
+    most_power: Annotated[int, Within(1, 10)] = 3
+    """n of the shape cos²ⁿ, drawn from 2 to this, or from 1 where this is 1."""
+    along: Literal["any", "turn", "axis", "depth"] = "any"
+    """Direction at the marker: any, each as probable, or along the turn of the probe, the axis of rotation, or the
+    depth."""
+
+    def __post_init__(self) -> None:
+        require_fields(self, "scene.breathing")
+        _require_span(self, "scene.breathing", "period_s", low=1.0, high=60.0, unit="s")
+
+
 class SceneSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is drawn beside the marker; None for nothing."""
 
     second: SecondSource | None = None
     clutter: ClutterAround | None = None
     repeats: Repeats | None = None
+    breathing: Breathing | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,6 +259,7 @@ class DrawnScene:
     clutter: tuple[Absorber, ...] = ()
     """The clutter, with strengths likewise, some negative."""
     reverberation: Reverberation | None = None
+    motion: TissueMotion | None = None
 
 
 def draw_extra_sources(
@@ -250,6 +273,24 @@ def draw_extra_sources(
         second=None if settings.second is None else _second(settings.second, rng, marker=marker, limits=limits),
         clutter=() if settings.clutter is None else _clutter(settings.clutter, rng),
         reverberation=None if settings.repeats is None else _repeats(settings.repeats, rng),
+        motion=None if settings.breathing is None else _motion(settings.breathing, rng, marker=marker),
+    )
+
+
+def _motion(settings: Breathing, rng: np.random.Generator, *, marker: Absorber) -> TissueMotion:
+    at = math.radians(marker.angle_deg)
+    # Along the turn, along the axis and away from it, at the marker.
+    axes = np.array([[math.cos(at), 0.0, -math.sin(at)], [0.0, 1.0, 0.0], [math.sin(at), 0.0, math.cos(at)]])
+    drawn: Float64[np.ndarray, " 3"] = rng.standard_normal(3)
+    sign = float(rng.choice((-1.0, 1.0)))
+    direction = drawn if settings.along == "any" else sign * axes[("turn", "axis", "depth").index(settings.along)]
+    x, y, z = direction.tolist()
+    return TissueMotion(
+        breathing_mm=settings.amplitude_mm,
+        period_s=float(rng.uniform(settings.least_period_s, settings.most_period_s)),
+        power=int(rng.integers(min(2, settings.most_power), settings.most_power + 1)),
+        phase=float(rng.random()),
+        direction=(x, y, z),
     )
 
 

@@ -148,7 +148,7 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
         return _drawn_rig(study, settings, draw.unknowns, draw)
     if study.level == "frames":
         marker = structs.replace(settings.marker, angle_deg=draw.marker_deg, lateral_m=draw.lateral_m)
-        return rigs.simulated(seed=draw.noise_seed, settings=replace(settings, marker=marker))
+        return rigs.simulated(seed=draw.noise_seed, settings=structs.replace(settings, marker=marker))
     curve, images_cells = intensity_curve(cell.world.curve, settings, seed=study.seed, draw=draw.curve)
     second = draw.scene.second
     if curve is not None and second is not None:
@@ -177,14 +177,16 @@ def _drawn_settings(study: Study, settings: SimulatedSettings, unknowns: Unknown
     settings = structs.replace(settings, probe=unknowns.model.probe)
     if study.sweeps:
         # The peak SNR is that of an average of as many pulses as the rig's file names: of one, it must not be drawn.
-        return structs.replace(settings, receiver=replace(settings.receiver, single_pulses=True))
-    return structs.replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
+        return structs.replace(settings, receiver=structs.replace(settings.receiver, single_pulses=True))
+    return structs.replace(settings, laser=structs.replace(settings.laser, pulses=unknowns.pulses))
 
 
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
     """Rig with everything drawn."""
     rng = np.random.default_rng(draw.noise_seed)
     settings = _drawn_settings(study, settings, unknowns)
+    if draw.scene.motion is not None:
+        settings = structs.replace(settings, motion=draw.scene.motion)
     if study.drawn == "everything-and-timing":
         settings = with_timing(settings, np.random.default_rng((draw.noise_seed, 1)))
     return rig_in_world(
@@ -219,8 +221,8 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     gain = min(1.0, max(_LARGEST_COUNTS, peak_counts) / (_STRONGEST_PULSE * loudest + _NOISE_SIGMAS * total))
     return replace(
         scene,
-        absorbers=tuple(replace(each, strength=each.strength * gain) for each in (*scene.absorbers, *others)),
-        noise=replace(noise, white_sigma=noise.white_sigma * gain, coloured_sigma=noise.coloured_sigma * gain),
+        absorbers=tuple(structs.replace(each, strength=each.strength * gain) for each in (*scene.absorbers, *others)),
+        noise=structs.replace(noise, white_sigma=noise.white_sigma * gain, coloured_sigma=noise.coloured_sigma * gain),
     )
 
 
@@ -258,10 +260,10 @@ def _same_curve(rig: SimulatedSettings) -> SimulatedSettings:
     """The settings with everything that does not change the curve at its default: the key of the cache."""
     return SimulatedSettings(
         tissue=rig.tissue,
-        marker=replace(rig.marker, angle_deg=0.0, lateral_m=0.0),
+        marker=structs.replace(rig.marker, angle_deg=0.0, lateral_m=0.0),
         probe=rig.probe,
         laser=LaserSettings(pulse_s=rig.laser.pulse_s),
-        receiver=replace(rig.receiver, readout_s=0.0),
+        receiver=structs.replace(rig.receiver, readout_s=0.0),
     )
 
 

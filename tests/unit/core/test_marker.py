@@ -19,7 +19,8 @@ from markerseek.core import (
     SearchPlan,
     marker_position,
 )
-from markerseek.runs import RunView
+from markerseek.records.journal import RunView
+from markerseek.show import SearchResult
 
 FACE_M, RADIUS_M, SPEED = 10e-3, 60e-3, 1540.0
 FACTS = RigFacts(
@@ -71,7 +72,7 @@ def test_an_answer_that_is_unsure_for_its_width_has_a_place_and_one_of_which_sou
             view = view.add(Measured(role="search", index=index, sample=sample), clock_s=0.0)
         unsure = FOUND.as_unsure(doubt, "why")
         end = Finished(estimate=unsure, confirmation=None, acquisitions=3, travel_deg=30.0, elapsed_s=9.0)
-        result = view.add(end, clock_s=9.0).result()
+        result = SearchResult.of(view.add(end, clock_s=9.0))
         assert (result.marker_trus_m is not None, result.marker_sigma_m is not None) == (placed, placed)
 
 

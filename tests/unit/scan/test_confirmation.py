@@ -20,9 +20,10 @@ from markerseek.core import (
     SearchPlan,
     Unsure,
 )
-from markerseek.runs import RunView
+from markerseek.records.journal import RunView
 from markerseek.scan import run
 from markerseek.scan.confirmation import apply_confirmation
+from markerseek.show import SearchResult
 from tests.unit.scan.scan_bench import FOUND, Bench, Tour, scanner
 
 RIG = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
@@ -100,7 +101,7 @@ def test_a_run_never_says_found_beside_an_angle_that_is_not_confirmed(
     assert isinstance(last, Finished)
     assert last.confirmation is not None
     assert [event.role for event in events if isinstance(event, Measured)] == ["search"] * 3 + ["confirmation"]
-    result = view.result()
+    result = SearchResult.of(view)
     assert (result.found, result.confirmed, result.angle_deg) == (found, confirmed, 4.0)
 
 
@@ -132,7 +133,7 @@ def test_after_a_weak_confirmation_the_search_goes_on_and_is_confirmed_again() -
     assert isinstance(last, Finished)
     assert (last.acquisitions, last.estimate) == (4, CHECKED)
     assert len(policy.samples) == 6
-    result = view.result()
+    result = SearchResult.of(view)
     assert result.confirmed is True
     # The first confirmation was weighed as a sample of the search.
     assert [sample.angle_deg for sample in result.samples] == [-30.0, 2.0, 4.1, 4.0, 5.0]

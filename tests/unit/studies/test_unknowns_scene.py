@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -11,9 +12,10 @@ from msgspec import structs
 
 from markerseek.acoustics import Absorber
 from markerseek.core import Ambiguous, ConfigError, Estimate, Interval, NotFound, Unsure
-from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings
+from markerseek.sim import LaserSettings, MarkerSettings, NoiseSettings, SimulatedSettings, TissueMotion
 from markerseek.studies import (
     Axis,
+    Breathing,
     ClutterAround,
     CurveSettings,
     Repeats,
@@ -247,3 +249,44 @@ def test_the_summary_counts_what_was_answered_of_two_sources() -> None:
     hits = {name: getattr(two, name).hits for name in ("stronger", "weaker", "between", "named")}
     assert hits == {"stronger": 2, "weaker": 1, "between": 1, "named": 2}
     assert two.named.count == 5
+
+
+def test_breathing_is_drawn_over_its_ranges_in_any_direction_or_along_one() -> None:
+    at = math.radians(MARKER.angle_deg)
+    turn = np.array([math.cos(at), 0.0, -math.sin(at)])
+
+    def motions(breathing: Breathing) -> list[TissueMotion]:
+        return [motion for scene in drawn(SceneSettings(breathing=breathing)) if (motion := scene.motion) is not None]
+
+    free = motions(Breathing(amplitude_mm=1.0))
+    along = np.array(
+        [motion.displacement_m(np.array([-(motion.phase or 0.0) * motion.period_s]))[0] for motion in free]
+    )
+    # 2 mm at the end of inhalation; the cosine to the turn is evenly spread.
+    np.testing.assert_allclose(np.linalg.norm(along, axis=1), 2e-3)
+    assert np.quantile(along @ turn / 2e-3, [0.25, 0.5, 0.75]) == pytest.approx([-0.5, 0.0, 0.5], abs=0.1)
+    assert {motion.power for motion in free} == {2, 3}
+    assert (min(m.period_s for m in free), max(m.period_s for m in free)) == pytest.approx((3.0, 5.0), abs=0.05)
+    for name, expected in (("turn", turn), ("axis", np.array([0.0, 1.0, 0.0]))):
+        one = motions(Breathing(along=name))
+        assert {round(abs(float(np.dot(motion.direction, expected))), 9) for motion in one} == {1.0}
+
+
+def test_breathing_changes_no_other_draw_and_reaches_the_rig() -> None:
+    breathing = structs.replace(
+        FRAMES, scene=SceneSettings(second=SecondSource(), breathing=Breathing(amplitude_mm=2.0))
+    )
+    still = structs.replace(FRAMES, scene=SceneSettings(second=SecondSource()))
+    one, other = (draw_trial(study, replace(cells(study)[0], digest=5), 0) for study in (breathing, still))
+    assert (one.marker_deg, one.noise_seed, one.scene.second) == (
+        other.marker_deg,
+        other.noise_seed,
+        other.scene.second,
+    )
+    rig = study_rig(breathing, cells(breathing)[0], one)
+    assert rig.facts.truth_deg == one.marker_deg
+    depths_m = []
+    for _ in range(4):
+        depths_m.append(rig.scanner.measure(one.marker_deg).reading.depth_m)
+        rig.scanner.clock.wait(0.7)
+    assert np.ptp([depth_m for depth_m in depths_m if depth_m is not None]) > 0.1e-3

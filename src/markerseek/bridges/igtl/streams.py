@@ -24,10 +24,9 @@ from markerseek.bridges.child import Outcome
 from markerseek.bridges.followed import RunImages, since_fired_s
 from markerseek.core import Measured, Sample
 from markerseek.records.banks import image_to_probe, probe_to_probe_home
-from markerseek.records.journal import Configuration, JournalItem
+from markerseek.records.journal import Configuration, JournalItem, RunView
 from markerseek.registration import KnownRegistration, SessionView
-from markerseek.ros import messages
-from markerseek.runs import RunView
+from markerseek.show import event_line, grey_levels
 from markerseek.wire import igtl
 
 
@@ -85,7 +84,7 @@ class Streams:
             case "idle":
                 return igtl.OK, "IDLE", "no search runs"
             case "running":
-                return igtl.BUSY, "SEARCHING", (self._view and self._view.line) or "the search begins"
+                return igtl.BUSY, "SEARCHING", (self._view and event_line(self._view)) or "the search begins"
         outcome, answer = self._outcome, self._outcome.answer or {}
         if outcome.answered and "answer" in answer:
             # The answer's own name: a marker that is unsure, ambiguous or at a bound may well be there.
@@ -144,7 +143,7 @@ class Streams:
         radius_m = None if self._view is None else self._view.facts.face_radius_m
         if image is None or self._images is None or radius_m is None:
             return []
-        pixels = messages.grey(image.envelope, brightest=self._images.brightest)
+        pixels = grey_levels(image.envelope, brightest=self._images.brightest)
         matrix = probe_to_probe_home(sample.angle_deg) @ image_to_probe(image.geometry, face_radius_m=radius_m)
         return [Stream(device="PA_ProbeHome", content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
 
@@ -184,9 +183,14 @@ class Streams:
 def _known(view: RunView) -> dict[str, Any]:
     """What a view says, as plain values."""
     facts = view.facts
-    same = ("number", "phase", "line", "role", "index", "acquisitions", "refused")
-    known = {name: getattr(view, name) for name in same}
-    return known | {
+    return {
+        "number": view.number,
+        "phase": view.phase,
+        "line": event_line(view),
+        "role": view.role,
+        "index": view.index,
+        "acquisitions": view.acquisitions,
+        "refused": view.refused,
         "rig": facts.kind,
         "emulated": facts.emulated,
         "method": view.plan.method,

@@ -25,7 +25,7 @@ from markerseek.bridges.page.session_display import session_verdict
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.files import MIB, data_folder, read_input, replace_file
-from markerseek.records.journal import Configuration, JournalItem, default_journal, follow, make_folder
+from markerseek.records.journal import Configuration, JournalItem, RunView, default_journal, follow, make_folder
 from markerseek.registration import (
     CAMERA_IMAGES,
     SPOT_IS_SET,
@@ -38,7 +38,7 @@ from markerseek.registration import (
     read_session,
     view_of,
 )
-from markerseek.runs import STOPPED, RunView, Verdict, verdict_of
+from markerseek.show import STOPPED, Verdict, verdict_of
 from markerseek.sim import SimulatedSettings
 
 SUPERVISED_END = "its supervisor disarms the laser and stops the stage"

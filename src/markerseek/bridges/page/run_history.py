@@ -12,10 +12,8 @@ import numpy as np
 
 from markerseek.bridges.followed import RunImages
 from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, ReadingFrame, Sample, UInt8
-from markerseek.records import with_minus
-from markerseek.records.journal import Configuration, JournalEvent
-from markerseek.ros import messages
-from markerseek.runs import RunView, mark_of, mean_deg, others_deg
+from markerseek.records.journal import Configuration, JournalEvent, RunView
+from markerseek.show import RANGE_DB, event_line, grey_levels, mark_of, mean_deg, others_deg, with_minus
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 
 SAME_ANGLE_DEG = 0.02
@@ -70,7 +68,7 @@ class RunHistory:
         # A move is a line until its acquisition replaces it, and a pulse of a sweep until the next.
         passing = {"dark", "moving", "turning", "sweeping"}
         known = [each for each in self.views[1 : view.number + 1] if each.phase not in passing or each is view]
-        return [f"{each.elapsed_s:6.1f} s  {each.line}" for each in reversed(known[-most:])]
+        return [f"{each.elapsed_s:6.1f} s  {event_line(each)}" for each in reversed(known[-most:])]
 
 
 def _without_counts(sample: Sample) -> Sample:
@@ -97,9 +95,6 @@ def warm_up() -> None:
     gc.freeze()
     gc.set_threshold(700)
 
-
-RANGE_DB = 40
-"""From the brightest level to black, in dB."""
 
 BRIGHT_SIGMAS = 100.0
 """Brightest level over σ where the frame has nothing stronger: noise alone must look like noise."""
@@ -158,7 +153,7 @@ def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "row
     ``brightest``: envelope of level 255, in the image's unit.
     """
     starts = np.arange(0, image.envelope.shape[0], _rows_together(image))
-    return messages.grey(np.maximum.reduceat(image.envelope, starts, axis=0), brightest=brightest, range_db=RANGE_DB)
+    return grey_levels(np.maximum.reduceat(image.envelope, starts, axis=0), brightest=brightest)
 
 
 def _rows_together(image: PaImage) -> int:
@@ -220,4 +215,4 @@ def image_texts(picture: Picture | None, *, elsewhere: bool) -> tuple[str, str]:
     if picture is None:
         return "photoacoustic image", ""
     title = with_minus(f"{'last image:' if elsewhere else 'image of'} {picture.angle_deg:.2f}°")
-    return title, f"photoacoustic, {RANGE_DB} dB; ring: its peak"
+    return title, f"photoacoustic, {RANGE_DB:g} dB; ring: its peak"

@@ -13,10 +13,10 @@ from typing import Any
 
 from markerseek.bridges.followed import RegistrationSource, RunImages, since_fired_s
 from markerseek.core import Measured
-from markerseek.records.journal import Configuration, Entry
+from markerseek.records.journal import Configuration, Entry, RunView
 from markerseek.registration import KnownRegistration
 from markerseek.ros import RosNode, messages, topics
-from markerseek.runs import RunView
+from markerseek.show import RANGE_DB, event_line, grey_levels
 
 _TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
 
@@ -53,7 +53,7 @@ class SampleTopics:
         known = configuration.flat()
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
         known.pop("recipe")
-        message = messages.text({**known, "picture_range_db": messages.RANGE_DB})
+        message = messages.text({**known, "picture_range_db": RANGE_DB})
         self._node.publish(topics.BANK, message)
 
     def publish(self, entry: Entry) -> None:
@@ -78,14 +78,14 @@ class SampleTopics:
         publish_frames(node, topics.FRAMES, frames)
         if image is not None:
             node.publish(topics.ENVELOPE, messages.envelope(image, time_s=time_s))
-            picture = messages.picture(image, time_s=time_s, brightest=self._images.brightest)
-            node.publish(topics.PICTURE, picture)
+            levels = grey_levels(image.envelope, brightest=self._images.brightest)
+            node.publish(topics.PICTURE, messages.picture(levels, time_s=time_s))
         said = {
             "index": view.index,
             "role": view.role,
             "angle_deg": angle_deg,
             "intensity": intensity,
-            "line": view.line,
+            "line": event_line(view),
             "time_s": time_s,
             "pulses": None if sample.frame is None else sample.frame.header.pulses,
             # sensor_msgs/Image has no place for the distances of pixels, and neither has a transform.

@@ -12,7 +12,6 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges.page.run_history import (
     BRIGHT_SIGMAS,
-    RANGE_DB,
     RunHistory,
     fan_model,
     image_model,
@@ -44,11 +43,22 @@ from markerseek.core import (
     Swept,
     Turning,
 )
-from markerseek.records import angle_text, answer_name, interval_text, sigma_text, with_minus
-from markerseek.records.journal import Interrupted, Resuming
-from markerseek.runs import RunView, curve_of, new_session, numbers_of, plan_on, verdict_of
+from markerseek.records.journal import Interrupted, Resuming, RunView
+from markerseek.runs import new_session, plan_on
 from markerseek.runs.journalled import Beliefs
 from markerseek.search import METHODS, build
+from markerseek.show import (
+    RANGE_DB,
+    angle_text,
+    answer_name,
+    curve_of,
+    event_line,
+    interval_text,
+    numbers_of,
+    sigma_text,
+    verdict_of,
+    with_minus,
+)
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
 NAMES = [method.name for method in METHODS]
@@ -89,7 +99,7 @@ def test_last_snapshot_is_the_result(method, as_published):
     frames = [event.sample.frame.header.pulses for event, _ in events if isinstance(event, Measured)]
     assert last.pulses == sum(frames) > 0
     # The log names the angle as precisely as the verdict does.
-    assert last.line.endswith(f": {verdict_of(last).angle}")
+    assert event_line(last).endswith(f": {verdict_of(last).angle}")
 
 
 @pytest.mark.parametrize("method", NAMES)
@@ -131,7 +141,7 @@ def test_states_that_end_or_interrupt_a_run():
     for event, phase, over in said:
         snapshot = snapshot.add(event, clock_s=1.0)
         assert (snapshot.phase, snapshot.over) == (phase, over)
-    assert snapshot.line == "fault: it did not arrive; the laser was told to disarm, and the stage to stop"
+    assert event_line(snapshot) == "fault: it did not arrive; the laser was told to disarm, and the stage to stop"
     verdict = verdict_of(snapshot, next_step="call somebody")
     assert (verdict.word, verdict.kind, verdict.angle) == ("FAULT", "fault", "")
     # What went wrong by itself, in large letters: what laser and stage did, and what to do next, come below it.
@@ -147,7 +157,7 @@ def test_published_form_claims_nothing():
     verdict = verdict_of(last)
     assert (verdict.word, verdict.kind, verdict.turn) == ("NO CLAIM", "nothing", "")
     assert (verdict.angle, verdict.sigma) == (f"{result.angle_deg:.3f}°".replace("-", "−"), "")
-    assert not any("FOUND" in verdict_of(each).word or "confirm" in each.line for each in snapshots)
+    assert not any("FOUND" in verdict_of(each).word or "confirm" in event_line(each) for each in snapshots)
     fan = fan_model(last)
     assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
     answer = msgspec.to_builtins(result)
@@ -167,7 +177,7 @@ def test_probe_is_read_back_last_where_its_move_was_cut_short():
     assert said[-2:] == [read_back, with_minus(f"expected, on its way to {events[second][0].angle_deg:.2f}°")]
     cut_off = views[-1].cut_off("killed; it coasts", problem="killed")
     assert (cut_off.phase, cut_off.number, cut_off.over) == ("cut off", second + 2, True)
-    assert cut_off.line == "killed; it coasts"
+    assert event_line(cut_off) == "killed; it coasts"
     assert probe_text(cut_off) == f"last {read_back}"
     verdict = verdict_of(cut_off)
     assert (verdict.word, verdict.kind, verdict.lead) == ("FAULT", "fault", "so far")
@@ -298,8 +308,8 @@ def test_a_sweep_is_drawn_pulse_by_pulse():
     assert (ended.phase, ended.probe_deg) == ("measured", events[swept].angle_deg)
     assert len(fan_model(ended)["points"]) == events[swept].pulses
     lines = [line.split("s  ")[1] for line in run.lines(ended, most=5)]
-    assert lines == [ended.line, run.views[1].line]
-    assert f" after {events[swept].pulses} pulses, the probe is at " in ended.line
+    assert lines == [event_line(ended), event_line(run.views[1])]
+    assert f" after {events[swept].pulses} pulses, the probe is at " in event_line(ended)
     assert len(run.lines(run.views[10], most=5)) == 2
     assert run.last.travel_deg == pytest.approx(events[-1].travel_deg)
     assert run.name == "posterior, sweeping"
@@ -348,7 +358,7 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
             break
     for angle_deg, says in ((-7.34, "it is at −7.3°"), (None, "type the angle reached")):
         run.add(Turning(target_deg=-12.0, angle_deg=angle_deg), clock_s=1.0)
-        assert run.last.line == f"turn the probe to −12.0°: {says}"
+        assert event_line(run.last) == f"turn the probe to −12.0°: {says}"
         shown = verdict_of(run.last)
         assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
         # Said once.

@@ -19,7 +19,7 @@ from markerseek.core import ChannelFrame, ConfigError, Permit, RecordError
 from markerseek.records.banks import IntensityBank, read_bank, require_whole, whole_bank
 from markerseek.records.banks.ipasc import IpascBank, read_probed
 from markerseek.records.banks.ipasc_writer import DEVICE_IDENTIFIERS, probe_poses
-from markerseek.records.replay import ReplayReceiver, ReplayStage
+from markerseek.rigs.replay_devices import ReplayReceiver, ReplayStage
 from markerseek.signals.presets import PRESET_NAMES
 from tests.sizes import examples
 from tests.unit.core.damaged import damaged

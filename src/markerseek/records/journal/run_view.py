@@ -1,4 +1,4 @@
-"""The one fold of a run's events: what terminal, page, bridges, notebook and report show of a run.
+"""The one fold of a run's events: its state, by which programs go on, and which `markerseek.show` puts into words.
 
 A view is a value: each event gives the next one, and an earlier one stays what it was.
 """
@@ -23,10 +23,9 @@ from markerseek.core import (
     Started,
     Swept,
     Turning,
-    counted,
 )
-from markerseek.records import SearchResult, angle_text, answer_name, with_minus
-from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, JournalEvent, RecordedRun, Resuming
+from markerseek.records.journal.entries import Checked, Configuration, Entry, Interrupted, JournalEvent, Resuming
+from markerseek.records.journal.reader import RecordedRun
 
 Phase: TypeAlias = Literal[
     "ready",
@@ -43,14 +42,6 @@ Phase: TypeAlias = Literal[
     "cut off",
 ]
 """What the rig does, as far as its events say; a run is cut off if it ended without saying why."""
-
-STOPPED = "stopped: the laser is disarmed, and the probe stays where it was"
-"""How a run ended that a person, or a program, has stopped."""
-
-FAULT_END = "the laser was told to disarm, and the stage to stop"
-"""What laser and stage did at a fault."""
-
-_ROLES: dict[Role, str] = {"dark": "dark frame", "search": "acquisition", "confirmation": "confirmation"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,8 +124,10 @@ class RunView:
         Acquisitions that were refused.
     dark
         Dark frames that were asked for, before the search or after it.
-    line
-        One line of the log on this event.
+    event
+        The newest event; None before the first, and after the last of a run that did not report its end.
+    ended
+        How a run ended that did not report its end; empty for any other.
     problem
         What went wrong, with its cure, if a fault ended the run; else empty.
     fault
@@ -163,7 +156,8 @@ class RunView:
     pulses: int = 0
     refused: int = 0
     dark: int = 0
-    line: str = ""
+    event: JournalEvent | None = None
+    ended: str = ""
     problem: str = ""
     fault: str | None = None
 
@@ -227,18 +221,6 @@ class RunView:
         """Whether the run has ended in any way."""
         return self.phase in {"finished", "fault", "stopped", "cut off"}
 
-    def result(self) -> SearchResult:
-        """The result of the run; `SearchError` if the run is not over, or ended with a fault."""
-        return SearchResult.of(
-            self.finished,
-            plan=self.plan,
-            facts=self.facts,
-            samples=self.samples,
-            confirmation=self.confirmation,
-            start_deg=self.start_deg,
-            refused=self.refused,
-        )
-
     def add_entry(self, entry: Entry) -> RunView:
         """The view after one more entry of the journal."""
         return self.add(entry.event, clock_s=entry.clock_s)
@@ -261,6 +243,7 @@ class RunView:
         now = replace(
             self,
             number=self.number + 1,
+            event=event,
             target_deg=None,
             asked_deg=None,
             problem="",
@@ -268,8 +251,7 @@ class RunView:
             pulses=self.pulses + _pulses(event),
             belief=getattr(event, "belief", None) or self.belief,
         )
-        after = _after(now, event, clock_s)
-        return replace(after, line=with_minus(after.line))
+        return _after(now, event, clock_s)
 
     def cut_off(self, reason: str, *, problem: str = "") -> RunView:
         """The view after the last event of a run that did not report its end; the angle of its probe is not known.
@@ -281,103 +263,78 @@ class RunView:
         problem
             What went wrong; empty if a person has stopped the run.
         """
-        phase: Phase = "cut off" if problem else "stopped"
-        ended = replace(self, number=self.number + 1, phase=phase, target_deg=None, asked_deg=None)
-        return replace(ended, line=with_minus(reason), problem=with_minus(problem))
+        return replace(
+            self,
+            number=self.number + 1,
+            event=None,
+            ended=reason,
+            problem=problem,
+            phase="cut off" if problem else "stopped",
+            target_deg=None,
+            asked_deg=None,
+        )
 
 
 def _after(view: RunView, event: JournalEvent, clock_s: float) -> RunView:
     match event:
-        case Started(start_deg=start_deg, limits=limits):
+        case Started(start_deg=start_deg):
             # A search that starts again keeps no measurement, but the pulses were fired.
             begun = RunView(plan=view.plan, facts=view.facts, number=view.number, pulses=view.pulses, fault=view.fault)
-            line = f"started at {start_deg:.3f}°, searches {limits}"
-            begun = replace(begun, probe_deg=start_deg, seen_deg=start_deg)
-            return replace(begun, started_s=clock_s, start_deg=start_deg, line=line)
-        case Asked() | Turning() | Swept():
-            return _turning(view, event)
+            begun = replace(begun, event=event, started_s=clock_s)
+            return replace(begun, start_deg=start_deg, probe_deg=start_deg, seen_deg=start_deg)
+        case Asked():
+            return _asked(view, event)
+        case Turning(target_deg=target_deg, angle_deg=angle_deg):
+            return replace(view, phase="turning", asked_deg=target_deg, seen_deg=angle_deg)
+        case Swept(angle_deg=angle_deg):
+            return replace(_moved(view, angle_deg), phase="measured")
         case Measured():
             return _measured(view, event)
-        case Refused(angle_deg=angle_deg, reason=reason):
-            line = f"refused at {angle_deg:.3f}°: {reason}"
-            return replace(view, phase="refused", refused=view.refused + 1, line=line)
-        case Finished():
-            return _finished(view, event)
-        case Failed(error=error):
-            line = f"fault: {error}; {FAULT_END}"
-            ended = replace(view, phase="fault", finished=None, fault=str(error))
-            return replace(ended, line=line, problem=with_minus(str(error)))
-        case Interrupted(reason=reason):
-            return replace(view, phase="stopped", line=f"{STOPPED} ({reason})")
-        case Resuming(by=by, fault_reset=fault_reset):
-            line = f"armed by {by}" + ("; measures the strongest angle again" if view.points else "")
-            return replace(view, phase="checking", fault=None if fault_reset else view.fault, line=line)
-        case Checked(difference=difference):
-            changed = difference and f"{difference}: the search starts again"
-            line = changed or "the strongest angle is unchanged: the search goes on"
-            return replace(view, phase="checking", line=line)
+        case Refused():
+            return replace(view, phase="refused", refused=view.refused + 1)
+        case Finished() | Failed() | Interrupted():
+            return _ended(view, event)
+        case Resuming(fault_reset=fault_reset):
+            return replace(view, phase="checking", fault=None if fault_reset else view.fault)
+        case Checked():
+            return replace(view, phase="checking")
 
 
-def _turning(view: RunView, event: Asked | Turning | Swept) -> RunView:
-    if isinstance(event, Turning):
-        read = "type the angle reached" if event.angle_deg is None else f"it is at {event.angle_deg:.1f}°"
-        line = f"turn the probe to {event.target_deg:.1f}°: {read}"
-        return replace(view, phase="turning", asked_deg=event.target_deg, seen_deg=event.angle_deg, line=line)
-    if isinstance(event, Swept):
-        line = f"the sweep is over after {counted(event.pulses, 'pulse')}, the probe is at {event.angle_deg:.3f}°"
-        return replace(_moved(view, event.angle_deg), phase="measured", line=line)
+def _asked(view: RunView, event: Asked) -> RunView:
     view = replace(view, role=event.role, index=event.index)
     if event.role == "dark":
-        count = f" of {view.plan.dark_frames}" if event.index <= view.plan.dark_frames else ""
-        line = f"{_name(view, event.role, event.index)}{count}: measures the noise, laser off"
-        return replace(view, phase="dark", dark=event.index, line=line)
-    line = f"{_name(view, event.role, event.index)} at {event.angle_deg:.3f}°"
-    if event.sweep is not None:
-        line = f"sweeps to {event.angle_deg:.3f}° at {event.sweep.speed_deg_s:g} deg/s"
-    known_s = None
-    if event.role == "confirmation" and not view.plan.as_published:
-        known_s = view.elapsed_s
-        line = f"the answer is {event.angle_deg:.3f}°, known after {known_s:.1f} s: turns there to confirm it"
-    return replace(view, phase="moving", target_deg=event.angle_deg, known_s=known_s, line=line)
+        return replace(view, phase="dark", dark=event.index)
+    is_known = event.role == "confirmation" and not view.plan.as_published
+    return replace(view, phase="moving", target_deg=event.angle_deg, known_s=view.elapsed_s if is_known else None)
 
 
 def _measured(view: RunView, event: Measured) -> RunView:
     sample = event.sample
     view = replace(view, role=event.role, index=event.index, seen_deg=sample.angle_deg)
-    name = _name(view, event.role, event.index)
-    line = f"{name}: {sample.angle_deg:.3f}°, intensity {sample.reading.intensity:.4g}"
     phase: Phase = "measured" if sample.sweep is None else "sweeping"
     if sample.dark:
-        return replace(view, phase=phase, probe_deg=sample.angle_deg, line=line)
+        return replace(view, phase=phase, probe_deg=sample.angle_deg)
     point = Point(role=event.role, number=event.index, sample=sample)
     known = [each for each in (view.snr_db, _snr_db(sample)) if each is not None]
     moved = _moved(view, sample.angle_deg)
-    return replace(moved, phase=phase, points=(*view.points, point), snr_db=max(known, default=None), line=line)
+    return replace(moved, phase=phase, points=(*view.points, point), snr_db=max(known, default=None))
 
 
-def _finished(view: RunView, event: Finished) -> RunView:
+def _ended(view: RunView, event: Finished | Failed | Interrupted) -> RunView:
+    if isinstance(event, Failed):
+        return replace(view, phase="fault", finished=None, fault=str(event.error), problem=str(event.error))
+    if isinstance(event, Interrupted):
+        return replace(view, phase="stopped")
     # The paper's form of a method always answers, and claims nothing.
-    claims = not view.plan.as_published
-    belief = event.belief or AngleBelief(estimate=event.estimate, claims=claims)
-    name = answer_name(event.estimate) if claims else "angle, not claimed"
-    line = ": ".join(filter(None, (name, angle_text(belief))))
-    if event.searched is not None:
-        line += f", from all angles; the search alone: {answer_name(event.searched.estimate)}"
+    belief = event.belief or AngleBelief(estimate=event.estimate, claims=not view.plan.as_published)
     known_s = None if event.confirmation is None else event.known_s
-    return replace(view, phase="finished", finished=event, belief=belief, known_s=known_s, line=line)
+    return replace(view, phase="finished", finished=event, belief=belief, known_s=known_s)
 
 
 def _moved(view: RunView, angle_deg: float) -> RunView:
     """The view with the probe read back at an angle."""
     way_deg = 0.0 if view.probe_deg is None else abs(angle_deg - view.probe_deg)
     return replace(view, probe_deg=angle_deg, seen_deg=angle_deg, travel_deg=view.travel_deg + way_deg)
-
-
-def _name(view: RunView, role: Role, index: int) -> str:
-    """Name of an acquisition."""
-    if role == "confirmation" and view.plan.as_published:
-        return "acquisition at the answer"
-    return f"{_ROLES[role]} {index}"
 
 
 def _pulses(event: JournalEvent) -> int:

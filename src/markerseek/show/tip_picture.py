@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import UInt8
-from markerseek.pictures.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, shared_legend
+from markerseek.show.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,25 +11,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from markerseek.core import PaImage
-from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
+from markerseek.show.grey import RANGE_DB
+from markerseek.show.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-DYNAMIC_RANGE_DB = 40.0
-"""From the brightest pixel to black, in dB."""
-
-
 def draw_image(axes: Axes, image: PaImage) -> None:
     """Draw a photoacoustic image relative to its largest value, in millimetres of the array."""
     # An image of zeros is black, instead of dividing by 0.
     peak = max(float(image.envelope.max()), float(np.finfo(np.float32).tiny))
-    decibels = 20 * np.log10(np.maximum(image.envelope / peak, 10 ** (-DYNAMIC_RANGE_DB / 20)))
+    decibels = 20 * np.log10(np.maximum(image.envelope / peak, 10 ** (-RANGE_DB / 20)))
     extent = image.geometry.edges_mm(*image.envelope.shape)
     shown = axes.imshow(
-        decibels, extent=extent, cmap="gray", vmin=-DYNAMIC_RANGE_DB, vmax=0, aspect="equal", interpolation="bilinear"
+        decibels, extent=extent, cmap="gray", vmin=-RANGE_DB, vmax=0, aspect="equal", interpolation="bilinear"
     )
     axes.set_xlabel("lateral [mm]")
     axes.set_ylabel("depth from the array's face [mm]")

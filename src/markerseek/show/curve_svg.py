@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from markerseek.records.words import with_minus
+from markerseek.show.words import with_minus
 
 INSET_DEG = 2.0
 """Half of the range of the inset about the answer, in degrees."""

@@ -14,7 +14,6 @@ from markerseek.core import (
     AnglePrior,
     Doubt,
     Estimate,
-    Finished,
     Floor,
     Found,
     IntervalKind,
@@ -23,12 +22,10 @@ from markerseek.core import (
     NotFound,
     OtherSource,
     PriorEvidence,
-    RigFacts,
     RigKind,
     Sample,
     Searched,
     SearchError,
-    SearchPlan,
     Unsure,
     counted,
     listed,
@@ -37,8 +34,9 @@ from markerseek.core import (
     needs_package,
     rig_in_words,
 )
-from markerseek.records.curve_svg import DrawnCurve, Mark, as_html
-from markerseek.records.words import (
+from markerseek.records.journal import RunView
+from markerseek.show.curve_svg import DrawnCurve, Mark, as_html
+from markerseek.show.words import (
     NO_CLAIM,
     AnswerName,
     acquisitions_text,
@@ -214,39 +212,21 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
     """Version of the program."""
 
     @classmethod
-    def of(
-        cls,
-        finished: Finished | None,
-        *,
-        plan: SearchPlan,
-        facts: RigFacts,
-        samples: Sequence[Sample],
-        confirmation: Sample | None,
-        start_deg: float,
-        refused: int,
-    ) -> SearchResult:
-        """The result of a run.
-
-        Parameters
-        ----------
-        finished
-            The end of the run; None if the run is not over, or failed.
-        plan, facts
-            What was asked of the search, and what is known of the rig.
-        samples, confirmation
-            Acquisitions with light, and the one at the answer; None if there was none.
-        start_deg
-            Angle of the probe when the run began, in degrees.
-        refused
-            Acquisitions that were refused.
+    def of(cls, view: RunView) -> SearchResult:
+        """Return the result of a run.
 
         Raises
         ------
         SearchError
-            If there is no end.
+            If the run is not over, or ended with a fault.
         """
+        finished = view.finished
         if finished is None:
             raise SearchError("the run is not over, or it failed: there is no result")
+        plan = view.plan
+        facts = view.facts
+        samples = view.samples
+        confirmation = view.confirmation
         estimate, searched = finished.estimate, finished.searched
         # The marker's position follows from all frames with light.
         lit = [*samples, *([] if confirmation is None else [confirmation])]
@@ -268,7 +248,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             marker_sigma_m=None if marker is None or plan.as_published else marker.sigma_m,
             candidates=[] if plan.as_published else list(marker_candidates(estimate, lit, facts)),
             acquisitions=finished.acquisitions if searched is None else len(kept),
-            refused=refused,
+            refused=view.refused,
             travel_deg=finished.travel_deg if searched is None else None,
             # A replay takes no time, and the durations of the original scan say nothing of this search.
             elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
@@ -289,7 +269,7 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
             configuration=facts.fingerprint,
             near=None if finished.near is None else plan.near,
             near_evidence=finished.near,
-            search=None if searched is None else _replayed_search(searched, samples, start_deg, plan, facts),
+            search=None if searched is None else _replayed_search(searched, view),
         )
 
     @property
@@ -384,15 +364,15 @@ def _all_angles(samples: Sequence[Sample]) -> list[Sample]:
     return [each for _, each in sorted({each.angle_deg: each for each in samples}.items())]
 
 
-def _replayed_search(
-    searched: Searched, samples: Sequence[Sample], start_deg: float, plan: SearchPlan, facts: RigFacts
-) -> ReplayedSearch:
-    estimate, taken = searched.estimate, samples[: searched.acquisitions]
-    way_deg = [start_deg, *(each.angle_deg for each in taken)]
+def _replayed_search(searched: Searched, view: RunView) -> ReplayedSearch:
+    estimate = searched.estimate
+    known_deg = view.facts.known_deg
+    taken = view.search_samples
+    way_deg = [view.start_deg, *(each.angle_deg for each in taken)]
     return ReplayedSearch(
-        method=plan.method,
+        method=view.plan.method,
         **msgspec.structs.asdict(Answer.of(estimate)),
-        error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
+        error_deg=None if known_deg is None else abs(estimate.mean_deg - known_deg),
         acquisitions=searched.acquisitions,
         travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
         samples=[SampleRow.of(each) for each in taken],

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import markerseek
-from markerseek.records import DrawnCurve, Mark, SearchResult, as_html, with_minus
 from markerseek.records.banks import read_arrays, read_bank
+from markerseek.show import DrawnCurve, Mark, SearchResult, as_html, with_minus
 
 SCAN = Path(__file__).parents[3] / "examples" / "simulated_scan.csv"
 SVG = "{http://www.w3.org/2000/svg}"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from markerseek.core import RecordError
-from markerseek.records.hdf5 import as_record_error
+from markerseek.records import as_record_error
 
 _CENTIMETRE_UNITS = 3
 """Physical units of an ultrasound region that mean centimetres (DICOM PS3.3, C.8.5.5.1.1)."""

@@ -9,14 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
+from markerseek.bmode.dicom import DAMAGED, read_dicom
 from markerseek.core import MissingExtraError, RecordError, UInt8
 from markerseek.files import MIB, angle_in, as_read_error, endings, in_natural_order, require_input
-from markerseek.records.banks import open_ultrasonix
-from markerseek.records.banks.bank import first_of
-from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence
-from markerseek.records.dicom import DAMAGED, read_dicom
-from markerseek.records.hdf5 import as_record_error
-from markerseek.records.notes import note
+from markerseek.records import as_record_error, note
+from markerseek.records.banks import (
+    SEQUENCE_SUFFIXES,
+    angles_of,
+    first_of,
+    is_sequence,
+    open_sequence,
+    open_ultrasonix,
+)
 
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 """Suffixes of files with B-mode images; DICOM files without a suffix need one."""
@@ -120,7 +124,7 @@ def read_image_sequence(
     """B-mode images of a sequence, the first at each angle; a warning names those that are left out.
 
     ``angles``: whether an angle is needed; otherwise all valid images. ``angle_field``: as of
-    `markerseek.records.banks.sequence.angles_of`. ``pixel_m``: as of `read_images`.
+    `markerseek.records.banks.angles_of`. ``pixel_m``: as of `read_images`.
     """
     sequence = open_sequence(path)
     count, (rows, columns, _) = len(sequence.frame_fields), sequence.shape

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from markerseek.core import ConfigError, needs_package
 from markerseek.files import replace_file
-from markerseek.pictures.style import new_figure
+from markerseek.show.style import new_figure
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -82,7 +82,7 @@ def _templates() -> Environment:
     with needs_package("jinja2", extra="plot", purpose="a page"):
         from jinja2 import Environment, PackageLoader, StrictUndefined
     return Environment(
-        loader=PackageLoader("markerseek.pictures"),
+        loader=PackageLoader("markerseek.show"),
         # Descriptions and paths come from files of other people and could contain markup.
         autoescape=True,
         undefined=StrictUndefined,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from markerseek.bmode.series import read_images
 from markerseek.core import RecordError
-from markerseek.records.images import read_images
 from markerseek.registration.points import read_camera_images
 
 

@@ -28,7 +28,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from markerseek.pictures import (
+from markerseek.show import (
     Curve,
     bank_figure,
     frame_figure,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from markerseek.core import Ambiguous, AtBound, Estimate, Float64, Found, Interval, PaImage, Sample, Unsure
-from markerseek.pictures.images import draw_image
-from markerseek.pictures.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
+from markerseek.show.frame_picture import draw_image
+from markerseek.show.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from markerseek.core import Ambiguous, AngleBelief, Found, NotFound, Unsure
-from markerseek.records import (
+from markerseek.records.journal import Point, RunView
+from markerseek.show.curve_svg import DrawnCurve, Mark
+from markerseek.show.log import FAULT_END, event_line
+from markerseek.show.result import SearchResult
+from markerseek.show.words import (
     NO_CLAIM,
-    DrawnCurve,
-    Mark,
     acquisitions_text,
     angle_text,
     answer_name,
@@ -22,7 +24,6 @@ from markerseek.records import (
     time_text,
     with_minus,
 )
-from markerseek.runs.run_view import Point, RunView
 
 VerdictKind: TypeAlias = Literal["idle", "busy", "found", "unsure", "nothing", "stopped", "fault"]
 """Kind of a verdict: its colour."""
@@ -81,16 +82,18 @@ def verdict_of(view: RunView, *, next_step: str = "") -> Verdict:
     belief = view.belief
     if view.asked_deg is not None:
         # The line begins with what stands beside it in large letters.
-        read = view.line.partition(": ")[2]
+        read = event_line(view).partition(": ")[2]
         angle = with_minus(f"{view.asked_deg:.1f}°")
         return Verdict(word="TURN", kind=kind, lead="turn the probe to", angle=angle, reason=read)
     next_step = next_step if kind in {"stopped", "fault"} else ""
     if view.finished is not None and view.finished.searched is not None:
-        next_step = with_minus(f"a search would have said: {view.result().comparison}")
+        next_step = with_minus(f"a search would have said: {SearchResult.of(view).comparison}")
     reason = with_minus(_reason(view))
     if belief is None:
         angle = "" if view.over or kind == "idle" else "–"
-        return Verdict(word=word, kind=kind, angle=angle, problem=view.problem, reason=reason, next_step=next_step)
+        return Verdict(
+            word=word, kind=kind, angle=angle, problem=with_minus(view.problem), reason=reason, next_step=next_step
+        )
     angle = angle_text(belief) or "–"
     # Where the badge says it all, or no more will come, there is no angle to wait for.
     waits = not (kind == "nothing" and belief.claims) and not (view.over and angle == "–")
@@ -103,7 +106,7 @@ def verdict_of(view: RunView, *, next_step: str = "") -> Verdict:
         # At a fault what went wrong counts; the interval so far is in the chart.
         interval="" if kind == "fault" else interval_text(belief),
         turn=_turn(view, belief) if kind == "found" else "",
-        problem=view.problem,
+        problem=with_minus(view.problem),
         reason=reason,
         next_step=next_step,
     )
@@ -136,8 +139,8 @@ def _reason(view: RunView) -> str:
     belief = view.belief
     if view.phase in {"stopped", "fault", "cut off"}:
         # The log says how it ended, in the words of the badge, and after the problem what laser and stage did.
-        said = view.line.removeprefix(f"{view.phase}: ")
-        return said.removeprefix(view.problem).removeprefix("; ")
+        said = FAULT_END if view.phase == "fault" else event_line(view).removeprefix(f"{view.phase}: ")
+        return said.removeprefix(with_minus(view.problem)).removeprefix("; ")
     if view.dark and not view.points:
         return f"measuring the noise, laser off, {view.dark} of {max(view.dark, view.plan.dark_frames)}"
     if belief is None:

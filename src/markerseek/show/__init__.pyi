@@ -1,0 +1,88 @@
+from .curve_svg import DrawnCurve, Mark, as_html, errors_svg
+from .files import (
+    PICTURE_SUFFIXES,
+    new_picture,
+    png_data_uri,
+    require_room_for_pictures,
+    save_figure,
+    write_page,
+)
+from .frame_picture import bank_figure, frame_figure
+from .grey import RANGE_DB, grey_levels
+from .log import STOPPED, event_line
+from .registration_picture import registration_figure
+from .result import NAME_WITHOUT_CLAIM, Answer, SampleRow, SearchResult
+from .search_picture import ComparedSearch, Curve, comparison_figure, pictured_sample, search_figure
+from .style import ERROR_BARS, new_figure, panel_grid, shared_legend
+from .tip_picture import tip_figure
+from .verdict import Verdict, VerdictKind, curve_of, mark_of, mean_deg, numbers_of, others_deg, verdict_of
+from .words import (
+    NO_CLAIM,
+    acquisitions_text,
+    angle_text,
+    answer_line,
+    answer_name,
+    answer_reason,
+    digits_of,
+    interval_text,
+    others_rows,
+    outliers_rows,
+    sigma_text,
+    time_text,
+    with_minus,
+)
+
+__all__ = [
+    "ERROR_BARS",
+    "NAME_WITHOUT_CLAIM",
+    "NO_CLAIM",
+    "PICTURE_SUFFIXES",
+    "RANGE_DB",
+    "STOPPED",
+    "Answer",
+    "ComparedSearch",
+    "Curve",
+    "DrawnCurve",
+    "Mark",
+    "SampleRow",
+    "SearchResult",
+    "Verdict",
+    "VerdictKind",
+    "acquisitions_text",
+    "angle_text",
+    "answer_line",
+    "answer_name",
+    "answer_reason",
+    "as_html",
+    "bank_figure",
+    "comparison_figure",
+    "curve_of",
+    "digits_of",
+    "errors_svg",
+    "event_line",
+    "frame_figure",
+    "grey_levels",
+    "interval_text",
+    "mark_of",
+    "mean_deg",
+    "new_figure",
+    "new_picture",
+    "numbers_of",
+    "others_deg",
+    "others_rows",
+    "outliers_rows",
+    "panel_grid",
+    "pictured_sample",
+    "png_data_uri",
+    "registration_figure",
+    "require_room_for_pictures",
+    "save_figure",
+    "search_figure",
+    "shared_legend",
+    "sigma_text",
+    "time_text",
+    "tip_figure",
+    "verdict_of",
+    "with_minus",
+    "write_page",
+]
