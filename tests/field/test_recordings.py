@@ -17,6 +17,7 @@ import markerseek
 from markerseek.core import MAX_ACQUISITIONS
 from markerseek.figures import search_figure
 from markerseek.runs import read_marker
+from markerseek.show import flat_answer
 from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -102,7 +103,8 @@ def test_d_text_python_and_bank_info_say_the_same(shell: Shell, tmp_path: Path, 
     path = RECORDINGS[kind][0](tmp_path / "mine.csv")
     result = replayed(shell, path)[1]
     found = markerseek.find_marker(markerseek.replayed(path))
-    assert json.loads(json.dumps([getattr(found, key) for key in COMPARED])) == [result[key] for key in COMPARED]
+    said = json.loads(json.dumps(flat_answer(found.estimate)))
+    assert [said[key] for key in COMPARED] == [result[key] for key in COMPARED]
     assert found.search is not None
     assert found.search.acquisitions == result["search"]["acquisitions"]
     info = json.loads(shell("bank", "info", path, "--json")[1])

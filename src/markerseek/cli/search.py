@@ -122,6 +122,7 @@ def _compare(
     """
     from markerseek.cli.session import FOUND, OTHER_ANSWER, run_session
     from markerseek.search import method_named
+    from markerseek.show import flat_result
 
     names = [name.strip() for name in methods.split(",")]
     for name in names:
@@ -145,7 +146,7 @@ def _compare(
     results = [session.result() for session in sessions]
     title = f"{', '.join(names)} on a simulated rig: {sessions[0].configuration.facts.description}"
     report = Report(
-        values=results,
+        values=[flat_result(result) for result in results],
         shown=_compared(results, title),
         pictures={"compare.png": drawn(_figure, sessions, title)},
         exit_code=FOUND if all(result.found for result in results) else OTHER_ANSWER,

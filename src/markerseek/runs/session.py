@@ -7,8 +7,6 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
-import msgspec
-
 from markerseek.core import (
     AnyPolicy,
     ConfigError,
@@ -91,7 +89,7 @@ class Session:
 
     def result(self) -> SearchResult:
         """Result of the search once it is over; `SearchError` before, and after an error."""
-        return msgspec.structs.replace(SearchResult.of(self.view), notes=self.rig.notes)
+        return SearchResult.of(self.view, notes=self.rig.notes)
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:

@@ -7,23 +7,26 @@ from .files import (
     save_figure,
     write_page,
 )
+from .flat import flat_answer, flat_result
 from .frame_picture import bank_figure, frame_figure
 from .grey import RANGE_DB, grey_levels
 from .log import STOPPED, event_line
 from .registration_picture import registration_figure
-from .result import NAME_WITHOUT_CLAIM, Answer, SampleRow, SearchResult
+from .result import NAME_WITHOUT_CLAIM, SearchResult
 from .search_picture import ComparedSearch, Curve, comparison_figure, pictured_sample, search_figure
 from .style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from .tip_picture import tip_figure
 from .verdict import Verdict, VerdictKind, curve_of, mark_of, mean_deg, numbers_of, others_deg, verdict_of
 from .words import (
     NO_CLAIM,
+    AnswerName,
     acquisitions_text,
     angle_text,
     answer_line,
     answer_name,
     answer_reason,
     digits_of,
+    estimate_line,
     interval_text,
     others_rows,
     outliers_rows,
@@ -39,12 +42,11 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "RANGE_DB",
     "STOPPED",
-    "Answer",
+    "AnswerName",
     "ComparedSearch",
     "Curve",
     "DrawnCurve",
     "Mark",
-    "SampleRow",
     "SearchResult",
     "Verdict",
     "VerdictKind",
@@ -59,7 +61,10 @@ __all__ = [
     "curve_of",
     "digits_of",
     "errors_svg",
+    "estimate_line",
     "event_line",
+    "flat_answer",
+    "flat_result",
     "frame_figure",
     "grey_levels",
     "interval_text",

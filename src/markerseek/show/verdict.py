@@ -6,7 +6,7 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from markerseek.core import Ambiguous, AngleBelief, Found, NotFound, Unsure
+from markerseek.core import Ambiguous, AngleBelief, Found, NotFound
 from markerseek.records.journal import Point, RunView
 from markerseek.show.curve_svg import DrawnCurve, Mark
 from markerseek.show.log import FAULT_END, event_line
@@ -192,8 +192,7 @@ def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> lis
         others = [with_minus(f"{each.relative_db:+.1f} dB at {each.angle_deg:.2f}°") for each in estimate.others]
         none = "none seen" if belief.angles_deg else "not looked for"
         rows.append(("other sources", ", ".join(others[:2]) or none))
-        other_probability = estimate.other_probability if isinstance(estimate, Found | Unsure) else None
-        rows += others_rows((), estimate.surveyed, other_probability)
+        rows += others_rows((), estimate.surveyed, estimate.other_probability)
         if view.target_deg is not None and belief.choice_deg:
             place = min(bisect_left(belief.choice_deg, view.target_deg), len(belief.choice_deg) - 1)
             sigma_deg = belief.choice_sigma_deg[place]

@@ -71,7 +71,7 @@ def test_a_result_as_a_dataframe(result: SearchResult) -> None:
     pytest.importorskip("pandas", reason="needs the extra notebook")
     table = result.to_dataframe()
     assert table["angle_deg"].tolist() == [each.angle_deg for each in result.samples]
-    assert table["intensity"].max() == max(each.intensity for each in result.samples)
+    assert table["intensity"].max() == max(each.reading.intensity for each in result.samples)
     assert (table.index.name, table.index[0], set(table["role"])) == ("acquisition", 1, {"search"})
     assert table.attrs["angle_deg"] == result.angle_deg
 
