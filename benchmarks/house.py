@@ -1,117 +1,403 @@
-"""How large the house is: lines, files, comments, rooms of a command. ``python -m benchmarks.house [COMMIT]``.
+"""How often one fact stands in the package: the rows of the house that a program can count.
 
-With a commit, both columns: that commit, and the working tree.
+``python -m benchmarks.house [COMMIT …]`` prints each row beside its goal, for the commits and then for this checkout.
+What few places state is named; of the rest there is the number.
 """
 
 from __future__ import annotations
 
 import ast
 import io
+import re
 import subprocess
 import sys
 import tarfile
 import tempfile
-import tokenize
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-WINGS = {
-    "records with files": ("records", "files"),
-    "page with shared bridges": ("bridges/page", "bridges/*.py"),
-    "cli": ("cli",),
-    "paper": ("studies/paper",),
-}
+
+MOST_NAMED = 8
+"""Most places of a row that are named."""
+
+SHARED = 4
+"""Fields that two classes must share to state the same thing twice."""
 
 
-class Weight(NamedTuple):
-    """What files weigh."""
+@dataclass(frozen=True, kw_only=True)
+class Module:
+    """One file of the package."""
 
-    lines: int
-    code: int
-    """Lines with code on them: no docstring, no comment, not empty."""
-    comments: int
-    files: int
-    largest: int
+    path: Path
+    """Path in the package."""
+    tree: ast.Module
 
+    @property
+    def room(self) -> str:
+        """Its package, or the module itself if it stands alone."""
+        return ".".join(self.path.parent.parts) or self.path.stem
 
-def weight(paths: Iterable[Path]) -> Weight:
-    """Weight of these files of Python."""
-    lines, code, comments, largest, files = 0, 0, 0, 0, 0
-    for path in paths:
-        text = path.read_text(encoding="utf-8")
-        count = text.count("\n")
-        tokens = list(tokenize.generate_tokens(io.StringIO(text).readline))
-        marks = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
-        on = {row for token in tokens if token.type not in marks for row in range(token.start[0], token.end[0] + 1)}
-        code += len(on - _docstring_rows(text))
-        comments += sum(token.type == tokenize.COMMENT for token in tokens)
-        lines, files, largest = lines + count, files + 1, max(largest, count)
-    return Weight(lines, code, comments, files, largest)
+    @property
+    def floor(self) -> str:
+        """The package of the top level that it belongs to."""
+        return self.path.parts[0].removesuffix(".py")
 
+    @property
+    def classes(self) -> Iterator[ast.ClassDef]:
+        """All classes, also those in functions and classes."""
+        return (node for node in ast.walk(self.tree) if isinstance(node, ast.ClassDef))
 
-def _docstring_rows(text: str) -> set[int]:
-    """Rows of strings that stand alone: docstrings, of values too."""
-    alone = (
-        node.value
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-    )
-    return {row for string in alone for row in range(string.lineno, (string.end_lineno or string.lineno) + 1)}
+    @property
+    def functions(self) -> Iterator[ast.FunctionDef]:
+        """All functions and methods."""
+        return (node for node in ast.walk(self.tree) if isinstance(node, ast.FunctionDef))
 
 
-def rooms(root: Path, words: list[str]) -> int | None:
-    """Modules of this package that a command has imported at its end; None if it cannot be run here."""
-    asked = (
-        "import sys\nfrom markerseek.cli import main\nsys.argv[0] = 'markerseek'\n"
-        "try: main()\nexcept SystemExit: pass\n"
-        "print(sum(each.startswith('markerseek.') for each in sys.modules), file=sys.stderr)"
-    )
+@dataclass(frozen=True)
+class Checkout:
+    """The package at one commit."""
+
+    root: Path
+    """Folder that holds ``src``."""
+
+    @cached_property
+    def modules(self) -> tuple[Module, ...]:
+        """All modules of the package."""
+        package = self.root / "src" / "markerseek"
+        return tuple(
+            Module(path=path.relative_to(package), tree=ast.parse(path.read_text(encoding="utf-8")))
+            for path in sorted(package.rglob("*.py"))
+        )
+
+    @cached_property
+    def below_cli(self) -> tuple[Module, ...]:
+        """The modules that no command line belongs to."""
+        return tuple(each for each in self.modules if each.floor not in {"cli", "__main__"})
+
+    def class_named(self, name: str) -> ast.ClassDef | None:
+        """Return the class of this name; None if there is none."""
+        return next((found for module in self.modules for found in module.classes if found.name == name), None)
+
+    def members(self, alias: str) -> set[str]:
+        """Return the names in a union of the top level, with those of the unions that it names."""
+        found: set[str] = set()
+        for module in self.modules:
+            for node in module.tree.body:
+                if isinstance(node, ast.AnnAssign) and _target(node) == alias and node.value is not None:
+                    found |= {each.id for each in ast.walk(node.value) if isinstance(each, ast.Name)}
+        return found.union(*(self.members(name) for name in found))
+
+
+def fields_of(found: ast.ClassDef) -> set[str]:
+    """Return the names of the fields that a class states itself, without means over many values."""
+    stated = (node for node in found.body if isinstance(node, ast.AnnAssign))
+    return {_target(node) for node in stated if getattr(node.annotation, "id", "") != "Mean"} - {""}
+
+
+def _target(node: ast.AnnAssign) -> str:
+    return node.target.id if isinstance(node.target, ast.Name) else ""
+
+
+def _decorators(found: ast.ClassDef) -> set[str]:
+    return {each.id for node in found.decorator_list for each in ast.walk(node) if isinstance(each, ast.Name)}
+
+
+# --- one value -------------------------------------------------------------------------------------------------------
+
+
+def kinds_of_value(checkout: Checkout) -> list[str]:
+    """Kinds of class that are written or read: Structs, dataclasses with options, other dataclasses in one of these.
+
+    The events of a journal are written too.
+    """
+    found = {each.name: each for module in checkout.modules for each in module.classes}
+    structs = {name for name in found if "Struct" in _ancestors(name, found)}
+    dataclasses = {name for name, each in found.items() if "dataclass" in _decorators(each)}
+    optional = {name for name in dataclasses if _has_options(found[name])}
+    written = structs | optional | checkout.members("JournalEvent") | checkout.members("Event")
+    reached: set[str] = set()
+    while written:
+        reached |= written
+        written = {name for each in written & found.keys() for name in _annotated(found[each], checkout)} - reached
+    kinds = {
+        "Structs": structs,
+        "dataclasses with options": optional,
+        "dataclasses": (reached & dataclasses) - optional,
+    }
+    return [f"{len(names)} {kind}" for kind, names in kinds.items() if names]
+
+
+def _ancestors(name: str, found: dict[str, ast.ClassDef]) -> set[str]:
+    """Return the names of all classes from which a class inherits, the last part of each."""
+    if name not in found:
+        return set()
+    direct = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in found[name].bases}
+    return direct.union(*(_ancestors(each, found) for each in direct - {name}))
+
+
+def _has_options(found: ast.ClassDef) -> bool:
+    values = (node.value for node in found.body if isinstance(node, ast.AnnAssign))
+    return any(isinstance(each, ast.Call) and getattr(each.func, "id", "") == "option" for each in values)
+
+
+def _annotated(found: ast.ClassDef, checkout: Checkout) -> set[str]:
+    """Return the names in the annotations of a class's fields, and those of the unions that they name."""
+    nodes = [node.annotation for node in found.body if isinstance(node, ast.AnnAssign)]
+    names = {each.id for node in nodes for each in ast.walk(node) if isinstance(each, ast.Name)}
+    return names.union(*(checkout.members(name) for name in names if name[:1].isupper()))
+
+
+# --- one fold, one record, one plan ----------------------------------------------------------------------------------
+
+
+def session_folds(checkout: Checkout) -> list[str]:
+    """Functions below `cli` that tell three or more kinds of step of a registration session apart."""
+    steps = checkout.members("RecordedStep") or checkout.members("Step")
+    return [
+        f"{module.path}:{function.name}"
+        for module in checkout.below_cli
+        for function in module.functions
+        if len(_matched(function) & steps) >= 3
+    ]
+
+
+def _matched(function: ast.FunctionDef) -> set[str]:
+    """Return the classes among the cases of a function."""
+    cases = (node.cls for node in ast.walk(function) if isinstance(node, ast.MatchClass))
+    return {each.id for each in cases if isinstance(each, ast.Name)}
+
+
+def record_formats(checkout: Checkout) -> list[str]:
+    """Rooms that write check sums; one that compares them only, reads what an earlier version has written."""
+    rooms = set()
+    for module in checkout.modules:
+        compared = {
+            id(each) for node in ast.walk(module.tree) if isinstance(node, ast.Compare) for each in ast.walk(node)
+        }
+        sums = [node for node in ast.walk(module.tree) if isinstance(node, ast.Attribute) and node.attr == "crc32"]
+        if any(id(each) not in compared for each in sums):
+            rooms.add(module.room)
+    return sorted(rooms)
+
+
+SESSION_SETTINGS = {
+    "sweep": "sweep", "tre_mm": "goal", "goal_m": "goal", "goal_mm": "goal", "markers": "markers", "again": "again",
+    "wait_s": "wait", "idle_s": "idle", "light_while_waiting": "light", "no_frames": "frames", "target_mm": "target",
+    "target_trus_m": "target", "tolerance_mm": "tolerance", "guided": "guided",
+}  # fmt: skip
+"""Names of what a person chooses of a registration session."""
+
+
+def session_settings(checkout: Checkout) -> list[str]:
+    """Classes that state four or more settings of a registration session."""
+    return _sharing(checkout, SESSION_SETTINGS)
+
+
+# --- one answer, one curve -------------------------------------------------------------------------------------------
+
+ANSWER_FIELDS = {
+    "mean_deg": "angle", "angle_deg": "angle", "sigma_deg": "sigma", "interval95_deg": "interval",
+    "low_deg": "interval", "high_deg": "interval", "interval_kind": "kind", "half_width_m": "half width",
+    "answer": "name", "reason": "reason", "doubt": "doubt", "floor": "floor", "others": "others",
+    "others_deg": "others", "surveyed": "surveyed", "outliers_deg": "outliers", "curve": "curve",
+    "other_probability": "other probability",
+    "acquisitions": "acquisitions", "refused": "refused", "travel_deg": "travel", "elapsed_s": "elapsed",
+    "known_s": "known", "confirmation": "confirmation", "near": "near",
+}  # fmt: skip
+"""Names of the facts of an answer, and of what it took. A field that is a mean over many searches is none of them."""
+
+CURVE_FIELDS = {
+    "marks": "marks", "points": "marks", "samples": "marks", "density": "density", "density_per_deg": "density",
+    "answer_deg": "answer", "mean": "answer", "estimate": "answer", "others": "others", "others_deg": "others",
+    "interval": "interval", "interval_deg": "interval", "bracket": "bracket", "bracket_deg": "bracket",
+    "threshold": "threshold", "floor": "threshold", "known": "known", "truth": "known", "truth_deg": "known",
+    "limits": "range", "range_deg": "range", "low": "range",
+}  # fmt: skip
+"""Names of what a curve of intensities shows."""
+
+CURVE_SHARED = 5
+"""As `SHARED`, of a curve: a list of samples with their limits and truth is no drawing yet."""
+
+
+def answers(checkout: Checkout) -> list[str]:
+    """Classes that state four or more facts of an answer; the members of `Estimate`, and their parent, count as one."""
+    classes = {each.name: each for module in checkout.modules for each in module.classes}
+    members = checkout.members("Estimate")
+    estimates = members.union(*(_ancestors(each, classes) for each in members))
+    found = _sharing(checkout, ANSWER_FIELDS)
+    others = [each for each in found if each.rpartition(":")[2] not in estimates]
+    return [*(["Estimate"] if len(others) < len(found) else []), *others]
+
+
+def drawings(checkout: Checkout) -> list[str]:
+    """Models of a curve: classes, dictionaries and parameter lists that name five or more things that it shows."""
+    found = _sharing(checkout, CURVE_FIELDS, least=CURVE_SHARED)
+    for module in checkout.modules:
+        for function in module.functions:
+            given = {each.arg for each in (*function.args.args, *function.args.kwonlyargs)}
+            keys = {
+                key.value
+                for node in ast.walk(function)
+                if isinstance(node, ast.Dict)
+                for key in node.keys
+                if isinstance(key, ast.Constant)
+            }
+            shown = ({CURVE_FIELDS[name] for name in names & CURVE_FIELDS.keys()} for names in (given, keys))
+            if any(len(each) >= CURVE_SHARED for each in shown):
+                found.append(f"{module.path}:{function.name}")
+    return found
+
+
+def _sharing(checkout: Checkout, meanings: dict[str, str], *, least: int = SHARED) -> list[str]:
+    """Return the classes whose own fields have at least so many of these meanings."""
+    return [
+        f"{module.path}:{found.name}"
+        for module in checkout.modules
+        for found in module.classes
+        if len({meanings[name] for name in fields_of(found) & meanings.keys()}) >= least
+    ]
+
+
+# --- words -----------------------------------------------------------------------------------------------------------
+
+
+def names_in_two_rooms(checkout: Checkout) -> list[str]:
+    """Public names that are defined in two rooms."""
+    rooms: dict[str, set[str]] = defaultdict(set)
+    for module in checkout.modules:
+        for node in module.tree.body:
+            for name in _defined(node):
+                if not name.startswith("_"):
+                    rooms[name].add(module.room)
+    return sorted(name for name, where in rooms.items() if len(where) > 1)
+
+
+def _defined(node: ast.stmt) -> list[str]:
+    match node:
+        case ast.FunctionDef(name=name) | ast.ClassDef(name=name) | ast.AnnAssign(target=ast.Name(id=name)):
+            return [name]
+        case ast.Assign(targets=targets):
+            return [each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)]
+    return []
+
+
+def option_messages(checkout: Checkout) -> list[str]:
+    """Texts below `cli`, docstrings apart, that name an option or a command, which is a file of `cli`."""
+    commands = "|".join(module.path.stem for module in checkout.modules if module.floor == "cli")
+    named = re.compile(rf"(?<![\w-])--[a-z]|\bmarkerseek ({commands or '-'})\b")
+    return [
+        f"{module.path}:{node.lineno}"
+        for module in checkout.below_cli
+        for node, text in _texts(module.tree)
+        # A word alone is an argument of a child process.
+        if " " in text and named.search(text)
+    ]
+
+
+def _texts(tree: ast.Module) -> Iterator[tuple[ast.expr, str]]:
+    """Yield each text of a module but its docstrings, a formatted one as a whole, with blanks for its values."""
+    passed = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            parts = [part.value if isinstance(part, ast.Constant) else " " for part in node.values]
+            passed |= {id(part) for part in node.values}
+            yield node, "".join(map(str, parts))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in passed:
+            yield node, node.value
+
+
+def packed_assignments(checkout: Checkout) -> list[str]:
+    """Lines that assign several values to as many names."""
+    return [
+        f"{module.path}:{node.lineno}"
+        for module in checkout.modules
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.Assign)
+        and isinstance(node.value, ast.Tuple)
+        and any(isinstance(target, ast.Tuple) for target in node.targets)
+    ]
+
+
+# --- the way in ------------------------------------------------------------------------------------------------------
+
+_SEARCH = """
+import sys
+from markerseek.cli import main
+sys.argv = ["markerseek", "search", "--seed", "1", "--no-journal", "--json"]
+try:
+    main()
+except SystemExit:
+    pass
+for name, module in sys.modules.items():
+    if name.startswith("markerseek."):
+        print(module.__file__, file=sys.stderr)
+"""
+
+
+def rooms_of_search(checkout: Checkout) -> list[str]:
+    """Rooms of which a simulated search has imported a module at its end."""
+    source = checkout.root / "src"
     done = subprocess.run(
-        [sys.executable, "-c", asked, *words],
+        [sys.executable, "-c", _SEARCH],
         capture_output=True,
         text=True,
-        check=False,
-        env={"PYTHONPATH": str(root / "src"), "PATH": "/usr/bin:/bin", "HOME": tempfile.gettempdir()},
+        check=True,
+        env={"PYTHONPATH": str(source), "PATH": "/usr/bin:/bin", "HOME": tempfile.gettempdir()},
     )
-    last = done.stderr.strip().rpartition("\n")[2]
-    return int(last) if last.isdigit() else None
+    package = source / "markerseek"
+    files = {Path(line) for line in done.stderr.splitlines() if line.startswith(str(package))}
+    return sorted({module.room for module in checkout.modules if package / module.path in files})
 
 
-def measured(root: Path) -> dict[str, str]:
-    """Every row for a checkout."""
-    package = root / "src" / "markerseek"
-    whole = weight(package.rglob("*.py"))
-    rows = {
-        "src: lines; code; files; largest": f"{whole.lines}; {whole.code}; {whole.files}; {whole.largest}",
-        "comments, of all lines": f"{whole.comments / whole.lines:.1%}",
-    }
-    for name, places in WINGS.items():
-        found = {
-            path
-            for place in places
-            for path in (package.glob(place) if "*" in place else (package / place).rglob("*.py"))
-        }
-        rows[name] = f"{weight(found).lines}"
-    tests = weight((root / "tests").rglob("*.py"))
-    rows["tests: lines; files; largest"] = f"{tests.lines}; {tests.files}; {tests.largest}"
-    rows["modules imported by search --help"] = f"{rooms(root, ['search', '--help'])}"
-    return rows
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One row of the table."""
+
+    name: str
+    goal: str
+    places: Callable[[Checkout], Sequence[str]]
+    """What is counted."""
+
+    def cell(self, checkout: Checkout) -> str:
+        """Return the count, with the places where there are few."""
+        found = self.places(checkout)
+        return f"{len(found)}" if not 0 < len(found) <= MOST_NAMED else f"{len(found)}: {', '.join(found)}"
+
+
+ROWS = (
+    Row(name="kinds of value class that are written or read", goal="1", places=kinds_of_value),
+    Row(name="folds of a registration session", goal="1", places=session_folds),
+    Row(name="record formats with check sums of their own", goal="1", places=record_formats),
+    Row(name="settings of a session stated", goal="1", places=session_settings),
+    Row(name="classes that are an answer", goal="≤ 4", places=answers),
+    Row(name="models of one curve", goal="1", places=drawings),
+    Row(name="rooms that a search imports", goal="≤ 20", places=rooms_of_search),
+    Row(name="public names that stand in two rooms", goal="≤ 25", places=names_in_two_rooms),
+    Row(name="messages below cli that name an option or a command", goal="0", places=option_messages),
+    Row(name="assignments packed in one line", goal="≤ 60", places=packed_assignments),
+)
 
 
 def main() -> None:
-    """Print the rows of the working tree, those of a commit before them."""
-    columns = [measured(ROOT)]
-    for commit in sys.argv[1:]:
-        done = subprocess.run(["git", "archive", commit, "src", "tests"], cwd=ROOT, capture_output=True, check=True)
+    """Print the rows of the commits, and of the working tree."""
+    commits = sys.argv[1:]
+    columns = []
+    for commit in commits:
+        done = subprocess.run(["git", "archive", commit, "src"], cwd=ROOT, capture_output=True, check=True)
         with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=io.BytesIO(done.stdout)) as archive:
             archive.extractall(folder, filter="data")
-            columns.insert(-1, measured(Path(folder)))
-    print("| |", *(f" {name} |" for name in (*sys.argv[1:], "this checkout")))
-    print("|---|" + "---|" * len(columns))
-    for name in columns[0]:
-        print(f"| {name} |", *(f"{column[name]} |" for column in columns))
+            checkout = Checkout(Path(folder))
+            columns.append([row.cell(checkout) for row in ROWS])
+    checkout = Checkout(ROOT)
+    columns.append([row.cell(checkout) for row in ROWS])
+    print("| | goal |", *(f"{name} |" for name in (*commits, "this checkout")))
+    print("|---|---|" + "---|" * len(columns))
+    for number, row in enumerate(ROWS):
+        print(f"| {row.name} | {row.goal} |", *(f"{column[number]} |" for column in columns))
 
 
 if __name__ == "__main__":

@@ -25,8 +25,8 @@ from urllib.parse import urlsplit
 
 from benchmarks.loop_times import PACE, described, own_times_s
 from markerseek.core import Failed
-from markerseek.records.journal import read_journal
-from markerseek.runs import RunView
+from markerseek.records.journal import RunView, read_journal
+from markerseek.show import event_line
 from tests.page.page_browser import Served, Watched, browsing, open_tab, served
 
 # The log is another element for each search, so that the whole page is watched.
@@ -76,7 +76,7 @@ def delays_s(page: Served, lines: list[tuple[float, str]]) -> list[float]:
         for entry in held.entries:
             view = view.add_entry(entry)
             if view.phase == "measured":
-                text = f"{view.elapsed_s:7.1f} s  {view.line}".strip()
+                text = f"{view.elapsed_s:7.1f} s  {event_line(view)}".strip()
                 written[text] = datetime.fromisoformat(entry.written).timestamp()
     first: dict[str, float] = {}
     for at_s, text in lines:

@@ -26,8 +26,8 @@ from benchmarks.bounds import (
     sample_information,
 )
 from markerseek.core import ConfigError
-from markerseek.pictures import save_figure
 from markerseek.rigs import image_peak
+from markerseek.show import save_figure
 from markerseek.studies import Cell, Study, cells, error_figure, read_study, run_study
 from markerseek.studies.policies import build_policy
 from markerseek.studies.trial import former_curve, searched

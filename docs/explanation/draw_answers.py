@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from markerseek.pictures import ERROR_BARS, new_figure, save_figure
+from markerseek.show import ERROR_BARS, new_figure, save_figure
 
 ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "explanation" / "figures" / "answers.png"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from markerseek.pictures import new_figure, save_figure
+from markerseek.show import new_figure, save_figure
 
 ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "docs" / "data" / "sessions.csv"

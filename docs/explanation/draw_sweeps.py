@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from markerseek.pictures import ERROR_BARS, new_figure, save_figure
+from markerseek.show import ERROR_BARS, new_figure, save_figure
 
 ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "explanation" / "figures" / "sweeps.svg"

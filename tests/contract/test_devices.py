@@ -15,7 +15,7 @@ from markerseek.drivers.picolas import PicolasLaser
 from markerseek.emulators import EmulatedBench, EmulatedKdc101
 from markerseek.emulators.kdc101 import Kdc101Emulator
 from markerseek.records.banks import IntensityBank
-from markerseek.records.replay import ReplayLaser, ReplayReceiver, ReplayStage
+from markerseek.rigs.replay_devices import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.sim import (
     ReceiverSettings,
     SimulatedLaser,

@@ -21,7 +21,7 @@ from pathlib import Path
 from markerseek import rigs, runs
 from markerseek.core import Event, Measured, SearchPlan
 from markerseek.records.banks import read_bank, record_of
-from markerseek.records.journal import Journal, JournalEvent, read_journal
+from markerseek.records.journal import Journal, JournalEvent, RunView, read_journal
 from markerseek.rigs import Rig
 
 METHODS = ("posterior", "ternary", "golden-section", "weighted-average")
@@ -101,7 +101,7 @@ def kill_a_search(folder: Path, chance: random.Random, *, times: int) -> None:
     path = folder / "run.journal"
     for _ in range(times):
         assert events_in(path) >= acknowledged, f"{acknowledged} acknowledged, {events_in(path)} readable"
-        if not path.exists() or runs.RunView.of(read_journal(path)).state == "finished":
+        if not path.exists() or RunView.of(read_journal(path)).state == "finished":
             break
         before = events_in(path)
         acknowledged = before + max(0, killed(lambda: resume(folder), chance, most=12) - 1)
@@ -109,9 +109,9 @@ def kill_a_search(folder: Path, chance: random.Random, *, times: int) -> None:
         before = events_in(path)
     if not path.exists():
         list(search(folder, method))
-    elif runs.RunView.of(read_journal(path)).state != "finished":
+    elif RunView.of(read_journal(path)).state != "finished":
         list(resume(folder))
-    assert runs.RunView.of(read_journal(path)).state == "finished"
+    assert RunView.of(read_journal(path)).state == "finished"
 
 
 def kill_a_scan(folder: Path, chance: random.Random) -> None:

@@ -17,12 +17,12 @@ import pytest
 from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured, Policy, RecordError, SearchPlan, Started
 from markerseek.guard import State
-from markerseek.records.journal import Journal, read_journal
+from markerseek.records.journal import Journal, RunView, read_journal
 from markerseek.rigs import Rig
-from markerseek.runs import RunView
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import resumed
 from markerseek.search import build
+from markerseek.show import SearchResult
 from markerseek.sim import GaussianCurve
 from tests.faults.kills import kill
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration, counts, measured
@@ -110,7 +110,7 @@ def test_a_search_on_a_full_disk_stops_the_rig_and_is_resumed_with_room(small_di
     journal, held = Journal.reopen(path)
     with journal:
         list(resumed(policy, rig, journal, held, by="a person", anew=lambda: begin()[0]))
-    result = RunView.of(read_journal(path)).result()
+    result = SearchResult.of(RunView.of(read_journal(path)))
     assert result.acquisitions == len(result.samples) == 16
     assert result.angle_deg == pytest.approx(4.0, abs=2.0)
 

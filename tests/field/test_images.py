@@ -14,9 +14,9 @@ import numpy.typing as npt
 import pytest
 from pydicom.dataset import Dataset
 
+from markerseek.bmode import ImageSeries, read_images
 from markerseek.core import RecordError
 from markerseek.files import natural
-from markerseek.records import ImageSeries, read_images
 from tests.notes import noted
 from tests.tip_images import dicom, images_of_a_tip
 

@@ -10,8 +10,8 @@ import pytest
 
 from markerseek import replayed
 from markerseek.core import Ambiguous, Estimate, Found, Reading, Sample, SearchPlan, Unsure
-from markerseek.records import answer_reason
 from markerseek.search import build
+from markerseek.show import answer_reason
 from tests.field.independent_scans import ANGLES_DEG, HUMPS_ANGLES_DEG, humps_of, scan_of
 from tests.field.whole_scans import bank_of, counted_humps, counted_scans, whole
 

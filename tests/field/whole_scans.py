@@ -17,8 +17,8 @@ from unittest import mock
 from markerseek import replayed
 from markerseek.cli import main
 from markerseek.core import Estimate, Found, NotFound, SearchPlan
-from markerseek.records import answer_name
 from markerseek.runs import answer_from_all
+from markerseek.show import answer_name
 from tests.field.independent_scans import Scan, humps_of, scan_of
 
 WRONG_DEG = 1.0

@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.core import Measured
-from markerseek.records.journal import read_journal
-from markerseek.runs import RunView
+from markerseek.records.journal import RunView, read_journal
 from tests.emulated import ran
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -31,7 +30,7 @@ def killed_search(path: Path, number: signal.Signals, *, after: int) -> subproce
     """`markerseek search` in a process of its own, which sends itself a signal at its n-th acquisition."""
     before = (
         "import os\n"
-        "from markerseek.runs import RunView\n"
+        "from markerseek.records.journal import RunView\n"
         "add = RunView.add\n"
         "def add_and_kill(self, event, **clock):\n"
         "    view = add(self, event, **clock)\n"

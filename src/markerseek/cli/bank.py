@@ -11,8 +11,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-import msgspec
 import typer
+from msgspec import structs
 from rich.markup import escape
 
 from markerseek import rigs, runs
@@ -33,7 +33,7 @@ from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_sign
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
 from markerseek.core import ConfigError, Estimate, MarkerseekError, Measured, SearchPlan, SimulationOptions
 from markerseek.files import as_read_error
-from markerseek.records import Answer, outliers_rows
+from markerseek.show import estimate_line, flat_answer, outliers_rows
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -71,6 +71,7 @@ def scan(
     markerseek bank scan --continue scan.hdf5 --seed 1
     """
     from markerseek.records.banks import read_bank, record_of
+    from markerseek.records.journal import RunView
 
     runs.require_new_scan(out, goes_on=goes_on)
     wavelength_m = scaled("--wavelength-nm", wavelength_nm, 1e-9, most=20_000)
@@ -80,7 +81,7 @@ def scan(
     stopped: StoppedBySignal | None = None
     with open_rig(rig, SimulationOptions(seed=seed), trace=trace) as (assembled, _start_deg):
         angles = runs.scan_angles(assembled, step_deg=step_deg)
-        view = runs.RunView(plan=SearchPlan(method="exhaustive"), facts=assembled.facts)
+        view = RunView(plan=SearchPlan(method="exhaustive"), facts=assembled.facts)
         arm_rig(assembled, file=rig, arm=arm, what="scan", as_json=as_json)
         events = runs.scan_bank(
             assembled,
@@ -101,7 +102,7 @@ def scan(
                     seen = event
                     if isinstance(event, Measured):
                         # The counts of a frame have half a megabyte.
-                        seen = replace(event, sample=replace(event.sample, frame=None))
+                        seen = structs.replace(event, sample=structs.replace(event.sample, frame=None))
                         taken = event.index if event.role == "search" else taken
                     view = view.add(seen, clock_s=assembled.scanner.clock.now_s())
                     show_view(progress, view, done=taken)
@@ -183,18 +184,17 @@ def info(
     estimate = runs.answer_from_all(
         rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior")
     )
-    answer = Answer.of(estimate)
     peak = _peak(curve, estimate)
     judged_by = {
         "background": None if estimate.floor is None else estimate.floor.background,
         "outliers_deg": estimate.outliers_deg,
     }
-    values = _values(held, probe) | asdict(peak) | judged_by | msgspec.structs.asdict(answer)
+    values = _values(held, probe) | asdict(peak) | judged_by | flat_answer(estimate)
     name = f"{bank.stem if bank.is_file() else bank.name}.png"
     title = ": ".join(filter(None, (bank.name, held.facts.description)))
     report = Report(
         values=with_version(path=str(bank), **values),
-        shown=(f"[bold]{escape(str(bank))}[/]: {values['content']}", facts(_rows(values, answer))),
+        shown=(f"[bold]{escape(str(bank))}[/]: {values['content']}", facts(_rows(values, estimate))),
         pictures={name: drawn(bank_figure, held, title=title, probe=probe, curve=curve, peak=peak)},
     )
     output.show(report)
@@ -249,7 +249,7 @@ _SCALED = {
 _UNITS = {"MHz": 1e-6, "m/s": 1.0, "mm": 1e3, "nm": 1e9, "mJ": 1e3, "°": 1.0}
 
 
-def _rows(values: dict[str, Any], answer: Answer) -> Iterator[tuple[str, str | None]]:
+def _rows(values: dict[str, Any], estimate: Estimate) -> Iterator[tuple[str, str | None]]:
     """Names and values for people."""
     yield "scanned", values["description"] or None
     yield "began", None if values["began_unix_s"] is None else _date(values["began_unix_s"])
@@ -273,7 +273,7 @@ def _rows(values: dict[str, Any], answer: Answer) -> Iterator[tuple[str, str | N
         ("fwhm_deg", "fwhm, width at half height"),
     ):
         yield title + above, None if values[name] is None else f"{values[name]:.3f}°"
-    yield "answer from all angles", str(answer)
+    yield "answer from all angles", estimate_line(estimate)
     yield "reference", None if values["reference_deg"] is None else f"{values['reference_deg']:.3f}°"
     for name, text in _SCALED.items():
         title, form, unit = text.rsplit(" ", 2)
@@ -480,7 +480,7 @@ def _write_frames(
     filled = round(first_s * preset.sampling_hz)
     read = (bank.frame(index) for index in series.order)
     # Without the samples that were filled in before the first recorded one.
-    frames = (replace(each, samples=each.samples[:, filled:]) for each in read)
+    frames = (structs.replace(each, samples=each.samples[:, filled:]) for each in read)
     write_zea(
         to,
         _with_progress(frames, count),

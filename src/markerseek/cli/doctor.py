@@ -25,7 +25,7 @@ from markerseek.core import ConfigError, DeviceError, Finished, Measured, Search
 from markerseek.testing import RuleCheck
 
 if TYPE_CHECKING:
-    from markerseek.records import SearchResult
+    from markerseek.show import SearchResult
 
 REQUIRED = ("numpy", "scipy", "numba", "msgspec", "typer", "rich", "jaxtyping")
 EXTRAS = {

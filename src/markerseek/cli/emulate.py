@@ -86,6 +86,7 @@ def command(
             folder=folder,
             clock=drivers.SystemClock(),
             rng=np.random.default_rng([seed, 1]),  # noqa: TID251  as above
+            displacement_m=emulated.displacement_m if settings.motion.moves else None,
         )
     with noted_signals() as stop:
         _serve(emulated, folder, settings, pace=pace, stop=stop, images=images)

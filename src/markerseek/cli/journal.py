@@ -70,7 +70,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     --------
     markerseek journal show run.journal
     """
-    from markerseek.records.journal import salvage
+    from markerseek.records.journal import RunView, salvage
 
     objects: list[dict[str, object]] = []
     # Converted one by one, so that the frames (half a megabyte each) are not all in memory.
@@ -79,8 +79,8 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     if as_json:
         print_json(
             {
-                "configuration": recorded.configuration.flat(),
-                "state": runs.RunView.of(recorded).state,
+                "configuration": recorded.configuration,
+                "state": RunView.of(recorded).state,
                 "entries": objects,
                 "damage": None if damage is None else str(damage),
             }
@@ -107,7 +107,7 @@ def follow(journal: _File) -> None:
 
     wait = partial(time.sleep, _POLL_S)  # noqa: TID251  a file is followed in real time
     for item in follow_journal(journal, wait=wait):
-        known = {"configuration": item.flat()} if isinstance(item, Configuration) else _as_object(item)
+        known = {"configuration": item} if isinstance(item, Configuration) else _as_object(item)
         sys.stdout.buffer.write(msgspec.json.encode(known).replace(b"\n", b" ") + b"\n")
         sys.stdout.buffer.flush()
 
@@ -143,8 +143,8 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     --------
     markerseek journal replay run.journal
     """
-    from markerseek.records import Answer
-    from markerseek.records.journal import read_journal
+    from markerseek.records.journal import RunView, read_journal
+    from markerseek.show import estimate_line, flat_answer
 
     recorded = read_journal(journal)
     announce_compilation()
@@ -154,13 +154,12 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
         "from the samples": runs.answer_again(recorded, read_frames=False),
         "from the frames": runs.answer_again(recorded, read_frames=True) if recorded.configuration.frames else None,
     }
-    answers = {name: None if each is None else Answer.of(each) for name, each in estimates.items()}
-    values = {name.replace(" ", "_"): each for name, each in answers.items()}
-    missing = dict.fromkeys(answers, "none: the run is not over")
+    values = {name.replace(" ", "_"): None if each is None else flat_answer(each) for name, each in estimates.items()}
+    missing = dict.fromkeys(estimates, "none: the run is not over")
     if not recorded.configuration.frames:
         missing["from the frames"] = "none: they were not kept"
-    rows = ((name, missing[name] if each is None else str(each)) for name, each in answers.items())
-    state = runs.RunView.of(recorded).state
+    rows = ((name, missing[name] if each is None else estimate_line(each)) for name, each in estimates.items())
+    state = RunView.of(recorded).state
     Output(as_json=as_json).show(Report(values={"state": state} | values, shown=[facts(rows)]))
 
 
@@ -178,6 +177,9 @@ def _as_object(entry: Entry) -> dict[str, object]:
 
 
 def _print_table(recorded: RecordedRun) -> None:
+    from markerseek.records.journal import RunView
+    from markerseek.show import event_line
+
     plan, facts = recorded.configuration.plan, recorded.configuration.facts
     form = " as published" if plan.as_published else ""
     stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.rig_name}: {one_line(facts.description)}")
@@ -187,13 +189,13 @@ def _print_table(recorded: RecordedRun) -> None:
     if not recorded.configuration.frames:
         stdout.print("[dim]samples only: its frames were not kept[/]")
     table = new_table("", "clock [s]", "event", left=("event",))
-    view = runs.RunView.of(recorded.configuration)
+    view = RunView.of(recorded.configuration)
     for entry, after in zip_longest(recorded.entries, recorded.entries[1:]):
         view = view.add_entry(entry)
         # A hand's angle is reported five times a second: the last before something else happens is enough to look at.
         if after is not None and isinstance(entry.event, Turning) and isinstance(after.event, Turning):
             continue
-        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", one_line(view.line))
+        table.add_row(str(entry.number), f"{entry.clock_s:.2f}", one_line(event_line(view)))
     stdout.print(table)
     stdout.print(f"state: {view.state}" + ("" if view.fault is None else f": {one_line(view.fault)}"))
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
+from msgspec.structs import replace
 from rich.markup import escape
 from rich.table import Table
 
@@ -269,7 +269,7 @@ def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
 def _figure(report: registration.RegistrationReport, title: str) -> Figure:
     import numpy as np
 
-    from markerseek.pictures import registration_figure
+    from markerseek.show import registration_figure
 
     return registration_figure(
         np.array([point.trus_m for point in report.points]),

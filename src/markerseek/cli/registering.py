@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec import structs
 from rich.markup import escape
 
 from markerseek import drivers, registration, rigs
@@ -31,6 +32,7 @@ from markerseek.core import (
     SearchError,
     counted,
 )
+from markerseek.show import event_line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,8 +94,8 @@ class SessionRequest:
 
 def require_no_session(place: SessionPlace, plan: registration.SessionPlan, simulation: SceneOptions) -> None:
     """Refuse options of a session where there is none."""
-    usual = {**asdict(SessionPlace()), **asdict(registration.SessionPlan()), **asdict(SceneOptions())}
-    given = {**asdict(place), **asdict(plan), **asdict(simulation)}
+    usual = {**asdict(SessionPlace()), **structs.asdict(registration.SessionPlan()), **structs.asdict(SceneOptions())}
+    given = {**asdict(place), **structs.asdict(plan), **structs.asdict(simulation)}
     for name, value in given.items():
         if value != usual[name]:
             option = name.strip("_").replace("_", "-")
@@ -227,7 +229,11 @@ def _room(asked: SessionRequest, *, as_json: bool) -> Iterator[registration.Room
         announce_compilation()
         rig_settings = simulated_settings(settings, asked.simulation, sweeps=asked.plan.sweep)
         yield registration.SimulatedRoom(
-            registration.SimulatedRoomSettings(rig=rig_settings, pace=asked.simulation.pace), seed=asked.seed
+            # Where the tissue moves, the cameras are to see it.
+            registration.SimulatedRoomSettings(
+                rig=rig_settings, pace=asked.simulation.pace, textured=rig_settings.motion.moves
+            ),
+            seed=asked.seed,
         )
         return
     if asked.simulation != SceneOptions():
@@ -339,7 +345,7 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
         case registration.Begun():
             return escape(step.description)
         case registration.Searching():
-            return escape(step.view.line)
+            return escape(event_line(step.view))
 
 
 def _refused_line(step: registration.SpotRefused) -> str:

@@ -63,7 +63,7 @@ class Output:
             )
         if not plot:
             return cls(as_json=as_json)
-        from markerseek.pictures import PICTURE_SUFFIXES
+        from markerseek.show import PICTURE_SUFFIXES
 
         if out is not None and out.suffix.lower() in PICTURE_SUFFIXES and not out.is_dir():
             require_room(out.parent)
@@ -101,7 +101,7 @@ class Output:
 
 def require_room(folder: Path) -> None:
     """Make a folder for pictures, and test that they can be written to it."""
-    from markerseek.pictures import require_room_for_pictures
+    from markerseek.show import require_room_for_pictures
 
     require_room_for_pictures(folder)
 
@@ -149,7 +149,7 @@ def drawn(make: Callable[_Given, Figure], *values: _Given.args, **named: _Given.
     """A function that draws a figure from these values, and writes it as the ending of a path says."""
 
     def write(path: Path) -> None:
-        from markerseek.pictures import save_figure
+        from markerseek.show import save_figure
 
         save_figure(make(*values, **named), path)
 

@@ -109,7 +109,7 @@ def _faults(study: studies.Study, finish: studies.FinishedStudy) -> dict[str, st
 
 def _pictures(study: studies.Study, summary: studies.Summary) -> dict[str, Callable[[Path], object]]:
     """The picture in both forms."""
-    from markerseek.pictures import save_figure
+    from markerseek.show import save_figure
 
     figure = studies.error_figure([(study, summary)])
     return {name: partial(save_figure, figure) for name in ("error.png", "error.svg")}

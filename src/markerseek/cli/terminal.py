@@ -32,7 +32,7 @@ from rich.text import Text
 from markerseek.core import ConfigError, MarkerseekError
 
 if TYPE_CHECKING:
-    from markerseek.runs import RunView
+    from markerseek.records.journal import RunView
 
 _CONTROL = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode categories of control characters: control, formatting, line and paragraph separators; and surrogates, which
@@ -178,6 +178,8 @@ def show_view(progress: Progress, view: RunView, *, done: int | None = None) -> 
 
     ``done``: acquisitions that the bar counts; None for those of the view.
     """
+    from markerseek.show import event_line
+
     # Where the angle is typed in, the bar makes room for the line of input.
     if view.phase == "turning" and view.seen_deg is None:
         progress.stop()
@@ -185,9 +187,9 @@ def show_view(progress: Progress, view: RunView, *, done: int | None = None) -> 
     if not progress.live.is_started:
         progress.start()
     if view.phase in {"refused", "checking"}:
-        progress.console.print(f"[yellow]{escape(view.line)}[/]")
+        progress.console.print(f"[yellow]{escape(event_line(view))}[/]")
     elif not view.over:
-        line = escape(view.line)
+        line = escape(event_line(view))
         if view.phase == "moving" and view.points and view.plan.sweep_speed_deg_s is None:
             # A measurement is followed by the next move at once, and would hardly be seen.
             last = view.points[-1]

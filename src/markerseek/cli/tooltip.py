@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from markerseek.records import ImageSeries
+    from markerseek.bmode import ImageSeries
 
 _LOG = logging.getLogger(__name__)
 
@@ -82,7 +82,7 @@ def command(
     """
     import numpy as np
 
-    from markerseek.records import read_image_sequence, read_images
+    from markerseek.bmode import read_image_sequence, read_images
     from markerseek.records.banks import is_sequence, unwrapped
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
@@ -300,7 +300,7 @@ def _shown(
 
 
 def _figure(measured: vision.SensitiveRange, pixels: dict[float, np.ndarray], *, title: str) -> Figure:
-    from markerseek.pictures import tip_figure
+    from markerseek.show import tip_figure
 
     frames = measured.frames
     seen = [frame.angle_deg for frame in frames if frame.tip is not None and frame.tip.visible]

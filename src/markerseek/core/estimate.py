@@ -1,14 +1,10 @@
-"""The possible answers of a search. Each has ``mean_deg``; only `Found` claims a marker.
-
-Each also says what else the search has seen: ``others`` are further sources, and ``surveyed`` is the share of the range
-in which a second source as strong as the marker would have been detected (None if not known). ``outliers_deg`` are the
-angles of samples that were left out: far stronger than those beside them, which no curve is.
-"""
+"""The possible answers of a search. All state the same facts (`Answer`); only `Found` claims a marker."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from typing import Annotated, Literal, TypeAlias
+
+import msgspec
 
 from markerseek.core.checks import Within, require_fields
 from markerseek.core.interval import Interval
@@ -26,8 +22,7 @@ FALSE_FOUND = 1e-3
 """Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Floor:
+class Floor(msgspec.Struct, frozen=True, kw_only=True):
     """Noise floor: an intensity that is not above ``level`` is no evidence of a marker.
 
     Attributes
@@ -45,8 +40,7 @@ class Floor:
     background: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OtherSource:
+class OtherSource(msgspec.Struct, frozen=True, kw_only=True):
     """A source beside the one answered: clutter, a repeat of the sound, or a second marker.
 
     Attributes
@@ -66,20 +60,22 @@ class OtherSource:
     depth_m: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """A marker was found at this angle.
+class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """What every answer of a search states; which answer it is, says its class.
 
     Attributes
     ----------
     mean_deg
-        Angle of the marker in degrees.
+        Best angle of the method in degrees, also if no marker is claimed there.
     sigma_deg
-        Standard deviation of that angle in degrees.
+        Standard deviation of that angle in degrees; None if the method has none, and if nothing was detected.
     interval95_deg
-        Interval that is meant to hold the marker in 95 of 100 searches.
+        Interval that is meant to hold the marker in 95 of 100 searches; None as for ``sigma_deg``.
     interval_kind
         Where the interval comes from; only ``posterior`` is a probability.
+    half_width_m
+        How far the interval reaches from the angle, as a length at the marker in metres; None if the distance of the
+        marker from the axis is not known.
     floor
         Detection threshold that the evidence had to exceed; None in the paper's form of a method, which asks for none.
     others
@@ -88,109 +84,80 @@ class Found:
         Share of the range in which a second source as strong would have been detected, 0 to 1; None if not known.
     outliers_deg
         Angles of samples that were left out, because they are far stronger than those beside them.
-    curve
-        Width and height of the marker's intensity curve; None if the method does not know them.
     other_probability
         Probability that another source is the marker, 0 to 1; None if the method does not compute it.
-    half_width_m
-        How far the interval reaches from the angle, as a length at the marker in metres; None if the distance of the
-        marker from the axis is not known.
     """
 
     mean_deg: float
-    sigma_deg: float
-    interval95_deg: Interval
-    interval_kind: IntervalKind
+    sigma_deg: float | None = None
+    interval95_deg: Interval | None = None
+    interval_kind: IntervalKind | None = None
+    half_width_m: float | None = None
     floor: Floor | None = None
     others: tuple[OtherSource, ...] = ()
     surveyed: float | None = None
     outliers_deg: tuple[float, ...] = ()
     other_probability: float | None = None
+
+
+class Found(Answer, frozen=True, kw_only=True):
+    """A marker was found at this angle."""
+
+    sigma_deg: float
+    interval95_deg: Interval
+    interval_kind: IntervalKind
     curve: MarkerCurve | None = None
-    half_width_m: float | None = None
+    """Its intensity curve; None if the method does not know it."""
 
     def as_unsure(self, doubt: Doubt, reason: str) -> Unsure:
-        """The same angle, no longer claimed."""
-        kept = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "curve"}
+        """Return the same angle, no longer claimed."""
+        kept = {name: getattr(self, name) for name in Answer.__struct_fields__}
         return Unsure(doubt=doubt, reason=reason, **kept)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NotFound:
+class NotFound(Answer, frozen=True, kw_only=True):
     """No intensity is above the noise; ``mean_deg`` is the angle that the method would have given."""
 
-    mean_deg: float
     reason: str
-    floor: Floor | None = None
-    others: tuple[OtherSource, ...] = ()
-    surveyed: float | None = None
-    outliers_deg: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ambiguous:
+class Ambiguous(Answer, frozen=True, kw_only=True):
     """Two sources about as strong, or one source whose angle is one of several.
 
     ``modes_deg`` lists the angles; ``mean_deg``, ``sigma_deg`` and ``interval95_deg`` are those of the strongest
     source, or of the likeliest.
     """
 
-    mean_deg: float
     modes_deg: tuple[float, ...]
-    floor: Floor | None = None
-    others: tuple[OtherSource, ...] = ()
-    surveyed: float | None = None
-    outliers_deg: tuple[float, ...] = ()
-    sigma_deg: float | None = None
-    interval95_deg: Interval | None = None
-    interval_kind: IntervalKind | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AtBound:
+class AtBound(Answer, frozen=True, kw_only=True):
     """The intensity still rises at an end of the range: the marker lies there or beyond.
 
-    ``sigma_deg`` and ``interval95_deg`` are those of the marker, which may lie beyond; None if the method has none.
+    ``sigma_deg`` and ``interval95_deg`` are those of the marker, which may lie beyond.
     """
 
-    mean_deg: float
     side: Literal["low", "high"]
-    floor: Floor | None = None
-    others: tuple[OtherSource, ...] = ()
-    surveyed: float | None = None
-    outliers_deg: tuple[float, ...] = ()
-    sigma_deg: float | None = None
-    interval95_deg: Interval | None = None
-    interval_kind: IntervalKind | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unsure:
+class Unsure(Answer, frozen=True, kw_only=True):
     """There is a marker, but it is not known that this source is it, or its angle is not known well enough.
 
     ``doubt`` says which of the two; with "width" the source is the marker.
     """
 
-    mean_deg: float
     sigma_deg: float
     interval95_deg: Interval
     interval_kind: IntervalKind
     reason: str
     doubt: Doubt
-    floor: Floor | None = None
-    others: tuple[OtherSource, ...] = ()
-    surveyed: float | None = None
-    outliers_deg: tuple[float, ...] = ()
-    other_probability: float | None = None
-    half_width_m: float | None = None
 
 
-# A union and no base class: a match statement over it is checked for missing cases by mypy.
+# Not `Answer` itself: a match statement over a union is checked for missing cases by mypy.
 Estimate: TypeAlias = Found | NotFound | Ambiguous | AtBound | Unsure
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerCurve:
+class MarkerCurve(msgspec.Struct, frozen=True, kw_only=True):
     """The intensity curve of a marker that was found.
 
     Attributes

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from markerseek.core.estimate import Ambiguous, Estimate, Found, Unsure
 from markerseek.core.plan import RigFacts
 from markerseek.core.reading import Sample
@@ -31,8 +33,7 @@ UNKNOWN_COHERENCE = 0.6
 """Coherence that is assumed where a frame gives none: that of a wide stained spot."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerPosition:
+class MarkerPosition(msgspec.Struct, frozen=True, kw_only=True):
     """Where the marker is.
 
     Attributes
@@ -65,8 +66,7 @@ class MarkerPosition:
         return np.asarray(axes.T @ np.diag(np.square(self.sigma_m)) @ axes)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerCandidate:
+class MarkerCandidate(msgspec.Struct, frozen=True, kw_only=True):
     """A source that may be the marker.
 
     Attributes
@@ -127,7 +127,7 @@ def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigF
         for mode_deg in estimate.modes_deg:
             if all(abs(mode_deg - angle_deg) > _SAME_DEG for angle_deg, _, _ in found):
                 found.append((mode_deg, 1.0, _placed(mode_deg, estimate.sigma_deg, lateral_m, math.hypot(x, z))))
-    rest = estimate.other_probability if isinstance(estimate, Found | Unsure) else None
+    rest = estimate.other_probability
     if isinstance(estimate, Found) or (isinstance(estimate, Unsure) and estimate.doubt == "width"):
         rest = _USUAL_OTHER if rest is None else max(rest, _LEAST_OTHER)
     others = sum(weight for _, weight, _ in found[1:])
@@ -153,18 +153,16 @@ def _placed(
     )
 
 
-def marker_position(
-    found: Found | Unsure | Ambiguous, samples: Sequence[Sample], facts: RigFacts
-) -> MarkerPosition | None:
+def marker_position(estimate: Estimate, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
     """Position of the marker; None if the frames give no position, or the face radius is not known.
 
     Lateral position and depth are means over the strong frames, weighted by the square of their intensity, of the
     centroid of the energy: which grain of a stained spot, or which edge of a long laser pulse, is the peak is chance.
 
-    ``found``: an answer with a standard deviation. ``samples``: all samples with light, the confirmation among them.
+    ``estimate``: an answer that names the marker. ``samples``: all samples with light, the confirmation among them.
     ``facts``: face radius and sound speed of the rig.
     """
-    if found.sigma_deg is None:
+    if estimate.sigma_deg is None:
         return None
     face_m = facts.face_radius_m
     positions = [at for sample in samples if (at := _position_of(sample, facts.sound_speed_m_s)) is not None]
@@ -173,10 +171,10 @@ def marker_position(
     strongest = max(positions, key=lambda at: at.intensity)
     strong = [at for at in positions if _same_source(at, strongest)]
     weights = [at.intensity**2 for at in strong]
-    radii_m = [_radius_m(at.depth_m, face_m, math.radians(at.angle_deg - found.mean_deg)) for at in strong]
+    radii_m = [_radius_m(at.depth_m, face_m, math.radians(at.angle_deg - estimate.mean_deg)) for at in strong]
     lateral_m, radius_m = _mean([at.lateral_m for at in strong], weights), _mean(radii_m, weights)
     coherence = _mean([at.coherence for at in strong], weights)
-    return _placed(found.mean_deg, found.sigma_deg, lateral_m, radius_m, coherence)
+    return _placed(estimate.mean_deg, estimate.sigma_deg, lateral_m, radius_m, coherence)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

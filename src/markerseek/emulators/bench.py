@@ -20,7 +20,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from markerseek._closing import Closing
-from markerseek.core import Clock, ConfigError
+from markerseek.core import Clock, ConfigError, Float64
 from markerseek.emulators.endoscope import EmulatedEndoscope
 from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
@@ -155,6 +155,15 @@ class EmulatedBench:
             moment=self._turned,
         )
         self.laser_box.faults.inject("clock drift", CLOCK_DRIFT)
+        self._box_time: ServingClock | None = None
+
+    def displacement_m(self, at_s: float) -> Float64[np.ndarray, " 3"]:
+        """Return how far the tissue has moved in the TRUS frame, at a time of the clock that serves the lines.
+
+        The world lives in the time of the laser box, in which its light comes.
+        """
+        box_s = at_s if self._box_time is None else self._box_time.at(at_s)
+        return np.asarray(self.world.motion.displacement_m(np.array([box_s]))[0])
 
     def _turned(self, now_s: float) -> float:
         """Turn the probe to where it is at a time of the devices, and return that time."""
@@ -171,7 +180,7 @@ class EmulatedBench:
         """
         if name == "stage":
             return PtyLine(device=self.stage, clock=clock, link=link)
-        serving = ServingClock(clock)
+        serving = self._box_time = ServingClock(clock)
         # The time of a pulse is the stage's: a box that was delayed fires the pulse later, where the probe is then.
         self.laser_box.moment = lambda _: self._turned(serving.real_s)
         return PtyLine(device=self.laser_box, clock=serving, link=link)
@@ -193,6 +202,10 @@ class ServingClock:
         self._now_s += min(now_s - self.real_s, _HELD_UP_S)
         self.real_s = now_s
         return self._now_s
+
+    def at(self, real_s: float) -> float:
+        """Return what this clock shows at a time of the real one, if it does not pause in between."""
+        return self._now_s + (real_s - self.real_s)
 
     def wait(self, duration_s: float) -> None:
         """Wait on the real clock."""

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from markerseek.core import Clock, ConfigError, UInt8
+from markerseek.core import Clock, ConfigError, Float64, UInt8
 from markerseek.files import overwrite
 from markerseek.rigs import marker_scene
 from markerseek.sim import (
     EndoscopeSettings,
     SimulatedEndoscope,
     SimulatedSettings,
+    TexturedTissue,
     World,
     camera_above,
     endoscope,
@@ -30,6 +32,9 @@ _FILES = 20
 _DISTANCE_M, _TILT_DEG, _ROLL_DEG = 0.1, 30.0, 20.0
 """Where the cameras stand: distance from the tissue, and tilt and roll in degrees."""
 
+_CONTRAST = 0.25
+"""Standard deviation of the brightness of moving tissue over its mean."""
+
 
 class EmulatedEndoscope:
     """Writes what both cameras see of a world as PGM files into the folders ``left`` and ``right``.
@@ -37,11 +42,19 @@ class EmulatedEndoscope:
     Its calibration is that of `markerseek.sim.endoscope`.
 
     ``world``: world in which the laser fires. ``settings``: its settings. ``folder``: where the two folders are made.
-    ``clock``: time of the images. ``rng``: of the images, and of each spot that is lit.
+    ``clock``: time of the images. ``rng``: of the images, and of each spot that is lit. ``displacement_m``: how far the
+    tissue has moved in the TRUS frame, at a time of that clock; None: it is at rest, and has no texture to follow.
     """
 
     def __init__(
-        self, *, world: World, settings: SimulatedSettings, folder: Path, clock: Clock, rng: np.random.Generator
+        self,
+        *,
+        world: World,
+        settings: SimulatedSettings,
+        folder: Path,
+        clock: Clock,
+        rng: np.random.Generator,
+        displacement_m: Callable[[float], Float64[np.ndarray, " 3"]] | None = None,
     ) -> None:
         self._world, self._settings, self._clock, self._rng = world, settings, clock, rng
         self.folders = folder / "left", folder / "right"
@@ -59,6 +72,10 @@ class EmulatedEndoscope:
         look = EndoscopeSettings(frames=1)
         self.calibration_sigma_px = look.calibration_sigma_px
         """Standard deviation of the error of the calibration, in pixels."""
+        tissue = None
+        if displacement_m is not None:
+            # Level, as the places are that a person lights.
+            tissue = TexturedTissue.drawn(seed=1, level_m=settings.marker.radius_m, relief_m=0.0, contrast=_CONTRAST)
         self.images = SimulatedEndoscope(
             cameras=self.cameras,
             camera_to_trus=self.true,
@@ -66,6 +83,8 @@ class EmulatedEndoscope:
             rng=rng,
             clock=clock,
             flashes=lambda: len(world.flashes),
+            tissue=tissue,
+            displacement_m=displacement_m,
         )
         self._next_s, self._written = clock.now_s(), 0
         width, height = self.cameras.left.size_px

@@ -1,6 +1,6 @@
-"""Results of searches, devices that replay a bank, series of B-mode images.
+"""Files: banks, journals and arrays of other programs. The packages below hold banks and journals.
 
-The packages below hold banks, journals, streams of events, and exports.
+What a person reads of them is phrased and drawn in `markerseek.show`.
 """
 
 import lazy_loader

@@ -22,7 +22,7 @@ from .report import (
     register_pairs,
     target_pixels,
 )
-from .room import DeviceRoom, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
+from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .session import RegistrationSession
 from .steps import (
     Begun,
@@ -51,6 +51,7 @@ __all__ = [
     "Continued",
     "DeviceRoom",
     "Ended",
+    "EndoscopeMove",
     "ExpectedError",
     "KnownRegistration",
     "MovedMarker",

@@ -26,6 +26,7 @@ from markerseek.sim import (
     EndoscopeSettings,
     SimulatedEndoscope,
     SimulatedSettings,
+    TexturedTissue,
     camera_above,
     endoscope,
     on_tissue_m,
@@ -169,6 +170,38 @@ BY_HAND_S = (120.0, 420.0)
 """Time of a search by hand for one registration: 2 to 3 minutes, and "as much as 7 min" (the paper)."""
 
 
+CONTRAST = 0.25
+"""Standard deviation of the brightness of textured tissue over its mean."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EndoscopeMove:
+    """Somebody moves the simulated endoscope."""
+
+    marker: int
+    """Number of the place that is lit when it is moved, counted from 1."""
+    after_s: float = 0.0
+    """Time from the light on that place to the beginning of the move; 0 is before the cameras look for the spot."""
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Way of the left camera along its own axes."""
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation about its own axes: its axis, and its length in degrees."""
+    lasts_s: float = 0.0
+    """Duration of the move; a long one creeps."""
+
+    def from_place(self, camera_to_trus: RigidTransform) -> RigidTransform:
+        """Return where the camera stands after the move, from where it stood before."""
+        from scipy.spatial.transform import Rotation
+
+        turned = Rotation.from_rotvec(self.turn_deg, degrees=True).as_matrix()
+        return RigidTransform(
+            source=camera_to_trus.source,
+            target=camera_to_trus.target,
+            rotation=camera_to_trus.rotation @ turned,
+            translation_m=camera_to_trus.apply(np.array(self.shift_m)),
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedRoomSettings:
     """Settings of a simulated operating room."""
@@ -181,6 +214,12 @@ class SimulatedRoomSettings:
     """Draws what is beside each marker; None: nothing but the clutter of the material."""
     places_m: tuple[tuple[float, float], ...] | None = None
     """Places (x, y) in the TRUS frame that are lit in turn, whatever is asked for; None: the places asked for."""
+    look: EndoscopeSettings = field(default_factory=EndoscopeSettings)
+    """Errors of the cameras, and the look of their images."""
+    textured: bool = False
+    """Whether the cameras see tissue with texture, relief and highlights, and not uneven brightness alone."""
+    moves: tuple[EndoscopeMove, ...] = ()
+    """Moves of the endoscope, in their order."""
 
 
 class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -219,32 +258,41 @@ class SimulatedRoom:
         """The simulated rig; another one for each place of the marker."""
         tissue_m = settings.rig.marker.radius_m
         self._tissue_m = tissue_m
-        self.true = camera_above(
+        first = camera_above(
             np.array([0.0, 0.0, tissue_m]),
             distance_m=CAMERA_M,
             roll_deg=rng.uniform(*CAMERA_ROLL_DEG),
             tilt_deg=rng.uniform(*CAMERA_TILT_DEG),
         )
-        """The true transform from the left camera to the probe."""
+        self._tissue: TexturedTissue | None = None
+        if settings.textured:
+            self._tissue = TexturedTissue.drawn(seed=seed, level_m=tissue_m, relief_m=RELIEF_M, contrast=CONTRAST)
         # Sound speed, face radius, zero of the angle and focal length are wrong, as a registration assumes of each.
         drawn = rng.standard_normal(4)
         self._shared = drawn[:3]
         cameras = endoscope()
-        look = EndoscopeSettings()
+        look, motion = settings.look, self._movable.world.motion
         self.stereo = StereoSettings.of(cameras, calibration_sigma_px=look.calibration_sigma_px)
         """The calibration of the cameras."""
         self.images = SimulatedEndoscope(
             cameras=cameras,
-            camera_to_trus=self.true,
+            camera_to_trus=first,
             settings=look,
             rng=rng,
             clock=self.rig.scanner.clock,
             flashes=lambda: len(self._movable.world.flashes),
             focal_error=FOCAL_LENGTH * float(drawn[3]),
+            tissue=self._tissue,
+            displacement_m=lambda at_s: motion.displacement_m(np.array([at_s]))[0],
         )
         self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
         self._turn, self._asked = 0, dict[str, int]()
         self._recalled: set[str] = set()
+
+    @property
+    def true(self) -> RigidTransform:
+        """The true transform from the left camera, where it stands now, to the probe."""
+        return self.images.pose(self.rig.scanner.clock.now_s())
 
     def ask(self, waiting: Waiting) -> bool:
         """Light the place that is asked for, or the next of the settings, as well as a person hits it."""
@@ -259,8 +307,17 @@ class SimulatedRoom:
             spot_m = self._draw(waiting) if places is None else self._at(*places[self._turn])
             self._turn += 1
             self._spots_m[waiting.name] = spot_m
+            self._move_endoscope()
         self._light(spot_m)
         return True
+
+    def _move_endoscope(self) -> None:
+        """Begin the moves of the endoscope at this marker."""
+        to = self.true
+        for each in self._settings.moves:
+            if each.marker == self._turn:
+                to = each.from_place(to)
+                self.images.move(to, after_s=each.after_s, lasts_s=each.lasts_s)
 
     def light(self) -> int:
         """Fire the pulses of an acquisition for the cameras."""
@@ -321,7 +378,11 @@ class SimulatedRoom:
 
     def _at(self, x_m: float, y_m: float) -> Float64[np.ndarray, " 3"]:
         """A point of the tissue, whose height is uneven."""
-        return np.array([x_m, y_m, self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)])
+        # Drawn in any case: what is drawn later does not depend on the look of the tissue.
+        height_m = self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)
+        if self._tissue is not None:
+            height_m = float(self._tissue.height_m(np.array([[x_m, y_m]]))[0])
+        return np.array([x_m, y_m, height_m])
 
 
 def _error_m(known: KnownRegistration, true: RigidTransform) -> float:

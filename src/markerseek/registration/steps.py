@@ -15,9 +15,9 @@ import numpy as np
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError, MarkerCandidate, require_range
+from markerseek.records.journal import RunView
 from markerseek.registration.choice import Choice, SeenMarker
 from markerseek.registration.poses import Place, Prediction
-from markerseek.runs import RunView
 
 Numbers: TypeAlias = list[list[float]]
 

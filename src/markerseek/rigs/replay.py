@@ -10,9 +10,9 @@ import numpy as np
 
 from markerseek.core import RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
-from markerseek.records import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, TableFormat
 from markerseek.rigs.probe_file import preset_of, read_recording
+from markerseek.rigs.replay_devices import ReplayLaser, ReplayReceiver, ReplayStage
 from markerseek.rigs.rig import ReplayedRecipe, Rig, fingerprint, with_probe
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, IntensityReader, ProbePreset, is_own

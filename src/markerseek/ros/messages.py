@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 import msgspec
 import numpy as np
 
-from markerseek.core import Float32, Int16, MissingExtraError, PaImage, ScanGeometry, UInt8, is_finite, needs_package
+from markerseek.core import Int16, MissingExtraError, PaImage, ScanGeometry, UInt8, is_finite, needs_package
 from markerseek.geometry import RigidTransform
 
 JOINT = "trus_roll"
@@ -23,9 +23,6 @@ HOME, PROBE, IMAGE = "trus_home", "trus_probe", "trus_image"
 CAMERA, SIMULATED_CAMERA = "davinci_camera_optical", "simulated_davinci_camera_optical"
 """Frame of the da Vinci camera (z along its view) with a real and with a simulated registration. The name states this,
 because a transform has no field for it."""
-
-RANGE_DB = 40.0
-"""Dynamic range from white to black, in dB."""
 
 _TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
 """Rotation from image to probe as x, y, z, w: columns along y, rows along z."""
@@ -241,18 +238,9 @@ def envelope(image: PaImage, *, time_s: float) -> Any:
     return _image(image.envelope.astype("<f4"), encoding="32FC1", time_s=time_s)
 
 
-def picture(image: PaImage, *, time_s: float, brightest: float) -> Any:
-    """Image message of the envelope in decibels, mono8: `RANGE_DB` below the brightest value is black."""
-    return _image(grey(image.envelope, brightest=brightest), encoding="mono8", time_s=time_s)
-
-
-def grey(
-    values: Float32[np.ndarray, "rows columns"], *, brightest: float, range_db: float = RANGE_DB
-) -> UInt8[np.ndarray, "rows columns"]:
-    """Envelope in ADC counts as shades from 0 (``range_db`` and more below) to 255 (the brightest and above)."""
-    # The lower end is clipped before the logarithm, because 0 has no logarithm; a frame without sound is black.
-    share = np.clip(values / (brightest or 1.0), 10 ** (-range_db / 20), 1.0)
-    return np.rint(255 * (1 + 20 * np.log10(share) / range_db)).astype(np.uint8)
+def picture(levels: UInt8[np.ndarray, "rows columns"], *, time_s: float) -> Any:
+    """Image message of grey levels, mono8."""
+    return _image(levels, encoding="mono8", time_s=time_s)
 
 
 def _image(pixels: np.ndarray[Any, Any], *, encoding: str, time_s: float, frame: str = IMAGE) -> Any:

@@ -11,6 +11,7 @@ from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank
 from .calibration_scan import Calibration, calibrate
 from .delay import DelayRun, MeasuredDelay
 from .former_runs import JournalSummary, former_curve, journal_summary, read_marker
+from .image_ring import ImageRing, hand_images_on
 from .journalled import configuration_of
 from .rebuild import (
     answer_again,
@@ -22,31 +23,15 @@ from .rebuild import (
     require_same_measurement,
 )
 from .resume import require_reset, tell_recorded
-from .run_view import STOPPED, Phase, Point, RunView
 from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
-from .verdict import (
-    Verdict,
-    VerdictKind,
-    curve_of,
-    mark_of,
-    mean_deg,
-    numbers_of,
-    others_deg,
-    verdict_of,
-)
 
 __all__ = [
-    "STOPPED",
     "Calibration",
     "DelayRun",
+    "ImageRing",
     "JournalSummary",
     "MeasuredDelay",
-    "Phase",
-    "Point",
-    "RunView",
     "Session",
-    "Verdict",
-    "VerdictKind",
     "answer_again",
     "answer_from_all",
     "bank_curve",
@@ -56,18 +41,14 @@ __all__ = [
     "bank_samples",
     "calibrate",
     "configuration_of",
-    "curve_of",
     "dark_intensity",
     "find_marker",
     "former_curve",
+    "hand_images_on",
     "intensities_stored",
     "journal_bank",
     "journal_summary",
-    "mark_of",
-    "mean_deg",
     "new_session",
-    "numbers_of",
-    "others_deg",
     "plan_on",
     "read_marker",
     "rebuild_image_reader",
@@ -82,5 +63,4 @@ __all__ = [
     "scan_angles",
     "scan_bank",
     "tell_recorded",
-    "verdict_of",
 ]

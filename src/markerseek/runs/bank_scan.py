@@ -44,6 +44,7 @@ from markerseek.records.journal import (
     Journal,
     JournalEvent,
     RecordedRun,
+    RunView,
     has_begun,
     read_journal,
     salvage,
@@ -51,7 +52,6 @@ from markerseek.records.journal import (
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, is_scan, journalled, limits_of
 from markerseek.runs.resume import resumed
-from markerseek.runs.run_view import RunView
 from markerseek.search import Exhaustive
 
 _LOG = logging.getLogger(__name__)

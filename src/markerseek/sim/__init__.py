@@ -14,6 +14,7 @@ from markerseek.sim.curves import (
     TwoHumps,
 )
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
+from markerseek.sim.motion import TissueMotion, displaced
 from markerseek.sim.receiver import SimulatedReceiver
 from markerseek.sim.settings import (
     STREAMING,
@@ -33,6 +34,7 @@ from markerseek.sim.stereo_endoscope import (
     endoscope,
     on_tissue_m,
 )
+from markerseek.sim.textured_tissue import TexturedTissue
 from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
 from markerseek.sim.world import Flash, SimulatedWorld, VirtualClock, World
 
@@ -64,11 +66,14 @@ __all__ = [
     "SimulatedWorld",
     "Spot",
     "StageMotion",
+    "TexturedTissue",
     "Tissue",
+    "TissueMotion",
     "TwoHumps",
     "VirtualClock",
     "World",
     "camera_above",
+    "displaced",
     "endoscope",
     "hashable_values",
     "on_tissue_m",

@@ -28,7 +28,9 @@ from typing import Annotated, Protocol, TypeAlias
 
 import numpy as np
 
+from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError, Float64, FrameHeader, ReadingFrame, Within, require_fields
+from markerseek.sim.motion import displaced
 from markerseek.sim.settings import SimulatedSettings
 from markerseek.sim.world import Flash, flash_of, noise_gain
 
@@ -187,7 +189,10 @@ class CurveWorld:
             raise ConfigError(f"curve world: cells is {cells}, at least 10 are needed; an image has some 100,000")
         self.angle_deg = settings.start_deg
         self.flashes: list[Flash] = []
-        self._curve, self._marker_deg, self._cells = curve, marker_deg, cells
+        self._curve, self._cells = curve, cells
+        self._marker = Absorber(radius_m=settings.marker.radius_m, angle_deg=marker_deg)
+        self.motion = settings.motion.drawn(rng)
+        """How the tissue moves; of that, the part along the turn changes the intensity."""
         self._peak = 10 ** (settings.noise.peak_snr_db / 20)
         self._laser, self._rng, self._noise_stated = settings.laser, rng, noise_stated
 
@@ -202,7 +207,7 @@ class CurveWorld:
         noise_sigma = 1.0 if flash is None else noise_gain(self._laser.pulses, flash)
         if flash is not None and self._curve is not None:
             snr = flash.energy * self._peak / noise_sigma
-            heights = self._curve.peaks(self.angle_deg - self._marker_deg)
+            heights = self._curve.peaks(self.angle_deg - self._marker_deg(flash))
             noise = self._rng.standard_normal((len(heights), 4)).tolist()
             for height, (along, *across) in zip(heights, noise, strict=True):
                 largest = max(largest, math.hypot(snr * height + along, *across))
@@ -212,6 +217,14 @@ class CurveWorld:
             noise_sigma=noise_sigma if self._noise_stated else None,
             cells=self._cells if self._noise_stated else None,
         )
+
+    def _marker_deg(self, flash: Flash) -> float:
+        """Angle of the marker at a flash."""
+        if not self.motion.moves:
+            return self._marker.angle_deg
+        pulse_period_s = 1 / self._laser.rate_hz
+        middle_s = flash.at_s + (flash.pulses - 1) * pulse_period_s / 2
+        return displaced(self._marker, self.motion.displacement_m(np.array([middle_s]))[0]).angle_deg
 
 
 def largest_noise(rng: np.random.Generator, *, cells: int) -> float:

@@ -1,15 +1,20 @@
 """A simulated stereo endoscope: its cameras, the errors of their calibration, and images of tissue with the laser spot.
 
-`SimulatedEndoscope` gives image pairs that show the spot while the laser of a simulated rig fires.
+`SimulatedEndoscope` gives image pairs that show the spot while the laser of a simulated rig fires. The tissue may move
+under it, and somebody may move the endoscope. What the cameras see of the tissue is uneven brightness that stays where
+it is in the image, or a surface with texture (`textured_tissue`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, NamedTuple, TypeAlias
 
+import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     MAX_PAIRS,
@@ -23,6 +28,7 @@ from markerseek.core import (
     require_range,
 )
 from markerseek.geometry import Camera, RigidTransform, StereoCameras
+from markerseek.sim.textured_tissue import TexturedTissue, TissueView, draw_shaft
 
 
 def endoscope(*, focal_px: float = 1100.0, base_m: float = 5e-3) -> StereoCameras:
@@ -71,8 +77,7 @@ def on_tissue_m(
     return np.asarray(origin_m + towards * (height_m - origin_m[2]) / towards[2])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EndoscopeSettings:
+class EndoscopeSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Errors of the simulated cameras, and the look of their images."""
 
     spot_sigma_px: Annotated[float, Within(0, 20, "px")] = 0.3
@@ -93,6 +98,12 @@ class EndoscopeSettings:
     """How far the spot moves in both images once it has been seen in as many pairs as there are frames."""
     dropped_share: Annotated[float, Within(0, 1)] = 0.0
     """Share of the image pairs that do not come."""
+    exposure_swing: Annotated[float, Within(0, 0.9)] = 0.0
+    """By which share the brightness rises and falls as the exposure changes; of textured tissue only."""
+    highlight_counts: Annotated[float, Within(0, 500, "counts")] = 220.0
+    """Height of the highlights of textured tissue; 0: it is matt."""
+    instrument: bool = False
+    """Whether the shaft of an instrument moves through the view of textured tissue."""
 
     def __post_init__(self) -> None:
         require_fields(self, "endoscope")
@@ -141,47 +152,129 @@ Places: TypeAlias = dict[Side, Float64[np.ndarray, " 2"] | None]
 """Pixel (x, y) of the spot in each camera; None: it is behind the camera."""
 
 
+class _Scene(NamedTuple):
+    """Where the cameras and the tissue are at a time."""
+
+    at_s: float
+    camera_to_trus: RigidTransform
+    """Where the left camera stands."""
+    displaced_m: Float64[np.ndarray, " 3"]
+    """How far the tissue has moved, in the TRUS frame."""
+
+
 class _Moment(NamedTuple):
     """What both cameras see in one frame."""
 
     frame: int
     lit: bool
     spot_px: Places | None
+    scene: _Scene
+
+
+EXPOSURE_S = 11.0
+"""Time in which the exposure changes and comes back, in seconds."""
+
+SHAFT_M, SHAFT_TIP_M, SHAFT_SWING_M, SHAFT_S = 4e-3, np.array([0.018, 0.012, 0.08]), 8e-3, 5.0
+"""Radius of the instrument's shaft, the middle place of its tip in the frame of the left camera, how far the tip moves
+to either side, and the time of one such movement in seconds."""
+
+SHAFT_COUNTS = 110.0
+"""Brightness of the middle of the shaft."""
+
+_SHAFT_ALONG = 0.8, 0.6
+"""Direction (x, y) in the image from the tip along the shaft."""
 
 
 class _View:
-    """What one camera sees of the tissue, without a spot."""
+    """What one camera sees of the tissue, without a spot.
 
-    def __init__(self, camera: Camera, settings: EndoscopeSettings, *, rng: np.random.Generator) -> None:
+    ``from_left``: transform of the left camera's frame to that of this one. ``tissue``: None: uneven brightness that
+    stays where it is in the image.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        settings: EndoscopeSettings,
+        *,
+        rng: np.random.Generator,
+        from_left: RigidTransform,
+        tissue: TexturedTissue | None,
+    ) -> None:
         self._rng = rng
-        tissue = uneven_tissue(camera.size_px, settings=settings, rng=rng)
+        self._camera = camera
+        self._from_left = from_left
+        # Drawn in any case: what is drawn later does not depend on the tissue.
+        uneven = uneven_tissue(camera.size_px, settings=settings, rng=rng)
         # Beyond 500 counts all is white; half a count more, because the sum is rounded down.
-        self._tissue = np.rint(_SCALE * (np.minimum(tissue, 500.0) + 0.5)).astype(np.int16)
-        self._total = np.empty_like(self._tissue)
+        self._uneven = np.rint(_SCALE * (np.minimum(uneven, 500.0) + 0.5)).astype(np.int16)
+        self._total = np.empty_like(self._uneven)
+        self._texture = None if tissue is None else TissueView(camera, tissue)
 
     def image(
         self,
         noise: Int16[np.ndarray, " pixels"],
         spot_px: Float64[np.ndarray, " 2"] | None,
         settings: EndoscopeSettings,
+        scene: _Scene,
     ) -> UInt8[np.ndarray, "rows columns"]:
         """An image, with the spot if it is lit."""
-        rows, columns = self._tissue.shape
+        rows, columns = self._uneven.shape
         first = int(self._rng.integers(len(noise) - rows * columns + 1))
-        total = np.add(self._tissue, noise[first : first + rows * columns].reshape(rows, columns), out=self._total)
+        drawn = noise[first : first + rows * columns].reshape(rows, columns)
+        if self._texture is None:
+            total = np.add(self._uneven, drawn, out=self._total)
+        else:
+            self._draw(self._texture, settings, scene)
+            total = np.add(self._total, drawn, out=self._total)
         if spot_px is not None:
-            (x, y), radius_px = spot_px, settings.spot_radius_px
-            reach_px = _REACH_RADII * radius_px
-            right = np.arange(max(0, int(x - reach_px)), min(columns, int(x + reach_px) + 1))
-            down = np.arange(max(0, int(y - reach_px)), min(rows, int(y + reach_px) + 1))
-            if right.size and down.size:
-                across = np.exp(-0.5 * ((right - x) / radius_px) ** 2)
-                height = settings.spot_counts * np.exp(-0.5 * ((down - y) / radius_px) ** 2)
-                light = np.rint(_SCALE * np.minimum(height[:, None] * across, 500.0)).astype(np.int16)
-                total[down[0] : down[-1] + 1, right[0] : right[-1] + 1] += light
+            _add_light(total, spot_px, radius_px=settings.spot_radius_px, counts=settings.spot_counts)
         np.clip(total, 0, 255 * _SCALE + _SCALE - 1, out=total)
         total >>= _BITS
         return np.asarray(total.astype(np.uint8))
+
+    def _draw(self, texture: TissueView, settings: EndoscopeSettings, scene: _Scene) -> None:
+        """Fill in textured tissue, its highlights and the instrument."""
+        left_to_trus, back = scene.camera_to_trus, self._from_left.inverse()
+        to_trus = replace(
+            left_to_trus,
+            rotation=left_to_trus.rotation @ back.rotation,
+            translation_m=left_to_trus.apply(back.translation_m),
+        )
+        exposure = 1 + settings.exposure_swing * math.sin(2 * math.pi * scene.at_s / EXPOSURE_S)
+        texture.into(
+            self._total,
+            camera_to_trus=to_trus,
+            displaced_m=scene.displaced_m,
+            counts=_SCALE * exposure * settings.tissue_counts,
+        )
+        if settings.highlight_counts > 0:
+            pixels, sizes_px = texture.highlights(camera_to_trus=to_trus, displaced_m=scene.displaced_m)
+            for pixel, size_px in zip(pixels, sizes_px.tolist(), strict=True):
+                _add_light(self._total, pixel, radius_px=size_px, counts=exposure * settings.highlight_counts)
+        if settings.instrument:
+            swing_m = SHAFT_SWING_M * math.sin(2 * math.pi * scene.at_s / SHAFT_S)
+            tip_m = self._from_left.apply(SHAFT_TIP_M + np.array([swing_m, -swing_m, 0.0]))
+            tip_px = self._camera.seen(tip_m[None])[0][0]
+            radius_px = self._camera.focal_px[0] * SHAFT_M / tip_m[2]
+            tip_x, tip_y = tip_px.tolist()
+            along_x, along_y = _SHAFT_ALONG
+            draw_shaft(self._total, tip_x, tip_y, along_x, along_y, radius_px, _SCALE * exposure * SHAFT_COUNTS)
+
+
+def _add_light(
+    total: Int16[np.ndarray, "rows columns"], at_px: Float64[np.ndarray, " 2"], *, radius_px: float, counts: float
+) -> None:
+    """Add light with a Gaussian profile to an image in sixteenths of a count."""
+    rows, columns = total.shape
+    (x, y), reach_px = at_px, _REACH_RADII * radius_px
+    right = np.arange(max(0, int(x - reach_px)), min(columns, int(x + reach_px) + 1))
+    down = np.arange(max(0, int(y - reach_px)), min(rows, int(y + reach_px) + 1))
+    if right.size and down.size:
+        across = np.exp(-0.5 * ((right - x) / radius_px) ** 2)
+        height = counts * np.exp(-0.5 * ((down - y) / radius_px) ** 2)
+        light = np.rint(_SCALE * np.minimum(height[:, None] * across, 500.0)).astype(np.int16)
+        total[down[0] : down[-1] + 1, right[0] : right[-1] + 1] += light
 
 
 class SimulatedEndoscope:
@@ -194,6 +287,8 @@ class SimulatedEndoscope:
     ``cameras``: the calibration, as the session has it. ``camera_to_trus``: where the left camera stands, the transform
     ``DaVinciToProbeHome``. ``flashes``: number of flashes fired so far: ``lambda: len(world.flashes)``. ``clock``: that
     of the rig. ``focal_error``: by which share the calibration states the focal lengths of both cameras too large.
+    ``tissue``: what the cameras look at; None: brightness without texture. ``displacement_m``: how far the tissue has
+    moved in the TRUS frame, at a time of the clock; None: it is at rest.
     """
 
     name = "simulated endoscope"
@@ -208,45 +303,84 @@ class SimulatedEndoscope:
         clock: Clock,
         flashes: Callable[[], int],
         focal_error: float = 0.0,
+        tissue: TexturedTissue | None = None,
+        displacement_m: Callable[[float], Float64[np.ndarray, " 3"]] | None = None,
     ) -> None:
         require_range("endoscope: focal_error", focal_error, low=-0.5, high=0.5)
         self._settings, self._rng, self._clock, self._flashes = settings, rng, clock, flashes
         self._true = replace(
             cameras, left=_refocused(cameras.left, focal_error), right=_refocused(cameras.right, focal_error)
         )
-        self._trus_to_camera = camera_to_trus.inverse()
-        self._views: dict[Side, _View] = {side: _View(camera, settings, rng=rng) for side, camera in _sides(cameras)}
+        self._poses = [_Pose(since_s=-math.inf, lasts_s=0.0, before=camera_to_trus, after=camera_to_trus)]
+        self._displacement_m = displacement_m
+        # With their true focal lengths, but what they saw of untextured tissue is the same whatever these are.
+        self._views: dict[Side, _View] = {
+            side: _View(
+                camera,
+                settings,
+                rng=rng,
+                from_left=self._true.left_to_right if side == "right" else _NOWHERE,
+                tissue=tissue,
+            )
+            for side, camera in _sides(self._true)
+        }
         pixels = max(int(np.prod(camera.size_px)) for _, camera in _sides(cameras))
         noise = rng.standard_normal(pixels + _MORE_NOISE, dtype=np.float32)
         noise *= np.float32(_SCALE * settings.noise_counts)
         self._noise = np.rint(noise, out=noise).astype(np.int16)
         self._errors_px: dict[tuple[float, ...], dict[Side, Float64[np.ndarray, " 2"]]] = {}
-        self._spot_px: Places | None = None
+        self._spot_m: Float64[np.ndarray, " 3"] | None = None
         self._motion_px = np.zeros(2)
         self._lit_pairs = 0
         self._began_s, self._frames = clock.now_s(), 0
         self._seen_flashes = flashes()
 
     def show(self, spot_trus_m: Float64[np.ndarray, " 3"] | None) -> None:
-        """Put the spot there, in the TRUS frame, or take the fibre away.
+        """Put the spot there on the tissue, in the TRUS frame while it is undisplaced, or take the fibre away.
 
         The calibration's error at a point is the same whenever the spot comes back to that point.
         """
         self._lit_pairs, self._motion_px = 0, np.zeros(2)
+        self._spot_m = spot_trus_m
         if spot_trus_m is None:
-            self._spot_px = None
             return
         error = self._errors_px.get(tuple(spot_trus_m.tolist()))
         if error is None:
             sigma_px = self._settings.calibration_sigma_px
             error = {side: sigma_px * self._rng.standard_normal(2) for side, _ in _sides(self._true)}
             self._errors_px[tuple(spot_trus_m.tolist())] = error
-        left_m = self._trus_to_camera.apply(spot_trus_m)
+
+    def move(self, camera_to_trus: RigidTransform, *, after_s: float = 0.0, lasts_s: float = 0.0) -> None:
+        """Move the endoscope evenly to where the left camera then stands.
+
+        A move that is not over when another begins ends there.
+
+        ``after_s``: time until it begins; it is given after all moves that begin before it. ``lasts_s``: its duration.
+        """
+        require_range("endoscope: after_s", after_s, low=0.0, high=86_400.0, unit="s")
+        require_range("endoscope: lasts_s", lasts_s, low=0.0, high=86_400.0, unit="s")
+        since_s = self._clock.now_s() + after_s
+        self._poses.append(_Pose(since_s=since_s, lasts_s=lasts_s, before=self.pose(since_s), after=camera_to_trus))
+
+    def pose(self, at_s: float) -> RigidTransform:
+        """Return where the left camera stood at a time of the clock, in truth: ``DaVinciToProbeHome``."""
+        return next(each for each in reversed(self._poses) if each.since_s <= at_s).at(at_s)
+
+    def _scene(self, at_s: float) -> _Scene:
+        displaced_m = np.zeros(3) if self._displacement_m is None else self._displacement_m(at_s)
+        return _Scene(at_s=at_s, camera_to_trus=self.pose(at_s), displaced_m=displaced_m)
+
+    def _places(self, scene: _Scene) -> Places | None:
+        """Return where the spot is in both images, without the error of a single frame."""
+        if self._spot_m is None:
+            return None
+        error = self._errors_px[tuple(self._spot_m.tolist())]
+        left_m = scene.camera_to_trus.inverse().apply(self._spot_m + scene.displaced_m)
         points_m: dict[Side, Float64[np.ndarray, " 3"]] = {
             "left": left_m,
             "right": self._true.left_to_right.apply(left_m),
         }
-        self._spot_px = {
+        return {
             side: camera.project(points_m[side][None])[0] + error[side] if points_m[side][2] > 0 else None
             for side, camera in _sides(self._true)
         }
@@ -274,8 +408,12 @@ class SimulatedEndoscope:
         lit, self._seen_flashes = flashes > self._seen_flashes, flashes
         new = range(max(self._frames, frames - MAX_PAIRS), frames)
         self._frames = frames
-        come = [_Moment(frame=frame + 1, lit=lit, spot_px=self._spot_px) for frame in new]
-        return [moment for moment in come if not self._rng.random() < self._settings.dropped_share]
+        come = [frame + 1 for frame in new if not self._rng.random() < self._settings.dropped_share]
+        return [self._moment(frame, lit=lit) for frame in come]
+
+    def _moment(self, frame: int, *, lit: bool) -> _Moment:
+        scene = self._scene(self._began_s + frame / RATE_HZ)
+        return _Moment(frame=frame, lit=lit, spot_px=self._places(scene), scene=scene)
 
     def _pair(self, moment: _Moment) -> StereoPair:
         if moment.lit and moment.spot_px is not None:
@@ -292,7 +430,37 @@ class SimulatedEndoscope:
         middle_px = None if moment.spot_px is None or not moment.lit else moment.spot_px[side]
         if middle_px is not None:
             middle_px = middle_px + self._motion_px + settings.spot_sigma_px * self._rng.standard_normal(2)
-        return self._views[side].image(self._noise, middle_px, settings)
+        return self._views[side].image(self._noise, middle_px, settings, moment.scene)
+
+
+_NOWHERE = RigidTransform(source="Left", target="Left", rotation=np.eye(3), translation_m=np.zeros(3))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pose:
+    """Where the left camera stands from a time on: it moves evenly from one place to another, and stays there."""
+
+    since_s: float
+    lasts_s: float
+    before: RigidTransform
+    after: RigidTransform
+
+    def at(self, time_s: float) -> RigidTransform:
+        """Return the transform ``DaVinciToProbeHome`` at a time."""
+        done = 1.0 if self.lasts_s <= 0 else min((time_s - self.since_s) / self.lasts_s, 1.0)
+        return between(self.before, self.after, done)
+
+
+def between(before: RigidTransform, after: RigidTransform, done: float) -> RigidTransform:
+    """Return a transform on the way from one to another: turned and shifted by this share of the way."""
+    if done >= 1:
+        return after
+    from scipy.spatial.transform import Rotation
+
+    way = Rotation.from_matrix(after.rotation @ before.rotation.T).as_rotvec()
+    turned = Rotation.from_rotvec(done * way).as_matrix() @ before.rotation
+    shifted_m = before.translation_m + done * (after.translation_m - before.translation_m)
+    return replace(before, rotation=turned, translation_m=shifted_m)
 
 
 def _sides(cameras: StereoCameras) -> tuple[tuple[Side, Camera], ...]:
@@ -302,4 +470,4 @@ def _sides(cameras: StereoCameras) -> tuple[tuple[Side, Camera], ...]:
 def _refocused(camera: Camera, error: float) -> Camera:
     """The true camera, if its calibration states focal lengths that are too large by this share."""
     x_px, y_px = camera.focal_px
-    return replace(camera, focal_px=(x_px / (1 + error), y_px / (1 + error)))
+    return structs.replace(camera, focal_px=(x_px / (1 + error), y_px / (1 + error)))

@@ -17,6 +17,7 @@ import numpy as np
 
 from markerseek.acoustics import Absorber, AcousticModel, Noise, digitise
 from markerseek.core import ChannelFrame, ConfigError, Float32, Frame, FrameHeader, Int16, require_pace
+from markerseek.sim.motion import TissueMotion, displaced, moments_s
 
 _SLICE_S = 0.02
 """Longest real time between two beats of a wait, in seconds."""
@@ -103,7 +104,8 @@ class World:
 
     ``absorbers``: absorbers; none is a world without a marker. ``noise``: noise of one acquisition, after averaging, in
     counts, the unit of the channel data. ``energy_jitter``: standard deviation of a pulse's energy over its mean.
-    ``averaged``: pulses over which that noise is averaged; None: it is the same for any number.
+    ``averaged``: pulses over which that noise is averaged; None: it is the same for any number. ``motion``: how the
+    tissue moves, its phase drawn. ``pulse_period_s``: time from pulse to pulse of one acquisition.
     """
 
     def __init__(
@@ -116,8 +118,12 @@ class World:
         start_deg: float,
         rng: np.random.Generator,
         averaged: int | None = None,
+        motion: TissueMotion | None = None,
+        pulse_period_s: float = 0.0,
     ) -> None:
         self.model = model
+        self.motion = motion or TissueMotion()
+        """How the tissue moves."""
         self.angle_deg = start_deg
         self.flashes: list[Flash] = []
         self._absorbers = tuple(absorbers)
@@ -125,6 +131,7 @@ class World:
         self._energy_jitter = energy_jitter
         self._rng = rng
         self._averaged = averaged
+        self._pulse_period_s = pulse_period_s
 
     def replace_absorbers(self, absorbers: Sequence[Absorber]) -> None:
         """Put other absorbers into the tissue: the spot of light has moved."""
@@ -150,8 +157,19 @@ class World:
         if flash is not None:
             data *= np.float32(noise_gain(self._averaged, flash))
             # In single precision: a NumPy double would make the product, of the size of a frame, a double one.
-            data += np.float32(flash.energy) * _without_noise(model, self._absorbers, self.angle_deg)
+            data += np.float32(flash.energy) * self._lit(flash)
         return digitise(data)
+
+    def _lit(self, flash: Flash) -> Float32[np.ndarray, "channels samples"]:
+        """Channel data of the absorbers without noise, where the tissue is at the pulses of a flash."""
+        if not self.motion.moves:
+            return _without_noise(self.model, self._absorbers, self.angle_deg)
+        moments = moments_s(self.motion, first_s=flash.at_s, pulses=flash.pulses, period_s=self._pulse_period_s)
+        frames = [
+            self.model.channel_data([displaced(each, by_m) for each in self._absorbers], angle_deg=self.angle_deg)
+            for by_m in self.motion.displacement_m(moments)
+        ]
+        return np.asarray(np.mean(frames, axis=0, dtype=np.float32))
 
 
 @lru_cache(maxsize=1)

@@ -23,6 +23,7 @@ from .summary import summarise as summarise
 from .trial import Row as Row
 from .trial import run_row as run_row
 from .trial import run_trial as run_trial
+from .unknowns import Breathing as Breathing
 from .unknowns import ClutterAround as ClutterAround
 from .unknowns import Repeats as Repeats
 from .unknowns import SceneSettings as SceneSettings

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from markerseek.core import ConfigError
-from markerseek.pictures import ERROR_BARS, panel_grid, shared_legend
+from markerseek.show import ERROR_BARS, panel_grid, shared_legend
 from markerseek.studies.policies import StudyPolicy
 from markerseek.studies.study import Study
 from markerseek.studies.summary import Mean, Summary

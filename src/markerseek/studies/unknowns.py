@@ -12,9 +12,12 @@ The marker is the loudest source: it is the truth.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.acoustics import (
     Absorber,
@@ -29,8 +32,8 @@ from markerseek.acoustics import (
     RectanglePulse,
     Reverberation,
 )
-from markerseek.core import ConfigError, Interval, is_whole, require_range
-from markerseek.sim import ReceiverSettings, SimulatedSettings
+from markerseek.core import ConfigError, Float64, Interval, Within, is_whole, require_fields, require_range
+from markerseek.sim import ReceiverSettings, SimulatedSettings, TissueMotion
 
 ELEMENT_HEIGHT_M = (3e-3, 6e-3)
 """Element height in metres."""
@@ -134,7 +137,7 @@ def draw_unknowns(
 
 def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> SimulatedSettings:
     """The settings with what a sweep does not know of stage and laser, drawn."""
-    laser = replace(
+    laser = structs.replace(
         settings.laser,
         stamp_delay_s=float(rng.uniform(*STAMP_DELAY_S)),
         stamp_jitter_s=float(rng.uniform(*STAMP_JITTER_S)),
@@ -142,8 +145,8 @@ def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> Simula
         without_light=WITHOUT_LIGHT,
     )
     backlash_deg = float(rng.uniform(*BACKLASH_DEG))
-    stage = replace(settings.stage, backlash_deg=backlash_deg, stated_backlash_deg=settings.stage.backlash_deg)
-    return replace(settings, laser=laser, stage=stage)
+    stage = structs.replace(settings.stage, backlash_deg=backlash_deg, stated_backlash_deg=settings.stage.backlash_deg)
+    return structs.replace(settings, laser=laser, stage=stage)
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -157,8 +160,7 @@ LATERAL_M = 20e-3
 _MAX_DRAWS = 10_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SecondSource:
+class SecondSource(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A second source in the search range."""
 
     least_apart_deg: float = 6.0
@@ -182,8 +184,7 @@ class SecondSource:
             raise ConfigError("scene.second: same_place is true, and least_lateral_m is above 0; leave one out")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClutterAround:
+class ClutterAround(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Absorbers around the marker."""
 
     count: int = 8
@@ -199,8 +200,7 @@ class ClutterAround:
         _require_span(self, "scene.clutter", "db", low=-60.0, high=0.0, unit="dB")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Repeats:
+class Repeats(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Repeats behind every source."""
 
     least_delay_s: float = 1e-6
@@ -221,13 +221,33 @@ class Repeats:
             raise ConfigError(f"scene.repeats: most_repeats is {self.most_repeats}, it must be 1 to 10")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneSettings:
+class Breathing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Tissue that breathes; the truth is the marker's place in the pause."""
+
+    amplitude_mm: Annotated[float, Within(0, 30, "mm")] = 0.3
+    """Half of the way."""
+    least_period_s: Annotated[float, Within(1, 60, "s")] = 3.0
+    """Least time from breath to breath, which is drawn evenly."""
+    most_period_s: Annotated[float, Within(1, 60, "s")] = 5.0
+    """Largest time from breath to breath."""
+    most_power: Annotated[int, Within(1, 10)] = 3
+    """n of the shape cos²ⁿ, drawn from 2 to this, or from 1 where this is 1."""
+    along: Literal["any", "turn", "axis", "depth"] = "any"
+    """Direction at the marker: any, each as probable, or along the turn of the probe, the axis of rotation, or the
+    depth."""
+
+    def __post_init__(self) -> None:
+        require_fields(self, "scene.breathing")
+        _require_span(self, "scene.breathing", "period_s", low=1.0, high=60.0, unit="s")
+
+
+class SceneSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is drawn beside the marker; None for nothing."""
 
     second: SecondSource | None = None
     clutter: ClutterAround | None = None
     repeats: Repeats | None = None
+    breathing: Breathing | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,6 +259,7 @@ class DrawnScene:
     clutter: tuple[Absorber, ...] = ()
     """The clutter, with strengths likewise, some negative."""
     reverberation: Reverberation | None = None
+    motion: TissueMotion | None = None
 
 
 def draw_extra_sources(
@@ -252,6 +273,24 @@ def draw_extra_sources(
         second=None if settings.second is None else _second(settings.second, rng, marker=marker, limits=limits),
         clutter=() if settings.clutter is None else _clutter(settings.clutter, rng),
         reverberation=None if settings.repeats is None else _repeats(settings.repeats, rng),
+        motion=None if settings.breathing is None else _motion(settings.breathing, rng, marker=marker),
+    )
+
+
+def _motion(settings: Breathing, rng: np.random.Generator, *, marker: Absorber) -> TissueMotion:
+    at = math.radians(marker.angle_deg)
+    # Along the turn, along the axis and away from it, at the marker.
+    axes = np.array([[math.cos(at), 0.0, -math.sin(at)], [0.0, 1.0, 0.0], [math.sin(at), 0.0, math.cos(at)]])
+    drawn: Float64[np.ndarray, " 3"] = rng.standard_normal(3)
+    sign = float(rng.choice((-1.0, 1.0)))
+    direction = drawn if settings.along == "any" else sign * axes[("turn", "axis", "depth").index(settings.along)]
+    x, y, z = direction.tolist()
+    return TissueMotion(
+        breathing_mm=settings.amplitude_mm,
+        period_s=float(rng.uniform(settings.least_period_s, settings.most_period_s)),
+        power=int(rng.integers(min(2, settings.most_power), settings.most_power + 1)),
+        phase=float(rng.random()),
+        direction=(x, y, z),
     )
 
 
@@ -270,7 +309,7 @@ def _second(settings: SecondSource, rng: np.random.Generator, *, marker: Absorbe
     loudness = float(rng.uniform(settings.least_relative, settings.most_relative))
     radius_m, size_m = float(rng.uniform(*MARKER_RADIUS_M)), log_uniform(rng, *SOURCE_RADIUS_M)
     if settings.same_place:
-        return replace(marker, angle_deg=angle_deg, strength=loudness)
+        return structs.replace(marker, angle_deg=angle_deg, strength=loudness)
     return Absorber(
         radius_m=radius_m,
         angle_deg=angle_deg,
@@ -286,7 +325,7 @@ def _clutter(settings: ClutterAround, rng: np.random.Generator) -> tuple[Absorbe
     around = Clutter(count=settings.count, strength=1.0, nearest_m=nearest_m, farthest_m=farthest_m).draw(rng)
     loudest_db = float(rng.uniform(settings.least_db, settings.most_db))
     scale = 10 ** (loudest_db / 20) / max(abs(each.strength) for each in around)
-    return tuple(replace(each, strength=each.strength * scale) for each in around)
+    return tuple(structs.replace(each, strength=each.strength * scale) for each in around)
 
 
 def _repeats(settings: Repeats, rng: np.random.Generator) -> Reverberation:

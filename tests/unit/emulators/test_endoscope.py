@@ -33,9 +33,9 @@ def test_what_is_no_place_is_said(endoscope: EmulatedEndoscope, line: str) -> No
 
 @pytest.mark.parametrize("line", ["5000 5000", "-3 10", "nan 5", "1e400 2"])
 def test_a_place_outside_of_the_image_moves_nothing(endoscope: EmulatedEndoscope, line: str) -> None:
-    before = endoscope.images._spot_px
+    before = endoscope.images._spot_m
     assert "outside the image of 1280 x 1024; the spot stays where it is" in endoscope.type(line)
-    assert endoscope.images._spot_px is before
+    assert endoscope.images._spot_m is before
 
 
 def test_an_image_of_each_camera_is_written_ten_times_a_second(tmp_path: Path) -> None:

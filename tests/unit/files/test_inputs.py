@@ -24,11 +24,11 @@ from markerseek.files import (
     require_input,
     require_new,
 )
-from markerseek.pictures import write_page
 from markerseek.records.banks import read_bank
 from markerseek.records.banks.arrays import read_arrays
 from markerseek.records.banks.frames import load_frame, open_ultrasonix
 from markerseek.records.journal import read_journal
+from markerseek.show import write_page
 from markerseek.studies import read_study
 
 READERS: dict[str, tuple[Callable[[Path], object], int]] = {

@@ -108,12 +108,6 @@ def test_channel_data_survive_as_an_image_and_a_wrong_size_is_refused() -> None:
         assert messages.counts_of(SimpleNamespace(**{**vars(message), **wrong})) is None
 
 
-def test_shades_are_decibels_below_the_brightest_and_a_frame_without_sound_is_black() -> None:
-    values = np.array([[1.0, 10**-0.5, 0.01, 0.001]], np.float32)
-    assert messages.grey(values, brightest=1.0).tolist() == [[255, 191, 0, 0]]
-    assert messages.grey(0 * values, brightest=0.0).tolist() == [[0, 0, 0, 0]]
-
-
 @pytest.mark.parametrize("data", ["", "[]", "{", '{"id":1}', "[" * 10_000, "\ud800", '{"id":"a","pulses":1e99}'])
 def test_a_text_that_is_no_request_is_none(data: str) -> None:
     assert messages.decoded(data, messages.AcquireRequest) is None

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import (
@@ -29,14 +29,16 @@ from markerseek.records.journal import (
     Journal,
     RecordedRun,
     Resuming,
+    RunView,
     read_journal,
     salvage,
     since_started,
 )
 from markerseek.rigs import Rig
-from markerseek.runs import RunView, answer_again, rebuild_policy, rebuild_rig
+from markerseek.runs import answer_again, rebuild_policy, rebuild_rig
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import change_of, pulses_before, resumed
+from markerseek.show import SearchResult
 from markerseek.sim import GaussianCurve
 from tests.unit.runs.journalled_runs import ACQUISITIONS, MARKER_DEG, begin, configured, live, resume_run
 
@@ -58,7 +60,7 @@ def begin_method(method: str, *, resumed_after: int = 0) -> tuple[AnyPolicy, Rig
 def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(method: str, tmp_path: Path) -> None:
     unbroken = tmp_path / "whole.journal"
     live(unbroken, begun=lambda: begin_method(method))
-    wanted, count = RunView.of(read_journal(unbroken)).result(), len(read_journal(unbroken).entries)
+    wanted, count = SearchResult.of(RunView.of(read_journal(unbroken))), len(read_journal(unbroken).entries)
     for until in (2, count // 2, count - 2):
         path = tmp_path / f"{until}.journal"
         live(path, until=until, begun=lambda: begin_method(method))
@@ -73,7 +75,7 @@ def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(meth
             range(1, events[-1].acquisitions + 1)
         )
         assert sum(isinstance(entry.event, Checked) for entry in held.entries) == any(e.role != "dark" for e in before)
-        result = RunView.of(held).result()
+        result = SearchResult.of(RunView.of(held))
         assert result.answer == wanted.answer
         assert result.sigma_deg is not None
         assert wanted.sigma_deg is not None
@@ -104,7 +106,7 @@ def test_a_confirmation_that_was_kept_is_not_taken_again(tmp_path: Path) -> None
     held = read_journal(again)
     roles = [entry.event.role for entry in held.entries if isinstance(entry.event, Measured)]
     assert roles.count("confirmation") == 1
-    assert RunView.of(held).result().confirmation is not None
+    assert SearchResult.of(RunView.of(held)).confirmation is not None
 
 
 @pytest.mark.parametrize("moved_deg", [-6.0, 6.0])
@@ -117,7 +119,7 @@ def test_where_the_marker_has_moved_that_is_said_and_the_search_begins_anew(move
     assert "the intensity is" in str(events[0].difference)
     assert isinstance(events[1], Started)
     held = read_journal(path)
-    result = RunView.of(held).result()
+    result = SearchResult.of(RunView.of(held))
     assert result.angle_deg == pytest.approx(MARKER_DEG + moved_deg, abs=2.5)
     assert len(result.samples) == result.acquisitions == ACQUISITIONS
     assert answer_again(held, read_frames=True).mean_deg == pytest.approx(result.angle_deg, abs=1e-9)
@@ -149,14 +151,14 @@ STRONG = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.05
     ("before", "now", "said"),
     [
         (STRONG, STRONG, None),
-        (STRONG, replace(STRONG, intensity=115.0), None),
-        (STRONG, replace(STRONG, intensity=120.0), "intensity"),
-        (STRONG, replace(STRONG, intensity=80.0), "intensity"),
-        (STRONG, replace(STRONG, lateral_m=0.0116), "lateral_m"),
-        (STRONG, replace(STRONG, depth_m=0.0484), "depth_m"),
-        (STRONG, replace(STRONG, depth_m=None), None),
-        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=6.0, depth_m=0.02), None),
-        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=14.0), "intensity"),
+        (STRONG, structs.replace(STRONG, intensity=115.0), None),
+        (STRONG, structs.replace(STRONG, intensity=120.0), "intensity"),
+        (STRONG, structs.replace(STRONG, intensity=80.0), "intensity"),
+        (STRONG, structs.replace(STRONG, lateral_m=0.0116), "lateral_m"),
+        (STRONG, structs.replace(STRONG, depth_m=0.0484), "depth_m"),
+        (STRONG, structs.replace(STRONG, depth_m=None), None),
+        (structs.replace(STRONG, intensity=5.0), structs.replace(STRONG, intensity=6.0, depth_m=0.02), None),
+        (structs.replace(STRONG, intensity=5.0), structs.replace(STRONG, intensity=14.0), "intensity"),
         (Reading(intensity=100.0), Reading(intensity=91.0), None),
         (Reading(intensity=100.0), Reading(intensity=89.0), "intensity"),
     ],
@@ -240,7 +242,7 @@ def test_a_receiver_that_repeats_a_frame_of_before_is_refused(tmp_path: Path) ->
 
     def stuck(permit: object) -> object:
         frame = acquire(permit)  # type: ignore[arg-type]
-        return replace(frame, intensity=last.intensity) if next(calls) == 0 else frame  # type: ignore[union-attr]
+        return structs.replace(frame, intensity=last.intensity) if next(calls) == 0 else frame  # type: ignore[union-attr]
 
     rig.scanner._receiver.acquire = stuck  # type: ignore[assignment, method-assign]
     policy, _, _ = begin_method("golden-section")

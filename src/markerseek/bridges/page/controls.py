@@ -13,9 +13,9 @@ from markerseek.bridges.asked import AnyAsked, AskedSearch, AskedSession
 from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.core import ConfigError, Option, SceneOptions, SimulationOptions, as_text
-from markerseek.records import with_minus
 from markerseek.registration import SessionPlan
 from markerseek.search import METHODS
+from markerseek.show import with_minus
 from markerseek.sim import TISSUES
 
 USUAL = AskedSearch(simulation=SimulationOptions(seed=1, pace=0.05))

@@ -13,7 +13,7 @@ from markerseek.bridges.page.panels import RunCharts, VerdictPanel, add_legend, 
 from markerseek.bridges.page.session_display import Side, session_chart, session_marks, session_table
 from markerseek.core import Interval
 from markerseek.registration import REGISTRATION, SessionView
-from markerseek.runs import Verdict
+from markerseek.show import Verdict
 
 SIDES: tuple[Side, Side] = ("left", "right")
 

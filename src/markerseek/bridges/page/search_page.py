@@ -19,7 +19,7 @@ from markerseek.bridges.page.page_searches import ChildSearch, PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import SearchPanels, Timeline, VerdictPanel
 from markerseek.core import MarkerseekError, SearchError
-from markerseek.runs import Verdict
+from markerseek.show import Verdict
 
 REPORT_S = 120.0
 """Longest time to draw a report, in seconds."""

@@ -12,9 +12,8 @@ import msgspec
 import numpy as np
 
 from markerseek.core import ConfigError, counted
-from markerseek.records import errors_svg, with_minus
 from markerseek.registration import RegistrationReport, SessionView, StereoSettings, target_pixels
-from markerseek.runs import Verdict, VerdictKind
+from markerseek.show import Verdict, VerdictKind, errors_svg, with_minus
 
 Side: TypeAlias = Literal["left", "right"]
 

@@ -14,6 +14,7 @@ from markerseek.records.banks.bank import (
     FrameBank,
     IntensityBank,
     Series,
+    first_of,
     record_of,
     require_angles,
     series_of,
@@ -22,7 +23,7 @@ from markerseek.records.banks.bank import (
 from markerseek.records.banks.frames import MAT_PROBE, load_frame, open_ultrasonix
 from markerseek.records.banks.ipasc_writer import require_new_bank, require_room, whole_bank
 from markerseek.records.banks.reading import read_bank, require_whole
-from markerseek.records.banks.sequence import is_sequence, read_sequence
+from markerseek.records.banks.sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence, read_sequence
 from markerseek.records.banks.sequence_writer import image_to_probe, probe_to_probe_home, write_sequence
 from markerseek.records.banks.table import write_bank
 from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat, angles_in, deg_per_unit_of
@@ -33,6 +34,7 @@ __all__ = [
     "HDF5_SUFFIXES",
     "MAT_PROBE",
     "MIN_ANGLES",
+    "SEQUENCE_SUFFIXES",
     "Bank",
     "BankFacts",
     "FrameBank",
@@ -40,10 +42,13 @@ __all__ = [
     "Series",
     "TableFormat",
     "angles_in",
+    "angles_of",
     "deg_per_unit_of",
+    "first_of",
     "image_to_probe",
     "is_sequence",
     "load_frame",
+    "open_sequence",
     "open_ultrasonix",
     "probe_to_probe_home",
     "read_arrays",

@@ -1,7 +1,7 @@
 """Journals: all events of a run in one file that only grows, each on the disk before the search acts on it.
 
-`Journal` writes, `read_journal` reads and checks, `salvage` names damage, `follow` reads while a run goes on.
-Numbers are stored exactly.
+`Journal` writes, `read_journal` reads and checks, `salvage` names damage, `follow` reads while a run goes on, and
+`RunView` is the state of a run after each of its events. Numbers are stored exactly.
 """
 
 from markerseek.records.journal.entries import (
@@ -39,6 +39,7 @@ from markerseek.records.journal.reader import (
     salvage,
     since_started,
 )
+from markerseek.records.journal.run_view import Phase, Point, RunView
 from markerseek.records.journal.writer import Journal
 
 __all__ = [
@@ -52,9 +53,12 @@ __all__ = [
     "JournalItem",
     "LineFile",
     "LineReader",
+    "Phase",
+    "Point",
     "RecordedError",
     "RecordedRun",
     "Resuming",
+    "RunView",
     "decode",
     "default_journal",
     "encode",

@@ -11,7 +11,7 @@ import numpy as np
 
 from markerseek.acoustics import Probe
 from markerseek.core import SearchError
-from markerseek.pictures import tip_figure
+from markerseek.show import tip_figure
 from markerseek.sim import BModeSettings, BModeWorld
 from markerseek.studies.paper.methods import RunOptions
 from markerseek.studies.paper.section import Comparison, Section, make_section, make_table, paper_number

@@ -14,7 +14,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.core import PAPER_RANGE
-from markerseek.pictures import panel_grid, shared_legend
+from markerseek.show import panel_grid, shared_legend
 from markerseek.sim import MarkerSettings, NoiseSettings, ReceiverSettings, SimulatedSettings
 from markerseek.studies.paper.methods import (
     BRACKET_ACQUISITIONS,

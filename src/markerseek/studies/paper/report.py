@@ -9,7 +9,7 @@ from pathlib import Path
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
-from markerseek.pictures import new_picture, png_data_uri, save_figure, write_page
+from markerseek.show import new_picture, png_data_uri, save_figure, write_page
 from markerseek.studies.paper.fig5 import fig5
 from markerseek.studies.paper.fig9 import fig9
 from markerseek.studies.paper.methods import PAPER_MARKERS, PaperSearch, RunOptions

@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 
 from markerseek.core import ConfigError
-from markerseek.pictures import panel_grid, shared_legend
+from markerseek.show import panel_grid, shared_legend
 from markerseek.studies.figure import draw_means
 from markerseek.studies.paper.methods import PaperMethod, PaperSearch
 from markerseek.studies.summary import Mean

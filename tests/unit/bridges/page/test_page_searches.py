@@ -19,8 +19,9 @@ from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchP
 from markerseek.records.journal import Entry, Interrupted
 from markerseek.registration import SPOT_IS_SET, Ended, MovedMarker, SessionRecord, Spot, SpotSeen, Waiting
 from markerseek.rigs import read_rig_file
-from markerseek.runs import STOPPED as STOPPED_LINE
 from markerseek.runs import new_session, plan_on
+from markerseek.show import STOPPED as STOPPED_LINE
+from markerseek.show import event_line
 from markerseek.sim import GaussianCurve
 from tests.registration_sessions import BEGUN, begin
 
@@ -35,6 +36,8 @@ FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reaso
 
 class ScriptedChild:
     """Sends what it is given; `stop` ends it."""
+
+    images = None
 
     def __init__(self, items=(), *, endless=False, error=None):
         self.sent = queue.SimpleQueue()
@@ -105,7 +108,7 @@ def test_stop_ends_it(stream, followed):
     assert (live.verdict(None).word, live.verdict(None).kind) == ("STOPPING", "busy")
     live.end(30)
     assert live.message == STOPPED_LINE
-    assert live.run is None or live.run.last.line == STOPPED_LINE
+    assert live.run is None or event_line(live.run.last) == STOPPED_LINE
 
 
 @pytest.mark.parametrize(
@@ -195,7 +198,7 @@ def test_stream_that_cannot_be_read_stops_the_child(stream, followed):
     assert (child.stopped.is_set(), live.message) == (True, "stream: no stream")
     # Nobody knows where the probe is that was on its way.
     last = live.run.last
-    assert (last.phase, last.target_deg, last.line) == ("cut off", None, "stream: no stream")
+    assert (last.phase, last.target_deg, event_line(last)) == ("cut off", None, "stream: no stream")
 
 
 # The thread's own error is printed, as that of any thread.

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from markerseek.core import Interval, LimitError, Permit, ReadingFrame, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank
 from markerseek.records.banks.frames import FolderBank
-from markerseek.records.replay import ReplayReceiver, ReplayStage
+from markerseek.rigs.replay_devices import ReplayReceiver, ReplayStage
 from markerseek.signals import IntensityReader
 
 PERMIT = Permit(token="a", angle_deg=0.0, pulses=16, expires_s=1.0)

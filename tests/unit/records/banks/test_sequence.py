@@ -13,8 +13,8 @@ import pytest
 import SimpleITK as sitk  # noqa: N813 - the name that its users give it
 from scipy.spatial.transform import Rotation
 
+from markerseek.bmode import read_image_sequence
 from markerseek.core import ConfigError, RecordError
-from markerseek.records import read_image_sequence
 from markerseek.records.banks import TableFormat, read_bank, read_sequence, write_sequence
 from markerseek.records.banks.sequence import angles_of, open_sequence
 from tests.notes import noted, notes_collected

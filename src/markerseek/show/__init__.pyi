@@ -1,0 +1,94 @@
+from .curve import NAME_WITHOUT_CLAIM, DrawnAngle, DrawnCurve, DrawnInterval, Mark, Threshold, curve_of, stand_in
+from .curve_figure import comparison_figure, curve_figure, pictured_sample
+from .curve_svg import as_html, curve_svg, errors_svg
+from .files import (
+    PICTURE_SUFFIXES,
+    new_picture,
+    png_data_uri,
+    require_room_for_pictures,
+    save_figure,
+    write_page,
+)
+from .flat import flat_answer, flat_result
+from .frame_picture import bank_figure, frame_figure
+from .grey import RANGE_DB, grey_levels
+from .log import STOPPED, event_line
+from .registration_picture import registration_figure
+from .result import SearchResult
+from .style import ERROR_BARS, new_figure, panel_grid, shared_legend
+from .tip_picture import tip_figure
+from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
+from .words import (
+    NO_CLAIM,
+    AnswerName,
+    acquisitions_text,
+    angle_text,
+    answer_line,
+    answer_name,
+    answer_reason,
+    digits_of,
+    estimate_line,
+    interval_text,
+    others_rows,
+    outliers_rows,
+    sigma_text,
+    time_text,
+    with_minus,
+)
+
+__all__ = [
+    "ERROR_BARS",
+    "NAME_WITHOUT_CLAIM",
+    "NO_CLAIM",
+    "PICTURE_SUFFIXES",
+    "RANGE_DB",
+    "STOPPED",
+    "AnswerName",
+    "DrawnAngle",
+    "DrawnCurve",
+    "DrawnInterval",
+    "Mark",
+    "SearchResult",
+    "Threshold",
+    "Verdict",
+    "VerdictKind",
+    "acquisitions_text",
+    "angle_text",
+    "answer_line",
+    "answer_name",
+    "answer_reason",
+    "as_html",
+    "bank_figure",
+    "comparison_figure",
+    "curve_figure",
+    "curve_of",
+    "curve_svg",
+    "digits_of",
+    "errors_svg",
+    "estimate_line",
+    "event_line",
+    "flat_answer",
+    "flat_result",
+    "frame_figure",
+    "grey_levels",
+    "interval_text",
+    "new_figure",
+    "new_picture",
+    "numbers_of",
+    "others_rows",
+    "outliers_rows",
+    "panel_grid",
+    "pictured_sample",
+    "png_data_uri",
+    "registration_figure",
+    "require_room_for_pictures",
+    "save_figure",
+    "shared_legend",
+    "sigma_text",
+    "stand_in",
+    "time_text",
+    "tip_figure",
+    "verdict_of",
+    "with_minus",
+    "write_page",
+]
