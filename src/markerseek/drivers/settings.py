@@ -14,7 +14,7 @@ from typing import Annotated, Any, get_type_hints
 
 import msgspec
 
-from markerseek.core import ConfigError, Within, require_fields
+from markerseek.core import ConfigError, SpotToSource, Within, require_fields
 from markerseek.drivers.entry import (
     PARTS,
     DeviceSettings,
@@ -75,6 +75,8 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     firing: FiringLimits = FiringLimits()
     """Limits of the laser's pulses."""
     supervisor: BenchSupervisor = BenchSupervisor()
+    spot: SpotToSource = SpotToSource()
+    """Where the light of a visible spot is absorbed, for a registration."""
     trace: str | None = None
     """File to which all that devices say and are told is appended, a line each, while the rig is open."""
 
@@ -171,6 +173,9 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         table: dict[str, Any] = msgspec.to_builtins(self)
         # It changes nothing of what is measured.
         del table["trace"]
+        # Fingerprints of rigs are older than this key.
+        if self.spot == SpotToSource():
+            del table["spot"]
         for part in self.foreign:
             keys = table[part].pop("keys")
             # The folder of its module follows from the rig file that a person names.

@@ -306,6 +306,7 @@ class RegistrationSession:
             return f"not registered: {choice.reason}{left}"
         if not choice.decided:
             return f"not certain: {choice.reason}; {report.expected}"
+        left += "".join(f"; {doubt}" for doubt in report.doubts)
         if report.tre_m <= self._plan.goal_m:
             return f"registered: {report.expected}{left}"
         more = (
