@@ -24,6 +24,7 @@ from unittest.mock import patch
 import msgspec
 import numpy as np
 from measure_spots import percent
+from msgspec import structs
 
 from markerseek.core import SpotEnergy
 from markerseek.signals import beamform, features, focus, spot
@@ -78,7 +79,7 @@ class Channels:
         if relative > spot.LARGEST_RELATIVE_SIGMA:
             return None
         height = power ** (self.share / 2) * of_image.amplitude ** (1 - self.share)
-        return replace(of_image, amplitude=height, relative_sigma=relative)
+        return structs.replace(of_image, amplitude=height, relative_sigma=relative)
 
 
 LAYERS: dict[str, dict[str, object]] = {

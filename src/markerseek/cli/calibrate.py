@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from msgspec import structs
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
@@ -165,9 +166,9 @@ def _with_energies(
             f"--pickup-us is {pickup_us[0]:g} {pickup_us[1]:g}, and at some angles there is no pick-up; look for it at "
             "the beginning of a frame"
         )
-    headers = [replace(frame.header, energy=each / usual) for frame, each in zip(frames, pickups, strict=True)]
-    measured = [replace(frame, header=header) for frame, header in zip(frames, headers, strict=True)]
-    return [replace(sample, frame=frame) for sample, frame in zip(samples, measured, strict=True)], usual
+    headers = [structs.replace(frame.header, energy=each / usual) for frame, each in zip(frames, pickups, strict=True)]
+    measured = [structs.replace(frame, header=header) for frame, header in zip(frames, headers, strict=True)]
+    return [structs.replace(sample, frame=frame) for sample, frame in zip(samples, measured, strict=True)], usual
 
 
 def _laser_toml(pickup_us: tuple[float, float] | None, usual_energy: float | None) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from msgspec.structs import replace
 
 from markerseek.core import ConfigError, LaserError, LimitError, Permit, SweepPermit, is_finite, is_whole, require_range
 

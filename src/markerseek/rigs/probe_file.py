@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec import structs
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import read_toml, settings_from
@@ -127,7 +128,7 @@ def _preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None)
         preset = replace(preset, sound_speed_m_s=facts.sound_speed_m_s)
     if facts.pitch_m is not None and isinstance(bank, FrameBank):
         elements = bank.frame(0).samples.shape[0]
-        preset = replace(preset, array=replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
+        preset = replace(preset, array=structs.replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
     return preset
 
 

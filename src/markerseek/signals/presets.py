@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, TypeAlias
 
+from msgspec import structs
+
 from markerseek.core import ConfigError, LinearArray, Within, require_fields
 
 Hertz: TypeAlias = Annotated[float, Within(1e5, 1e9, "Hz")]
@@ -118,7 +120,7 @@ class ProbeKeys:
         keys |= {"sampling_hz": sampling_hz, "name": name}
         given = {key: value for key, value in keys.items() if value is not None}
         of_array = {key: given.pop(key) for key in ("elements", "pitch_m") if key in given}
-        return replace(preset, array=replace(preset.array, **of_array), **given)
+        return replace(preset, array=structs.replace(preset.array, **of_array), **given)
 
 
 def is_own(preset: ProbePreset) -> bool:

@@ -10,9 +10,11 @@ from __future__ import annotations
 import importlib
 import logging
 import traceback
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from msgspec.structs import replace
 
 import markerseek
 from markerseek.core import (

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import (
@@ -378,7 +379,7 @@ def old_readings(bench: Bench, age_s: float) -> None:
 
     def aged() -> StageReading:
         reading = read()
-        return replace(reading, angle_deg=float(np.interp(reading.at_s - age_s, times_s, angles_deg)))
+        return structs.replace(reading, angle_deg=float(np.interp(reading.at_s - age_s, times_s, angles_deg)))
 
     bench.stage.read_sweep = aged  # type: ignore[method-assign]
 
@@ -456,7 +457,9 @@ class Behind(SimulatedReceiver):
         behind = []
         for frame in super()._swept(now_s):
             assert isinstance(frame, ReadingFrame)
-            behind.append(replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before))
+            behind.append(
+                structs.replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before)
+            )
             self.before = frame.intensity
         return behind
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy import stats
 
 from markerseek.core import ConfigError
@@ -162,7 +163,7 @@ def test_rows_keep_marks_and_intervals_and_are_read_back(tmp_path: Path) -> None
     # a bracket after four acquisitions is that of a search of four
     short = dataclasses.replace(
         DRAWN,
-        policies=(dataclasses.replace(TERNARY, plan=dataclasses.replace(TERNARY.plan, acquisitions=4)),),
+        policies=(dataclasses.replace(TERNARY, plan=replace(TERNARY.plan, acquisitions=4)),),
         marks=(),
     )
     for trial in range(3):

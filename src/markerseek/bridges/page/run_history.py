@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import base64
 import gc
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.bridges.followed import RunImages
 from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, ReadingFrame, Sample, UInt8
@@ -46,7 +47,7 @@ class RunHistory:
         """Take one more event; it can be shown before its image can."""
         sample = event.sample if isinstance(event, Measured) else None
         if isinstance(event, Measured) and sample is not None:
-            event = replace(event, sample=_without_counts(sample))
+            event = structs.replace(event, sample=_without_counts(sample))
         self.views.append(self.last.add(event, clock_s=clock_s))
         if self._images is not None and sample is not None and not sample.dark:
             image = self._images.of(sample)
@@ -75,7 +76,7 @@ def _without_counts(sample: Sample) -> Sample:
     """The sample with the header of its frame: all samples are kept, and the counts have half a megabyte."""
     if sample.frame is None:
         return sample
-    return replace(sample, frame=ReadingFrame(header=sample.frame.header, intensity=sample.reading.intensity))
+    return structs.replace(sample, frame=ReadingFrame(header=sample.frame.header, intensity=sample.reading.intensity))
 
 
 def is_image_of(picture: Picture, view: RunView) -> bool:
@@ -124,7 +125,7 @@ def picture_of(sample: Sample, image: PaImage) -> Picture:
     reading = sample.reading
     brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
     together, geometry = _rows_together(image), image.geometry
-    pooled = replace(
+    pooled = structs.replace(
         geometry,
         first_depth_m=geometry.position_m(row=(together - 1) / 2, column=0)[1],
         depth_step_m=together * geometry.depth_step_m,
