@@ -23,7 +23,7 @@ from markerseek.cli.terminal import print_warning, progress_bar, show_view, stde
 from markerseek.core import AnyPolicy, ConfigError, Failed, MarkerseekError, RecordError
 from markerseek.files import quoted
 from markerseek.records.journal import Configuration, Journal, RunView, default_journal, make_folder
-from markerseek.runs import Session
+from markerseek.runs import ImageRing, Session, hand_images_on
 from markerseek.search import WholeRecording
 from markerseek.show import NAME_WITHOUT_CLAIM, SearchResult, curve_of, flat_result, verdict_of
 from markerseek.signals import ImageReader
@@ -38,16 +38,18 @@ _UNWATCHED = WatchOptions()
 """No program follows the run."""
 
 
-def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None) -> None:
+def run_session(
+    session: Session, *, as_json: bool, rig_file: Path | None = None, image_ring: Path | None = None
+) -> None:
     """Run a search to its end with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
 
     ``as_json``: whether to print an interruption as JSON. ``rig_file``: rig file of the search; for a rig of devices,
-    the command that resumes it names this file.
+    the command that resumes it names this file. ``image_ring``: as of `WatchOptions`.
     """
     journal = session.journal if session.journal is not None and session.journal.kept else None
     # A journal describes a simulated rig in full: `resume` takes no rig file for it.
     rig_file = rig_file if session.configuration.facts.kind == "bench" else None
-    with stopped_by_signals():
+    with stopped_by_signals(), _handed_on(session, image_ring):
         try:
             _watch(session)
         except StoppedBySignal as stop:
@@ -92,7 +94,7 @@ def run_new_session(
     if watch.events is not None:
         session = replace(session, journal=Journal.create(watch.events, session.configuration, kept=False))
     with closed_at_end(session.journal):
-        run_session(session, as_json=as_json, rig_file=rig_file)
+        run_session(session, as_json=as_json, rig_file=rig_file, image_ring=watch.image_ring)
     return session
 
 
@@ -104,6 +106,17 @@ def require_journal_options(journal: Path | None, *, keep: bool, watch: WatchOpt
         raise ConfigError(
             f"--events {watch.events} is for a run without a journal; follow its journal, or add --no-journal"
         )
+
+
+@contextmanager
+def _handed_on(session: Session, image_ring: Path | None) -> Iterator[None]:
+    """Hand the images of a search on in that file; the program that reads them follows the journal."""
+    if image_ring is None or session.journal is None or session.rig.imaging is None:
+        yield
+        return
+    with ImageRing.open(image_ring) as images:
+        hand_images_on(images, session.journal, session.rig.imaging)
+        yield
 
 
 def _watch(session: Session) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field
 
-from msgspec import structs
+from msgspec.structs import replace
 
 from markerseek.core import (
     AnyPolicy,
@@ -119,7 +119,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
                 "angles; choose another, such as posterior"
             )
         acquisitions = min(method.acquisitions, recorded)
-    return structs.replace(
+    return replace(
         plan,
         acquisitions=acquisitions,
         dark_frames=0 if without else run.dark_frames,
@@ -205,8 +205,8 @@ def answer_from_all(rig: Rig, plan: SearchPlan) -> Estimate:
     """
     if rig.angles_deg is None:
         raise ConfigError(f"rig is {rig}, it must be a recording that is not interpolated")
-    policy = posterior_of_all(structs.replace(plan, angles_deg=rig.angles_deg), limits=rig.limits.search)
+    policy = posterior_of_all(replace(plan, angles_deg=rig.angles_deg), limits=rig.limits.search)
     dark = [rig.scanner.measure_dark() for _ in range(rig.dark_frames)]
     # Without their frames: one has half a megabyte.
-    policy.tell_recorded([*dark, *(structs.replace(rig.scanner.measure(each), frame=None) for each in rig.angles_deg)])
+    policy.tell_recorded([*dark, *(replace(rig.scanner.measure(each), frame=None) for each in rig.angles_deg)])
     return policy.estimate()

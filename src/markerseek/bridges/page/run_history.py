@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
-from markerseek.bridges.followed import RunImages
-from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, ReadingFrame, Sample, UInt8
-from markerseek.records.journal import Configuration, JournalEvent, RunView
+from markerseek.bridges.run_images import PicturedEntry
+from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, Sample, UInt8
+from markerseek.records.journal import Configuration, RunView
 from markerseek.show import RANGE_DB, event_line, grey_levels, mark_of, mean_deg, others_deg, with_minus
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 
@@ -22,16 +22,15 @@ SAME_ANGLE_DEG = 0.02
 
 
 class RunHistory:
-    """The views and images of one run; one thread adds events, others read.
+    """The views and images of one run; one thread adds entries, others read.
 
-    ``configuration``: plan and rig of the run. ``pictures``: whether its images are formed.
+    ``configuration``: plan and rig of the run.
     """
 
-    def __init__(self, configuration: Configuration, *, pictures: bool = True) -> None:
+    def __init__(self, configuration: Configuration) -> None:
         # Only ever appended to, so that another thread may read it at any time.
         self.views: list[RunView] = [RunView.of(configuration)]
         self.pictures: dict[int, Picture] = {}
-        self._images = RunImages(configuration) if pictures else None
         plan, recipe = configuration.plan, msgspec.json.decode(configuration.recipe) or {}
         self.pulse_j: float | None = recipe.get("settings", {}).get("laser", {}).get("pulse_energy_j")
         forms = (("as published", plan.as_published), ("sweeping", plan.sweep_speed_deg_s is not None))
@@ -43,16 +42,12 @@ class RunHistory:
         """The newest view."""
         return self.views[-1]
 
-    def add(self, event: JournalEvent, *, clock_s: float) -> None:
-        """Take one more event; it can be shown before its image can."""
-        sample = event.sample if isinstance(event, Measured) else None
-        if isinstance(event, Measured) and sample is not None:
-            event = structs.replace(event, sample=_without_counts(sample))
-        self.views.append(self.last.add(event, clock_s=clock_s))
-        if self._images is not None and sample is not None and not sample.dark:
-            image = self._images.of(sample)
-            if image is not None:
-                self.pictures[self.last.number] = picture_of(sample, image)
+    def add(self, item: PicturedEntry) -> None:
+        """Take one more entry with its image; it can be shown before its image can."""
+        event = item.entry.event
+        self.views.append(self.last.add_entry(item.entry))
+        if item.image is not None and isinstance(event, Measured) and not event.sample.dark:
+            self.pictures[self.last.number] = picture_of(event.sample, item.image)
 
     def cut_off(self, reason: str, *, problem: str = "") -> None:
         """Note that no more events will come, though the run has not said that it is over; see `RunView.cut_off`."""
@@ -70,13 +65,6 @@ class RunHistory:
         passing = {"dark", "moving", "turning", "sweeping"}
         known = [each for each in self.views[1 : view.number + 1] if each.phase not in passing or each is view]
         return [f"{each.elapsed_s:6.1f} s  {event_line(each)}" for each in reversed(known[-most:])]
-
-
-def _without_counts(sample: Sample) -> Sample:
-    """The sample with the header of its frame: all samples are kept, and the counts have half a megabyte."""
-    if sample.frame is None:
-        return sample
-    return structs.replace(sample, frame=ReadingFrame(header=sample.frame.header, intensity=sample.reading.intensity))
 
 
 def is_image_of(picture: Picture, view: RunView) -> bool:

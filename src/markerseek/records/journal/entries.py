@@ -68,14 +68,6 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the journal keeps the frames of the receiver; otherwise it has the samples only."""
     versions: dict[str, str] = msgspec.field(default_factory=versions)
 
-    def flat(self) -> dict[str, object]:
-        """Plan and facts as one flat table for JSON output; ``rig`` is the kind of the rig."""
-        plan: dict[str, object] = msgspec.to_builtins(self.plan)
-        facts: dict[str, object] = msgspec.to_builtins(self.facts)
-        # Beside the keys of the plan, "kind" alone would not say of what.
-        facts["rig"] = facts.pop("kind")
-        return plan | facts | {"recipe": self.recipe, "imaging": self.imaging, "versions": self.versions}
-
 
 class Interrupted(msgspec.Struct, frozen=True, kw_only=True):
     """The run was stopped from outside and can be resumed; after a sudden death there is no such entry."""
@@ -236,11 +228,9 @@ def as_json(value: msgspec.Struct, *, what: str, counts: list[memoryview] | None
             case Exception():
                 name = other.kind if isinstance(other, RecordedError) else type(other).__name__
                 return {"error": name, "message": str(other)}
-            case msgspec.Raw():
-                return msgspec.json.decode(other)
         raise RecordError(f"journal: {what} has a {type(other).__name__}, which cannot be recorded")
 
-    values = msgspec.to_builtins(value, enc_hook=encoded)
+    values = msgspec.to_builtins(value, builtin_types=(msgspec.Raw,), enc_hook=encoded)
     # msgspec would write NaN and infinity as null, and a value that was lost would look like one that is not known.
     _require_finite(values, what=what)
     try:

@@ -60,6 +60,7 @@ from markerseek.show import (
     with_minus,
 )
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
+from tests.pictured import pictured_entry
 
 NAMES = [method.name for method in METHODS]
 
@@ -230,10 +231,14 @@ def test_truth_is_hidden_until_the_end():
 
 def test_the_image_is_of_the_angle_where_the_probe_is():
     rig = rigs.simulated(seed=1, marker_deg=2.0)
-    run = RunHistory(new_session(rig, SearchPlan(method="posterior")).configuration)
+    configuration = new_session(rig, SearchPlan(method="posterior")).configuration
+    run = RunHistory(configuration)
     for index, angle_deg in enumerate((2.0, 27.0, 2.0), start=1):
-        run.add(Asked(role="search", index=index, angle_deg=angle_deg), clock_s=0.0)
-        run.add(Measured(role="search", index=index, sample=rig.scanner.measure(angle_deg)), clock_s=0.0)
+        for event in (
+            Asked(role="search", index=index, angle_deg=angle_deg),
+            Measured(role="search", index=index, sample=rig.scanner.measure(angle_deg)),
+        ):
+            run.add(pictured_entry(configuration, event))
     asked, there, back = (each for each in run.views if each.number in {3, 4, 6})
     images = [run.picture(each) for each in (asked, there, back)]
     assert [each.angle_deg for each in images] == pytest.approx([2.0, 27.0, 2.0], abs=0.01)
@@ -296,7 +301,7 @@ def test_a_sweep_is_drawn_pulse_by_pulse():
     events = []
     for event in session.events():
         events.append(event)
-        run.add(event, clock_s=rig.scanner.clock.now_s())
+        run.add(pictured_entry(session.configuration, event, clock_s=rig.scanner.clock.now_s()))
     swept = next(index for index, event in enumerate(events) if isinstance(event, Swept))
     asked = run.views[2]
     assert (asked.phase, asked.target_deg) == ("moving", PAPER_RANGE.high_deg)
@@ -353,21 +358,24 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
     session, events = finished_run("ternary")
     run = RunHistory(session.configuration)
     for event, clock_s in events[:-1]:
-        run.add(event, clock_s=clock_s)
+        run.add(pictured_entry(session.configuration, event, clock_s=clock_s))
         if isinstance(event, Asked) and event.role == "search":
             break
     for angle_deg, says in ((-7.34, "it is at −7.3°"), (None, "type the angle reached")):
-        run.add(Turning(target_deg=-12.0, angle_deg=angle_deg), clock_s=1.0)
+        turning = Turning(target_deg=-12.0, angle_deg=angle_deg)
+        run.add(pictured_entry(session.configuration, turning, clock_s=1.0))
         assert event_line(run.last) == f"turn the probe to −12.0°: {says}"
         shown = verdict_of(run.last)
         assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
         # Said once.
         assert shown.reason == says
-    run.add(Refused(angle_deg=-12.0, reason="too late"), clock_s=2.0)
+    refused = Refused(angle_deg=-12.0, reason="too late")
+    run.add(pictured_entry(session.configuration, refused, clock_s=2.0))
     assert verdict_of(run.last).word == "SEARCHING"
     assert not any("turn the probe" in line for line in run.lines(run.last, most=20))
     # Nobody is asked for anything by a search that was killed while it waited.
-    run.add(Turning(target_deg=-12.0, angle_deg=None), clock_s=3.0)
+    turning = Turning(target_deg=-12.0, angle_deg=None)
+    run.add(pictured_entry(session.configuration, turning, clock_s=3.0))
     run.cut_off("killed", problem="killed")
     verdict = verdict_of(run.last, next_step="Start begins a new search")
     assert (verdict.word, verdict.problem, verdict.next_step) == ("FAULT", "killed", "Start begins a new search")
