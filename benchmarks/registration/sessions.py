@@ -20,6 +20,7 @@ from typing import cast
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from benchmarks.registration.forged_markers import REACH, STEREO, ForgedScene
 from benchmarks.registration.trials import GRID_STEP_M, MARKER_PLACES
@@ -134,7 +135,7 @@ class _Session(RegistrationSession):
             return prediction
         mean_deg = prediction.prior.mean_deg
         inwards_deg = -PRIOR_OFF_DEG if mean_deg > self._room.rig.limits.search.centre_deg else PRIOR_OFF_DEG
-        return replace(prediction, prior=AnglePrior(mean_deg=mean_deg + inwards_deg, sigma_deg=1.0))
+        return structs.replace(prediction, prior=AnglePrior(mean_deg=mean_deg + inwards_deg, sigma_deg=1.0))
 
 
 def _eight_absorbers(scene: Scene, rng: np.random.Generator) -> tuple[Absorber, ...]:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 from markerseek import runs
 from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.search import Curve, Peak, peak_of
-from markerseek.show import SearchResult
+from markerseek.show import SearchResult, curve_figure, curve_of
 from markerseek.show import bank_figure as draw_bank
-from markerseek.show import search_figure as draw_search
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,19 +29,7 @@ def search_figure(result: SearchResult) -> Figure:
     MissingExtraError
         If Matplotlib is not installed.
     """
-    run = result.run
-    return draw_search(
-        run.search_samples,
-        result.estimate,
-        start_deg=run.start_deg,
-        truth_deg=run.facts.truth_deg,
-        reference_deg=run.facts.reference_deg,
-        confirmation=result.confirmation,
-        image=None,
-        stand_in=result.stand_in,
-        recorded=result.recorded_curve,
-        limits=run.facts.search,
-    )
+    return curve_figure(curve_of(result.run, reveal=True))
 
 
 def bank_figure(

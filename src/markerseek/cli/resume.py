@@ -60,7 +60,7 @@ def command(
     markerseek resume run.journal --rig examples/rigs/bench.toml --arm
     """
     from markerseek.cli.session import conclude
-    from markerseek.records.journal import RunView, read_journal, since_started
+    from markerseek.records.journal import RunView, read_journal
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     require_pipe(heartbeat)
@@ -68,11 +68,7 @@ def command(
     recorded = read_journal(journal, frames=plot)
     view = RunView.of(recorded)
     if view.state == "finished":
-        imaging, policy = None, None
-        if plot:
-            imaging = runs.rebuild_image_reader(recorded.configuration)
-            policy = runs.rebuild_policy(recorded.configuration)
-            runs.tell_recorded(policy, since_started(recorded.entries))
+        imaging = runs.rebuild_image_reader(recorded.configuration) if plot else None
     else:
         runs.require_reset(recorded.path, view, reset_fault=reset_fault)
         bench = _bench_named(recorded, rig, arm=arm, trace=trace)
@@ -80,8 +76,9 @@ def command(
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
         session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, image_ring=image_ring)
-        view, imaging, policy = session.view, session.rig.imaging, session.policy
-    conclude(view, output, name="resume", imaging=imaging, policy=policy)
+        view = session.view
+        imaging = session.rig.imaging
+    conclude(view, output, name="resume", imaging=imaging)
 
 
 def _bench_named(

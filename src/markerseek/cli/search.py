@@ -105,7 +105,6 @@ def command(
         output,
         name="search",
         imaging=assembled.imaging,
-        policy=session.policy,
     )
 
 
@@ -174,17 +173,7 @@ def _compared(results: list[SearchResult], title: str) -> Iterator[str | Table]:
 
 
 def _figure(sessions: list[runs.Session], title: str) -> Figure:
-    from markerseek.show import ComparedSearch, comparison_figure
+    from markerseek.show import comparison_figure, curve_of
 
-    facts = sessions[0].configuration.facts
-    searches = [
-        ComparedSearch(
-            name=session.configuration.plan.method,
-            samples=session.view.samples,
-            estimate=session.view.finished.estimate,
-            start_deg=session.view.start_deg,
-        )
-        for session in sessions
-        if session.view.finished is not None
-    ]
-    return comparison_figure(searches, title=title, limits=facts.search, truth_deg=facts.truth_deg)
+    curves = [(session.configuration.plan.method, curve_of(session.view, reveal=True)) for session in sessions]
+    return comparison_figure(curves, title=title)

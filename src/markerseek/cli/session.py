@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import msgspec
 from rich.markup import escape
@@ -20,18 +20,17 @@ from markerseek.cli.notes import notes_said
 from markerseek.cli.report import Output, Report, drawn, facts, file_line
 from markerseek.cli.signals import StoppedBySignal, WatchOptions, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import print_warning, progress_bar, show_view, stderr
-from markerseek.core import AnyPolicy, ConfigError, Failed, MarkerseekError, RecordError
+from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError
 from markerseek.files import quoted
 from markerseek.records.journal import Configuration, Journal, RunView, default_journal, make_folder
 from markerseek.runs import ImageRing, Session, hand_images_on
-from markerseek.search import WholeRecording
-from markerseek.show import NAME_WITHOUT_CLAIM, SearchResult, curve_of, flat_result, verdict_of
+from markerseek.show import NAME_WITHOUT_CLAIM, DrawnCurve, SearchResult, curve_of, flat_result, verdict_of
 from markerseek.signals import ImageReader
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from markerseek.show import Curve
+    from markerseek.search import Curve
 
 
 _UNWATCHED = WatchOptions()
@@ -189,14 +188,13 @@ def conclude(
     *,
     name: str,
     imaging: ImageReader | None,
-    policy: AnyPolicy | None,
     recorded: Curve | None = None,
 ) -> NoReturn:
     """Show the result of a search, and end the command with its exit code.
 
     ``name``: name of the picture's files. ``imaging``: imaging chain of the rig's channel data; None if there are
-    intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.show.search_figure`; None if
-    there is none, or the answer is from all of it.
+    intensities only. ``recorded``: recording from which a method of the paper was given intensities; None for any
+    other search.
     """
     result = SearchResult.of(view, notes=notes_said())
     rig = view.facts
@@ -207,10 +205,12 @@ def conclude(
     pictures: dict[str, Callable[[Path], object]] = {}
     # Where nothing was measured there is nothing to draw.
     if output.folder is not None and view.finished is not None and view.samples:
-        density = _density(policy)
-        curves = {"limits": rig.search, "density": density, "recorded": result.recorded_curve or recorded}
-        draw = _figure(view, result, imaging, **curves)
-        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, density, title, draw)}
+        curve = curve_of(view, reveal=True)
+        if recorded is not None:
+            angles_deg, intensities = recorded.angle_deg.tolist(), recorded.intensity.tolist()
+            curve = msgspec.structs.replace(curve, recorded_deg=tuple(angles_deg), recorded=tuple(intensities))
+        draw = _figure(view, curve, imaging)
+        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, curve, title, draw)}
     report = Report(
         values=flat_result(result),
         shown=[f"[bold]{escape(title)}[/]", facts(result.rows)],
@@ -220,55 +220,29 @@ def conclude(
     output.show(report)
 
 
-def _density(policy: AnyPolicy | None) -> Curve | None:
-    """Density of the angle at the end of a search; None for methods without a posterior."""
-    from markerseek.search.posterior import Posterior, SweepPosterior
+def _figure(view: RunView, curve: DrawnCurve, imaging: ImageReader | None) -> Callable[..., Figure]:
+    """A function that draws a search."""
+    from markerseek.show import curve_figure, pictured_sample
 
-    policy = policy.present if isinstance(policy, WholeRecording) else policy
-    belief = policy.belief if isinstance(policy, Posterior | SweepPosterior) else None
-    if belief is None:
-        return None
-    step_deg = float(belief.angles_deg[1] - belief.angles_deg[0])
-    return belief.angles_deg, belief.probability / step_deg
-
-
-def _figure(view: RunView, result: SearchResult, imaging: ImageReader | None, **curves: Any) -> Callable[..., Figure]:
-    """A function that draws a search, with curves as of `search_figure`."""
-    from markerseek.show import pictured_sample, search_figure
-
-    pictured = pictured_sample(view.samples, view.confirmation)
+    pictured = pictured_sample(view)
     frame = pictured.frame
-    return partial(
-        search_figure,
-        view.search_samples,
-        result.estimate,
-        start_deg=view.start_deg,
-        truth_deg=view.facts.truth_deg,
-        reference_deg=view.facts.reference_deg,
-        stand_in=result.stand_in,
-        confirmation=view.confirmation,
-        pictured=pictured,
-        image=None if imaging is None or frame is None else imaging.picture(frame),
-        **curves,
-    )
+    image = None if imaging is None or frame is None else imaging.picture(frame)
+    return partial(curve_figure, curve, pictured=pictured, image=image)
 
 
-def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable[..., Figure], path: Path) -> None:
-    from markerseek.show import png_data_uri, write_page
+def _write_page(view: RunView, curve: DrawnCurve, title: str, draw: Callable[..., Figure], path: Path) -> None:
+    from markerseek.show import curve_svg, png_data_uri, write_page
 
-    result, curve = SearchResult.of(view), curve_of(view, reveal=True)
+    result = SearchResult.of(view)
     # None for a result of hardware or of a recording.
-    stand_in = result.stand_in
-    if density is not None:
-        curve = replace(curve, density=(list(density[0]), list(density[1])))
-
+    stand_in = curve.stand_in
     write_page(
         path,
         "search.html.jinja",
         title=title,
         note=f"{stand_in.capitalize()}: this is no measurement on hardware." if stand_in else None,
         verdict=verdict_of(view),
-        curve=curve.svg(),
+        curve=curve_svg(curve),
         facts=result.rows,
         picture_uri=png_data_uri(draw()),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",

@@ -22,14 +22,14 @@ from markerseek.core import (
     SearchError,
     Unsure,
     counted,
-    listed,
     marker_candidates,
     marker_position,
     needs_package,
     rig_in_words,
 )
 from markerseek.records.journal import RunView
-from markerseek.show.curve_svg import DrawnCurve, Mark, as_html
+from markerseek.show.curve import NAME_WITHOUT_CLAIM, curve_of
+from markerseek.show.curve_svg import as_html, curve_svg
 from markerseek.show.words import (
     NO_CLAIM,
     AnswerName,
@@ -44,10 +44,6 @@ from markerseek.show.words import (
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-NAME_WITHOUT_CLAIM = "acquisition at that angle"
-"""Name of the acquisition at the answer of a method that claims nothing; of others it is the confirmation."""
 
 
 SAMPLE_KEYS = ("angle_deg", "intensity", "lateral_m", "depth_m", "arrival_s", "noise_sigma")
@@ -221,21 +217,6 @@ class SearchResult:
         return SearchResult(run=replace(self.run, points=points, finished=end))
 
     @property
-    def recorded_curve(self) -> tuple[list[float], list[float]] | None:
-        """Angles in degrees and intensities of the recording that the answer is from; None for other rigs."""
-        if self._end.searched is None:
-            return None
-        samples = self.samples
-        return [each.angle_deg for each in samples], [each.reading.intensity for each in samples]
-
-    @property
-    def stand_in(self) -> str | None:
-        """What replaced hardware, as "simulated rig" or "emulated stage and laser"; None if nothing did."""
-        if self.run.facts.emulated:
-            return f"emulated {listed(self.run.facts.emulated)}"
-        return "simulated rig" if self.run.facts.kind == "simulated" else None
-
-    @property
     def comparison(self) -> str | None:
         """What a search would have said instead of all angles of a recording, in a line; None of any other rig."""
         search = self.search
@@ -291,12 +272,7 @@ class SearchResult:
 
     def _repr_html_(self) -> str:
         """The answer and the intensities, for a notebook."""
-        lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
-        # Where nothing was detected, the angle is that of the noise.
-        answer_deg = None if self.answer == "not found" else self.angle_deg
-        marks = [Mark(angle_deg=each.angle_deg, intensity=each.reading.intensity, radius=2.5) for each in lit]
-        curve = DrawnCurve(marks=marks, answer_deg=answer_deg, interval_deg=self.interval95_deg)
-        return as_html(self._heading(), self.rows, curve.svg())
+        return as_html(self._heading(), self.rows, curve_svg(curve_of(self.run, reveal=True)))
 
     def _heading(self) -> str:
         if self._end.searched is not None:
