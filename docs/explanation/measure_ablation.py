@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
@@ -230,7 +229,7 @@ def main() -> None:
             return
         for name, (_, factor, step) in GROUPS[given.group].items():
             study = read_study(Path(__file__).parents[2] / f"examples/studies/answers-{name}.toml")
-            study = replace(study, seed=SEED, policies=study.policies[-1:])
+            study = structs.replace(study, seed=SEED, policies=study.policies[-1:])
             of_study = []
             for cell in cells(study)[::step]:
                 world = " ".join([name, *(str(value) for _, value in cell.varied)])
