@@ -9,7 +9,7 @@ import math
 import statistics
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -121,13 +121,14 @@ def command(
     geometry = found.geometry
     # The probe's angle is sense * (reading - zero), and must be source_deg where the source was found.
     sense = 1 if direction == "forward" else -1
-    zero = replace(geometry.source_deg, value=sense * geometry.source_deg.value + (zero_deg - sense * source_deg))
+    reading_deg = sense * geometry.source_deg.value + (zero_deg - sense * source_deg)
+    zero = structs.replace(geometry.source_deg, value=reading_deg)
     known = {"zero_deg": zero, "noise_sigma": found.noise_sigma}
     numbers: dict[str, Fitted] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
     rig_toml = _rig_toml(numbers, direction) + _laser_toml(pickup_us, usual_energy)
     values = with_version(
         # The interval of a `Fitted` is computed.
-        **{name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()},
+        **{name: structs.asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()},
         misfit=geometry.misfit,
         energy_spread=found.energy_spread,
         frames=found.frames,
