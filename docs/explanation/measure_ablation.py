@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
@@ -24,6 +23,7 @@ from unittest.mock import patch
 import msgspec
 import numpy as np
 from measure_spots import percent
+from msgspec import structs
 
 from markerseek.core import SpotEnergy
 from markerseek.signals import beamform, features, focus, spot
@@ -78,7 +78,7 @@ class Channels:
         if relative > spot.LARGEST_RELATIVE_SIGMA:
             return None
         height = power ** (self.share / 2) * of_image.amplitude ** (1 - self.share)
-        return replace(of_image, amplitude=height, relative_sigma=relative)
+        return structs.replace(of_image, amplitude=height, relative_sigma=relative)
 
 
 LAYERS: dict[str, dict[str, object]] = {
@@ -229,7 +229,7 @@ def main() -> None:
             return
         for name, (_, factor, step) in GROUPS[given.group].items():
             study = read_study(Path(__file__).parents[2] / f"examples/studies/answers-{name}.toml")
-            study = replace(study, seed=SEED, policies=study.policies[-1:])
+            study = structs.replace(study, seed=SEED, policies=study.policies[-1:])
             of_study = []
             for cell in cells(study)[::step]:
                 world = " ".join([name, *(str(value) for _, value in cell.varied)])

@@ -79,7 +79,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     if as_json:
         print_json(
             {
-                "configuration": recorded.configuration.flat(),
+                "configuration": recorded.configuration,
                 "state": RunView.of(recorded).state,
                 "entries": objects,
                 "damage": None if damage is None else str(damage),
@@ -107,7 +107,7 @@ def follow(journal: _File) -> None:
 
     wait = partial(time.sleep, _POLL_S)  # noqa: TID251  a file is followed in real time
     for item in follow_journal(journal, wait=wait):
-        known = {"configuration": item.flat()} if isinstance(item, Configuration) else _as_object(item)
+        known = {"configuration": item} if isinstance(item, Configuration) else _as_object(item)
         sys.stdout.buffer.write(msgspec.json.encode(known).replace(b"\n", b" ") + b"\n")
         sys.stdout.buffer.flush()
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import SupportsFloat, SupportsIndex, TypeAlias
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError, RigFacts, SimulationOptions
@@ -227,7 +228,7 @@ def simulated(
     if scene.second is None:
         return rig
     description = f"{rig.facts.description}, a second marker at {scene.second.angle_deg:.2f} deg"
-    return replace(rig, facts=replace(rig.facts, description=description))
+    return replace(rig, facts=structs.replace(rig.facts, description=description))
 
 
 def _number(value: SupportsFloat | None) -> float | None:
@@ -254,7 +255,7 @@ class MovableMarker:
         scene = marker_scene(self.settings, self.rng, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m)
         others = () if self.beside is None else self.beside(scene, self.rng)
         self.world.replace_absorbers((*scene.absorbers, *others))
-        self.rig = replace(self.rig, facts=replace(self.rig.facts, truth_deg=angle_deg))
+        self.rig = replace(self.rig, facts=structs.replace(self.rig.facts, truth_deg=angle_deg))
         return self.rig
 
 
@@ -287,5 +288,5 @@ def marker_scene(
     settings: SimulatedSettings, rng: np.random.Generator, *, angle_deg: float, radius_m: float, lateral_m: float
 ) -> Scene:
     """Draw the scene of a simulated rig with its marker at this place."""
-    marker = replace(settings.marker, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m, present=True)
-    return draw_scene(replace(settings, marker=marker), rng)
+    marker = structs.replace(settings.marker, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m, present=True)
+    return draw_scene(structs.replace(settings, marker=marker), rng)

@@ -12,7 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, NamedTuple, TypeAlias
 
+import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     MAX_PAIRS,
@@ -75,8 +77,7 @@ def on_tissue_m(
     return np.asarray(origin_m + towards * (height_m - origin_m[2]) / towards[2])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EndoscopeSettings:
+class EndoscopeSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Errors of the simulated cameras, and the look of their images."""
 
     spot_sigma_px: Annotated[float, Within(0, 20, "px")] = 0.3
@@ -469,4 +470,4 @@ def _sides(cameras: StereoCameras) -> tuple[tuple[Side, Camera], ...]:
 def _refocused(camera: Camera, error: float) -> Camera:
     """The true camera, if its calibration states focal lengths that are too large by this share."""
     x_px, y_px = camera.focal_px
-    return replace(camera, focal_px=(x_px / (1 + error), y_px / (1 + error)))
+    return structs.replace(camera, focal_px=(x_px / (1 + error), y_px / (1 + error)))

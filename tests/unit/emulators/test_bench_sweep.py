@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import (
@@ -67,7 +67,9 @@ class Bench:
         settings: SimulatedSettings = SETTINGS,
         readout_s: float = 0.3,
     ) -> None:
-        self.settings = settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
+        self.settings = settings = structs.replace(
+            settings, receiver=structs.replace(settings.receiver, readout_s=readout_s)
+        )
         self.emulated = EmulatedBench(settings=settings, rng=np.random.default_rng(3), folder=folder)
         self.clock = clock = BenchClock(tick_s=2e-3)
         self.stage_port = DirectPort(device=self.emulated.stage, clock=clock)
@@ -163,8 +165,8 @@ def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
 
 
 def test_the_light_meter_measures_each_pulse_of_a_sweep(tmp_path: Path) -> None:
-    light = replace(SETTINGS.laser, energy_meter_noise=0.01, energy_spread=0.1)
-    bench = Bench(tmp_path, settings=replace(SETTINGS, laser=light))
+    light = structs.replace(SETTINGS.laser, energy_meter_noise=0.01, energy_spread=0.1)
+    bench = Bench(tmp_path, settings=structs.replace(SETTINGS, laser=light))
     outcomes = bench.scanner.take(Sweep(to_deg=-20.0, speed_deg_s=12.0), number=1, goes_on=lambda: True)
     frames = [outcome.frame for outcome in outcomes if isinstance(outcome, Sample)]
     measured = [frame.header.energy for frame in frames if frame is not None]
@@ -378,7 +380,7 @@ def old_readings(bench: Bench, age_s: float) -> None:
 
     def aged() -> StageReading:
         reading = read()
-        return replace(reading, angle_deg=float(np.interp(reading.at_s - age_s, times_s, angles_deg)))
+        return structs.replace(reading, angle_deg=float(np.interp(reading.at_s - age_s, times_s, angles_deg)))
 
     bench.stage.read_sweep = aged  # type: ignore[method-assign]
 
@@ -456,7 +458,9 @@ class Behind(SimulatedReceiver):
         behind = []
         for frame in super()._swept(now_s):
             assert isinstance(frame, ReadingFrame)
-            behind.append(replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before))
+            behind.append(
+                structs.replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before)
+            )
             self.before = frame.intensity
         return behind
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Generator
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +46,8 @@ class FaultyRoom:
     def __init__(self, *, settings: EndoscopeSettings = SOUND, **faults: Any) -> None:
         self._movable = movable(seed=1, settings=SimulatedSettings())
         self.rig = self._movable.rig
-        lens = replace(STEREO.left, centre_px=(159.5, 127.5), size_px=(320, 256))
-        self.stereo: StereoSettings = replace(STEREO, left=lens, right=lens)
+        lens = structs.replace(STEREO.left, centre_px=(159.5, 127.5), size_px=(320, 256))
+        self.stereo: StereoSettings = structs.replace(STEREO, left=lens, right=lens)
         self._endoscopes = [
             FaultyEndoscope(
                 cameras=self.stereo.cameras,
@@ -102,7 +101,7 @@ def steps_until(kind: type[Step], room: FaultyRoom) -> list[Step]:
         ({"saturated": "left"}, "left camera"),
         ({"occluded": "right"}, "right camera"),
         ({"reflection": "laser"}, "two places are about as bright"),
-        ({"settings": replace(SOUND, dropped_share=1.0)}, "0 image pairs came within 3 s"),
+        ({"settings": structs.replace(SOUND, dropped_share=1.0)}, "0 image pairs came within 3 s"),
         ({"delay_frames": 100}, "0 image pairs came within 3 s"),
     ],
 )
@@ -119,7 +118,7 @@ def test_images_that_show_no_spot_are_said_and_the_session_goes_on_when_they_do(
 
 
 @pytest.mark.parametrize(
-    "faults", [{"reflection": "steady"}, {"settings": replace(SOUND, dropped_share=0.5)}, {"delay_frames": 10}]
+    "faults", [{"reflection": "steady"}, {"settings": structs.replace(SOUND, dropped_share=0.5)}, {"delay_frames": 10}]
 )
 def test_a_steady_reflection_and_late_or_missing_images_do_not_disturb(faults: dict[str, Any]) -> None:
     exact = steps_until(SpotSeen, FaultyRoom())[-1]
@@ -133,7 +132,7 @@ def test_a_steady_reflection_and_late_or_missing_images_do_not_disturb(faults: d
 
 def test_a_spot_that_moves_by_two_millimetres_during_its_search_is_said_and_taken_again() -> None:
     # 1,100 px of focal length at 0.1 m.
-    steps = steps_until(TakenMarker, FaultyRoom(settings=replace(SOUND, motion_px=22.0)))
+    steps = steps_until(TakenMarker, FaultyRoom(settings=structs.replace(SOUND, motion_px=22.0)))
     refused = [step for step in steps if isinstance(step, SpotRefused)]
     assert len(refused) == 1
     assert "moved by 2" in refused[0].reason

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
+
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import (
@@ -78,16 +80,20 @@ class SweepBench:
 
     def __post_init__(self) -> None:
         settings = SimulatedSettings(start_deg=self.start_deg, stage=self.motion)
-        light = replace(settings.laser, rate_hz=self.rate_hz, energy_jitter=self.jitter, stamp_delay_s=self.delay_s)
-        light = replace(light, **self.light)
-        receiver = replace(settings.receiver, readout_s=self.readout_s, frame_period_s=max(self.readout_s, 1e-3))
+        light = structs.replace(
+            settings.laser, rate_hz=self.rate_hz, energy_jitter=self.jitter, stamp_delay_s=self.delay_s
+        )
+        light = structs.replace(light, **self.light)
+        receiver = structs.replace(
+            settings.receiver, readout_s=self.readout_s, frame_period_s=max(self.readout_s, 1e-3)
+        )
         if self.readout_s > 0.1:
-            receiver = replace(receiver, frame_period_s=0.05)
+            receiver = structs.replace(receiver, frame_period_s=0.05)
         self.rig = rigs.of_intensities(
             seed=1,
             curve=GaussianCurve(fwhm_deg=6.0),
             marker_deg=5.0,
-            settings=replace(settings, laser=light, receiver=receiver),
+            settings=structs.replace(settings, laser=light, receiver=receiver),
         )
         self.permits: list[SweepPermit] = []
         issue = self.rig.scanner.guard.issue_sweep
@@ -196,7 +202,7 @@ class Running(SimulatedStage):
 
     def read_sweep(self) -> StageReading:
         reading = super().read_sweep()
-        return replace(reading, angle_deg=reading.angle_deg + max(0.0, reading.angle_deg - 30.0))
+        return structs.replace(reading, angle_deg=reading.angle_deg + max(0.0, reading.angle_deg - 30.0))
 
 
 class Ahead(SimulatedLaser):
@@ -204,14 +210,14 @@ class Ahead(SimulatedLaser):
 
     def pulses(self) -> Sequence[Pulse]:
         jump_s = 0.2 if self._fired > 30 else 0.0
-        return [replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
+        return [structs.replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
 
 
 class Hasty(SimulatedLaser):
     """Fires 1.5 times as fast as permitted."""
 
     def begin_sweep(self, permit: SweepPermit) -> None:
-        super().begin_sweep(replace(permit, period_s=permit.period_s / 1.5))
+        super().begin_sweep(structs.replace(permit, period_s=permit.period_s / 1.5))
 
 
 class Pausing(SimulatedLaser):
@@ -237,7 +243,9 @@ class Losing(SimulatedReceiver):
                 self.sequence -= 1
                 continue
             late = self.triggers > 30
-            kept.append(replace(frame, header=replace(frame.header, sequence=frame.header.sequence - late)))
+            kept.append(
+                structs.replace(frame, header=structs.replace(frame.header, sequence=frame.header.sequence - late))
+            )
         return kept
 
     def begin_sweep(self, permit: SweepPermit) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 
 from markerseek.core import Measured, RecordError, Sample
-from markerseek.records.journal.entries import Configuration, Entry, decode, encode, json_values, require_finite
+from markerseek.records.journal.entries import Configuration, Entry, as_json, decode, encode, require_finite
 from markerseek.records.journal.file import MAGIC, MAGIC_1
 
 VERSION = 2
@@ -78,13 +78,13 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
 
 def first_line(configuration: Configuration) -> bytes:
     """Line 0."""
-    as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
+    encoded = as_json(configuration, what="the configuration")
     try:
         # msgspec checks value ranges only on decoding, and a written journal must be readable.
-        msgspec.json.decode(as_json, type=Configuration)
+        msgspec.json.decode(encoded, type=Configuration)
     except msgspec.ValidationError as problem:
         raise RecordError(f"the configuration cannot be recorded: {problem}") from problem
-    return line_of({"record": VERSION, "configuration": msgspec.Raw(as_json)})
+    return line_of({"record": VERSION, "configuration": msgspec.Raw(encoded)})
 
 
 def entry_line(entry: Entry) -> bytes:

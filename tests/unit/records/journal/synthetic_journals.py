@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import signal
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from markerseek import rigs
 from markerseek.acoustics import Probe
@@ -52,12 +51,14 @@ from markerseek.sim import ReceiverSettings, SimulatedSettings
 
 def changed(configuration: Configuration, **changes: Any) -> Configuration:
     """With other values of its plan, its facts, or its own fields, by their names."""
-    plan = {field.name: changes.pop(field.name) for field in dataclasses.fields(SearchPlan) if field.name in changes}
-    facts = {field.name: changes.pop(field.name) for field in dataclasses.fields(RigFacts) if field.name in changes}
+    plan = {
+        field.name: changes.pop(field.name) for field in msgspec.structs.fields(SearchPlan) if field.name in changes
+    }
+    facts = {field.name: changes.pop(field.name) for field in msgspec.structs.fields(RigFacts) if field.name in changes}
     return msgspec.structs.replace(
         configuration,
-        plan=dataclasses.replace(configuration.plan, **plan),
-        facts=dataclasses.replace(configuration.facts, **facts),
+        plan=msgspec.structs.replace(configuration.plan, **plan),
+        facts=msgspec.structs.replace(configuration.facts, **facts),
         **changes,
     )
 

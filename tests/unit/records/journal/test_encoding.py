@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import Asked, ChannelFrame, Measured, RecordError, Refused, Sample
 from markerseek.records.journal import Journal, JournalEvent, decode, encode, read_journal
@@ -68,11 +68,11 @@ def test_any_bytes_are_a_row_or_a_record_error(body: bytes) -> None:
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 def test_a_number_that_is_not_finite_is_refused_by_its_name(number: float) -> None:
-    header = replace(HEADER, angle_before_deg=number)
+    header = structs.replace(HEADER, angle_before_deg=number)
     channels = ChannelFrame(header=header, samples=np.ones((2, 3), np.int16), sampling_hz=40e6)
     for event, name in (
         (Asked(role="search", index=1, angle_deg=number), "angle_deg"),
-        (replace(EVENTS["Ambiguous"], travel_deg=number), "travel_deg"),
+        (structs.replace(EVENTS["Ambiguous"], travel_deg=number), "travel_deg"),
         (
             Measured(role="search", index=1, sample=Sample(angle_deg=0.0, reading=FULL_READING, frame=channels)),
             "before",
@@ -84,7 +84,7 @@ def test_a_number_that_is_not_finite_is_refused_by_its_name(number: float) -> No
 
 def test_a_refused_frame_whose_numbers_are_why_it_was_refused_is_left_out() -> None:
     whole = frame(1)
-    broken = replace(whole, header=replace(whole.header, angle_before_deg=math.nan))
+    broken = structs.replace(whole, header=structs.replace(whole.header, angle_before_deg=math.nan))
     row = encode(Refused(angle_deg=1.0, reason="not finite", frame=broken))
     assert decode(row.kind, row.body, row.samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
     assert row.samples is None
