@@ -125,7 +125,9 @@ def answer_again(recorded: RecordedRun, *, read_frames: bool) -> Estimate:
         entries = tuple(_read_again(entry, reader) for entry in entries)
     tell_recorded(policy, entries)
     estimate = policy.estimate()
-    view = RunView.of(replace(recorded, entries=entries))
+    view = RunView.of(recorded.configuration)
+    for entry in entries:
+        view = view.add_entry(entry)
     return estimate if view.confirmation is None else apply_confirmation(estimate, view.confirmation, view.samples)
 
 
