@@ -46,9 +46,12 @@ class ImageRing(Closing):
 
     @classmethod
     def create(cls) -> Self | None:
-        """Make an empty one; None where the system has no files in memory without a name."""
-        make = getattr(os, "memfd_create", None)
-        return None if make is None else cls(make("markerseek-images"))
+        """Make an empty one; None where the system has, or allows, no files in memory without a name."""
+        try:
+            return cls(os.memfd_create("markerseek-images"))
+        except (AttributeError, OSError):
+            # macOS has none; a Linux may be set to refuse them.
+            return None
 
     @classmethod
     def open(cls, path: Path) -> Self:
