@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+from msgspec import structs
 from rich.markup import escape
 
 from markerseek import rigs, runs
@@ -101,7 +102,7 @@ def scan(
                     seen = event
                     if isinstance(event, Measured):
                         # The counts of a frame have half a megabyte.
-                        seen = replace(event, sample=replace(event.sample, frame=None))
+                        seen = structs.replace(event, sample=structs.replace(event.sample, frame=None))
                         taken = event.index if event.role == "search" else taken
                     view = view.add(seen, clock_s=assembled.scanner.clock.now_s())
                     show_view(progress, view, done=taken)
@@ -360,7 +361,9 @@ def import_bank(
         raise ConfigError(
             f"--sampling-mhz is {sampling_mhz:g}, and {source} says {held_hz / 1e6:g} MHz; leave the option out"
         )
-    bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
+    bank = replace(
+        bank, facts=structs.replace(bank.facts, **{name: each for name, each in given.items() if each is not None})
+    )
     bank = rigs.with_probe_facts(bank, probe)
     announce_compilation()
     frames = isinstance(bank, FrameBank)
@@ -462,7 +465,7 @@ def _write_frames(
 
     facts = runs.bank_facts(bank, probe=probe)
     if face_radius_mm is not None:
-        facts = replace(facts, face_radius_m=face_radius_mm / 1e3)
+        facts = structs.replace(facts, face_radius_m=face_radius_mm / 1e3)
     elif facts.face_radius_m is None:
         stderr.print(
             "[yellow]the export has no positions of the images: the bank does not state the distance of the array's "
@@ -479,7 +482,7 @@ def _write_frames(
     filled = round(first_s * preset.sampling_hz)
     read = (bank.frame(index) for index in series.order)
     # Without the samples that were filled in before the first recorded one.
-    frames = (replace(each, samples=each.samples[:, filled:]) for each in read)
+    frames = (structs.replace(each, samples=each.samples[:, filled:]) for each in read)
     write_zea(
         to,
         _with_progress(frames, count),

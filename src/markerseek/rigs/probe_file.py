@@ -91,7 +91,7 @@ def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset |
     facts = bank.facts
     return replace(
         bank,
-        facts=replace(
+        facts=structs.replace(
             facts,
             sampling_hz=preset.sampling_hz if facts.sampling_hz is None else facts.sampling_hz,
             face_radius_m=preset.face_radius_m if facts.face_radius_m is None else facts.face_radius_m,
@@ -127,7 +127,7 @@ def _preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None)
         preset = structs.replace(preset, sound_speed_m_s=facts.sound_speed_m_s)
     if facts.pitch_m is not None and isinstance(bank, FrameBank):
         elements = bank.frame(0).samples.shape[0]
-        preset = structs.replace(preset, array=replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
+        preset = structs.replace(preset, array=structs.replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
     return preset
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -12,6 +11,7 @@ import pacfish
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks import BankFacts, FrameBank, TableFormat, read_bank, whole_bank
@@ -39,7 +39,7 @@ def test_todays_version_is_read():
     np.testing.assert_array_equal(bank.frame(3).samples, counts(0, (2, 6)))
     for index, seed in enumerate((8, 9)):
         np.testing.assert_array_equal(bank.dark_frame(index).samples, counts(seed, (2, 6)))
-    assert replace(bank.facts, pitch_m=FACTS.pitch_m) == FACTS
+    assert structs.replace(bank.facts, pitch_m=FACTS.pitch_m) == FACTS
     assert (bank.started_s, bank.pulses) == ((6.0, 4.0, 2.0, 0.0), (16,) * 4)
 
 
@@ -111,8 +111,8 @@ def test_unknown_times_stay_unknown(tmp_path):
     with whole_bank(path, facts=BankFacts(clock_zero_unix_s=None)) as writer:
         for seed, started_s in enumerate((1.0, math.nan, math.inf)):
             frame = sample(float(seed), seed=seed).frame
-            frame = replace(frame, header=replace(frame.header, started_s=started_s))
-            writer.add(replace(sample(float(seed)), frame=frame))
+            frame = structs.replace(frame, header=structs.replace(frame.header, started_s=started_s))
+            writer.add(structs.replace(sample(float(seed)), frame=frame))
     bank = read_bank(path)
     assert isinstance(bank, FrameBank)
     np.testing.assert_array_equal(bank.started_s, (1.0, np.nan, np.nan))
