@@ -91,7 +91,7 @@ def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset |
     facts = bank.facts
     return replace(
         bank,
-        facts=replace(
+        facts=structs.replace(
             facts,
             sampling_hz=preset.sampling_hz if facts.sampling_hz is None else facts.sampling_hz,
             face_radius_m=preset.face_radius_m if facts.face_radius_m is None else facts.face_radius_m,
