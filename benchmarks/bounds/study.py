@@ -16,6 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from benchmarks.bounds import (
     TABLE_PRIOR,
@@ -101,7 +102,8 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg, prior=prior)
         dark_frames = 0 if settings.plan.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.
-        samples = searched(searcher, rig.scanner, dark_frames=dark_frames).samples
+        plan = replace(settings.plan, stay=True, dark_frames=dark_frames)
+        samples = searched(searcher, rig, plan).samples
         marker_deg = unknowns.marker.angle_deg
         errors.append(searcher.estimate().mean_deg - marker_deg)
         # The best angles of this marker need its true angle: no policy can know them.

@@ -166,14 +166,8 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
 def _as_object(entry: Entry) -> dict[str, object]:
     from markerseek.records.journal import encode
 
-    encoded = encode(entry.event)
-    return {
-        "number": entry.number,
-        "kind": encoded.kind,
-        "written": entry.written,
-        "clock_s": entry.clock_s,
-        "body": msgspec.Raw(encoded.body),
-    }
+    line, _ = encode(entry)
+    return {name: getattr(line, name) for name in ("number", "kind", "written", "clock_s", "body")}
 
 
 def _print_table(recorded: RecordedRun) -> None:

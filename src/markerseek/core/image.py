@@ -108,7 +108,7 @@ class ScanGeometry(msgspec.Struct, frozen=True, kw_only=True):
         return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
 
 
-class LinearArray(msgspec.Struct, frozen=True, kw_only=True):
+class LinearArray(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Evenly spaced elements in a row, whose centre is the lateral position 0.
 
     Attributes

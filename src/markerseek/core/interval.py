@@ -11,7 +11,7 @@ from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
 
 
-class Interval(msgspec.Struct, frozen=True, kw_only=True):
+class Interval(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Angles from ``low_deg`` to ``high_deg``, both included.
 
     Attributes

@@ -4,11 +4,11 @@ from .energy_meter import EnergyMeter, metered
 from .entry import (
     DRIVERS,
     PARTS,
-    DeviceSettings,
-    LaserSettings,
+    DeviceKeys,
+    LaserKeys,
     Opening,
     Part,
-    ReceiverSettings,
+    ReceiverKeys,
     entry_of,
     is_emulated,
 )
@@ -20,10 +20,10 @@ from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus
 from .ros2_images import RosImages
-from .ros2_nodes import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver
+from .ros2_nodes import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings
 from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
-from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
+from .simulated import SimulatedLaserSettings, SimulatedReceiverSettings, SimulatedStageSettings
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from .standard_laser import LaserLogic, StandardLaser
 from .standard_receiver import Messages, StandardReceiver
@@ -40,7 +40,7 @@ __all__ = [
     "BenchProbe",
     "BenchSettings",
     "BenchSupervisor",
-    "DeviceSettings",
+    "DeviceKeys",
     "EnergyMeter",
     "FolderImages",
     "GuidedStage",
@@ -50,8 +50,8 @@ __all__ = [
     "Kdc101Stage",
     "LaserBox",
     "LaserBoxSettings",
+    "LaserKeys",
     "LaserLogic",
-    "LaserSettings",
     "Messages",
     "Opening",
     "Part",
@@ -59,17 +59,17 @@ __all__ = [
     "PicolasSettings",
     "PlusReceiver",
     "PlusSettings",
-    "ReceiverSettings",
+    "ReceiverKeys",
     "Ros2Acquisition",
     "Ros2Encoder",
+    "Ros2ReceiverSettings",
     "Ros2Stage",
     "Ros2StageSettings",
     "RosImages",
-    "RosReceiver",
     "SerialPort",
-    "SimulatedLaserKeys",
-    "SimulatedReceiverKeys",
-    "SimulatedStageKeys",
+    "SimulatedLaserSettings",
+    "SimulatedReceiverSettings",
+    "SimulatedStageSettings",
     "SonixDaqReceiver",
     "SonixDaqSettings",
     "StageLogic",

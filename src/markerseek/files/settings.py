@@ -1,11 +1,10 @@
-"""Reads settings, as TOML has them, into dataclasses and structs whose fields have the same names.
+"""Reads settings, as TOML has them, into structs whose fields have the same names.
 
 An unknown key is an error that names the nearest known one: a misspelt limit must not fall back to its default.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import datetime as dt
 import difflib
 import re
@@ -74,7 +73,7 @@ def setting_from(value: object, hint: typing.Any, *, name: str) -> typing.Any:
     """
     value = _with_none(value)
     try:
-        made = msgspec.convert(value, hint)
+        return msgspec.convert(value, hint)
     except msgspec.ValidationError as problem:
         refused = problem.__cause__
         if isinstance(refused, ConfigError):
@@ -82,8 +81,39 @@ def setting_from(value: object, hint: typing.Any, *, name: str) -> typing.Any:
             raise refused from refused.__cause__
         _, _, place = str(problem).rpartition(" - at `$")
         raise _refusal(value, hint, re.findall(r"\w+", place), name=name) from problem
-    _require_known(value, made, name=name)
-    return made
+
+
+def recorded_settings(text: bytes, hint: typing.Any) -> typing.Any:
+    """Return settings as a record holds them, JSON; keys that only another version of markerseek knows are left out.
+
+    Raises `msgspec.MsgspecError` if they do not fit.
+    """
+    values = msgspec.json.decode(text)
+    while True:
+        try:
+            return msgspec.convert(values, hint)
+        except msgspec.ValidationError as problem:
+            unknown = _UNKNOWN_KEY.fullmatch(str(problem))
+            part = _part_at(values, re.findall(r"\w+", unknown["place"] or "")) if unknown else None
+            if unknown is None or not isinstance(part, dict) or unknown["key"] not in part:
+                raise
+            del part[unknown["key"]]
+
+
+_UNKNOWN_KEY = re.compile(r"Object contains unknown field `(?P<key>.*?)`(?: - at `\$(?P<place>.*)`)?", re.DOTALL)
+"""What msgspec says of a key that a struct does not have."""
+
+
+def _part_at(value: typing.Any, place: Sequence[str]) -> object:
+    """Return what stands at a place, named by keys and indices; None if there is none."""
+    for step in place:
+        if isinstance(value, list) and step.isdecimal() and int(step) < len(value):
+            value = value[int(step)]
+        elif isinstance(value, dict):
+            value = value.get(step)
+        else:
+            return None
+    return value
 
 
 def _with_none(value: object) -> object:
@@ -109,9 +139,9 @@ def _refusal(value: object, hint: typing.Any, place: Sequence[str], *, name: str
             require_key(key, kind, prefix=prefix)
         if step in value:
             return _refusal(value[step], _hints_of(kind)[step], deeper, name=prefix + step)
-        for key in _needed_of(kind):
-            if key not in value:
-                return ConfigError(f"the key {prefix}{key} is missing; add it")
+        for each in msgspec.structs.fields(kind):
+            if each.required and each.name not in value:
+                return ConfigError(f"the key {prefix}{each.name} is missing; add it")
     row = next((each for each in members if typing.get_origin(each) in (tuple, list)), None)
     if row is not None and isinstance(value, list):
         hints = _row_hints(row, len(value))
@@ -125,21 +155,9 @@ def _refusal(value: object, hint: typing.Any, place: Sequence[str], *, name: str
 
 
 def _row_hints(row: typing.Any, count: int) -> tuple[typing.Any, ...]:
-    """Return the type of each value of a list, which has so many if its type leaves their number open."""
+    """Return the types of a list's values; ``count`` of them where the type of the list leaves the number open."""
     hints = typing.get_args(row)
     return hints[:1] * count if typing.get_origin(row) is list or hints[-1] is Ellipsis else hints
-
-
-def _require_known(value: object, made: object, *, name: str) -> None:
-    """Refuse keys that msgspec leaves out of what it makes: it forbids those of structs alone."""
-    if isinstance(value, Mapping) and _keys_of(type(made)) is not None:
-        prefix = f"{name}." if name else ""
-        for key, each in value.items():
-            require_key(key, type(made), prefix=prefix)
-            _require_known(each, getattr(made, key, None), name=prefix + key)
-    elif isinstance(value, list) and isinstance(made, tuple):
-        for index, (each, its) in enumerate(zip(value, made, strict=True)):
-            _require_known(each, its, name=f"{name}[{index}]")
 
 
 def _is_union(hint: typing.Any) -> bool:
@@ -147,29 +165,19 @@ def _is_union(hint: typing.Any) -> bool:
 
 
 def _keys_of(kind: typing.Any) -> tuple[str, ...] | None:
-    """Keys of settings; None of a type that has none."""
+    """Return the keys of settings, None of a type that has none."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         config = kind.__struct_config__
         return kind.__struct_fields__ if config.tag is None else (str(config.tag_field), *kind.__struct_fields__)
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-        return tuple(each.name for each in dataclasses.fields(kind))
     return None
 
 
 def _hints_of(kind: typing.Any) -> dict[str, typing.Any]:
     """Return the type of each key of settings; the tag of a struct has one value."""
     hints = typing.get_type_hints(kind)
-    if issubclass(kind, msgspec.Struct) and kind.__struct_config__.tag is not None:
+    if kind.__struct_config__.tag is not None:
         hints[str(kind.__struct_config__.tag_field)] = typing.Literal[kind.__struct_config__.tag]
     return hints
-
-
-def _needed_of(kind: typing.Any) -> list[str]:
-    """Keys of settings that have no default."""
-    if issubclass(kind, msgspec.Struct):
-        return [each.name for each in msgspec.structs.fields(kind) if each.required]
-    missing = dataclasses.MISSING
-    return [each.name for each in dataclasses.fields(kind) if each.default is each.default_factory is missing]
 
 
 _KINDS: dict[type, str] = {

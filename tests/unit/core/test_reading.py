@@ -24,10 +24,9 @@ from markerseek.core import (
     Sample,
     ScanGeometry,
 )
-from markerseek.records.journal import Checked, Journal, JournalEvent, read_journal
-from markerseek.records.journal.entries import decode, encode
+from markerseek.records.journal import Checked, Journal, JournalEvent, decode, read_journal
 from tests.sizes import examples
-from tests.unit.records.journal.synthetic_journals import FULL_READING, HEADER, configuration
+from tests.unit.records.journal.synthetic_journals import FULL_READING, HEADER, configuration, stored
 
 GEOMETRY = ScanGeometry(first_lateral_m=-0.02, lateral_step_m=1e-4, first_depth_m=0.01, depth_step_m=2e-4)
 COUNTS = np.arange(-17, 18, dtype=np.int16).reshape(7, 5)
@@ -69,15 +68,17 @@ def test_a_journal_holds_a_frame_wherever_it_may_be(frame: ChannelFrame, tmp_pat
 
 @pytest.mark.parametrize("frame", FRAMES, ids=["rows", "columns"])
 def test_a_row_with_another_array_than_its_body_names_is_refused(frame: ChannelFrame) -> None:
-    row = encode(Refused(angle_deg=1.0, reason="moved", frame=frame))
-    assert row.samples is not None
-    for samples, found in ((None, "a frame of"), (row.samples[:-1], "a frame of"), (bytes(row.samples) + b"0", "1 by")):
+    line, whole = stored(Refused(angle_deg=1.0, reason="moved", frame=frame))
+    assert line.block == len(whole) > 0
+    for samples, found in ((b"", "a frame of"), (whole[:-1], "a frame of"), (bytes(whole) + b"0", "1 by")):
         with pytest.raises(RecordError, match=f"an entry that cannot be read: {found}"):
-            decode(row.kind, row.body, samples, confirmation=None)
+            decode(line, samples, confirmation=None)
     for here, there in ((b"<i2", b"<f2"), (b'"shape":[', b'"shape":[-')):
-        if here in row.body:
-            with pytest.raises(RecordError, match="an entry that cannot be read"):
-                decode(row.kind, row.body.replace(here, there), row.samples, confirmation=None)
+        body = bytes(line.body)
+        assert here in body
+        changed = structs.replace(line, body=msgspec.Raw(body.replace(here, there)))
+        with pytest.raises(RecordError, match="an entry that cannot be read"):
+            decode(changed, whole, confirmation=None)
 
 
 def test_arrays_of_another_kind_are_no_frame() -> None:
@@ -223,19 +224,20 @@ def test_an_arrival_refuses_what_is_no_number(name: str) -> None:
 def test_features_that_no_frame_has_are_refused_when_a_journal_is_read(change: dict[str, object], said: str) -> None:
     """Its check sums say that it was not damaged, not that its numbers are possible."""
     event = Measured(role="search", index=1, sample=Sample(angle_deg=1.0, reading=FULL_READING))
-    encoded = encode(event)
-    held = msgspec.json.decode(encoded.body)
+    line, _ = stored(event)
+    held = msgspec.json.decode(line.body)
     held["sample"]["reading"] |= change
+    changed = structs.replace(line, body=msgspec.Raw(msgspec.json.encode(held)))
     with pytest.raises(RecordError, match=f"an entry that cannot be read: .*{said}"):
-        decode(encoded.kind, msgspec.json.encode(held), None, confirmation=None)
+        decode(changed, b"", confirmation=None)
 
 
 @pytest.mark.parametrize("angle_deg", [1e300, -2e4])
 def test_an_angle_that_no_stage_reaches_is_refused_when_a_journal_is_read(angle_deg: float) -> None:
     event = Measured(role="search", index=1, sample=Sample(angle_deg=angle_deg, reading=FULL_READING))
-    encoded = encode(event)
+    line, _ = stored(event)
     with pytest.raises(RecordError, match=r"the angle of a sample is .* deg, it must lie in \[-10000, 10000\] deg"):
-        decode(encoded.kind, encoded.body, None, confirmation=None)
+        decode(line, b"", confirmation=None)
 
 
 def test_a_share_may_be_rounded_above_one() -> None:

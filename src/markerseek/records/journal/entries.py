@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import platform
-from dataclasses import dataclass
+import zlib
 from typing import TypeAlias
 
 import msgspec
@@ -145,23 +145,30 @@ _STORED = "<i2"
 """How the counts of a frame are stored: as little-endian int16."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EncodedEvent:
-    """An event as it is stored."""
+class Line(msgspec.Struct, frozen=True, kw_only=True):
+    """An entry as it is stored: a line of JSON, behind which the samples of its frame stand."""
 
-    kind: str
-    """Name of its class in lower case."""
-    body: bytes
-    """Its fields, JSON."""
-    samples: memoryview | None
-    """Samples of its frame, row after row, as little-endian int16; None if it has none."""
+    number: int = 0
+    """As of `Entry`; 0 in files of version 1, whose lines have it elsewhere."""
+    block: int = 0
+    """Bytes of the samples behind the line."""
+    block_crc: str = ""
+    """CRC-32 of these bytes, hexadecimal."""
+    kind: str = ""
+    """Name of the event's class in lower case."""
+    written: str = ""
+    clock_s: float = 0.0
+    """``written`` and ``clock_s``: as of `Entry`."""
+    body: msgspec.Raw = msgspec.Raw(b"null")
+    """Fields of the event, JSON."""
 
 
-def encode(event: JournalEvent) -> EncodedEvent:
-    """Encode an event.
+def encode(entry: Entry) -> tuple[Line, bytes | memoryview]:
+    """Return an entry as it is stored, and the samples of its frame: row after row, as little-endian int16.
 
     Raises `RecordError` if JSON cannot hold the event exactly: a number in it is not finite.
     """
+    event = entry.event
     kind = type(event).__name__.lower()
     counts: list[memoryview] = []
     stored = replace(event, confirmation=None) if isinstance(event, Finished) else event
@@ -171,23 +178,32 @@ def encode(event: JournalEvent) -> EncodedEvent:
         if not isinstance(event, Refused) or event.frame is None:
             raise
         # Such a frame may have been refused because a number in it is not finite; the reason names that number.
-        return encode(replace(event, frame=None))
-    (samples,) = counts or (None,)
-    return EncodedEvent(kind=kind, body=body, samples=samples)
+        return encode(replace(entry, event=replace(event, frame=None)))
+    samples = counts[0] if counts else b""
+    line = Line(
+        number=entry.number,
+        block=len(samples),
+        block_crc=f"{zlib.crc32(samples):08x}",
+        kind=kind,
+        written=entry.written,
+        clock_s=require_finite(float(entry.clock_s), what="the rig's clock"),
+        body=msgspec.Raw(body),
+    )
+    return line, samples
 
 
-def decode(kind: str, body: bytes, samples: bytes | memoryview | None, *, confirmation: Sample | None) -> JournalEvent:
-    """Decode the event of an entry.
+def decode(line: Line, samples: bytes | memoryview, *, confirmation: Sample | None) -> JournalEvent:
+    """Return the event of an entry that was stored.
 
     ``confirmation``: the confirming acquisition that was read before, to which `Finished` refers. Raises `RecordError`
     if it cannot have been written by `encode`.
     """
-    if kind not in _KINDS:
-        raise RecordError(f"an entry of the unknown kind {kind[:40]!r}")
+    if line.kind not in _KINDS:
+        raise RecordError(f"an entry of the unknown kind {line.kind[:40]!r}")
     blob = _Blob(samples)
     try:
         # Any of these errors means that `encode` did not write it.
-        event = msgspec.json.decode(body, type=_KINDS[kind], dec_hook=blob.decoded)
+        event = msgspec.json.decode(line.body, type=_KINDS[line.kind], dec_hook=blob.decoded)
         blob.require_end()
         if isinstance(event, Measured):
             require_range("the angle of a sample", event.sample.angle_deg, low=-_MOST_DEG, high=_MOST_DEG, unit="deg")
@@ -274,8 +290,8 @@ class _StoredError(msgspec.Struct, frozen=True, kw_only=True):
 class _Blob:
     """The bytes behind a line: the samples of its frames, of which the body has the shapes in the same order."""
 
-    def __init__(self, blob: bytes | memoryview | None) -> None:
-        self._left = memoryview(b"" if blob is None else blob)
+    def __init__(self, blob: bytes | memoryview) -> None:
+        self._left = memoryview(blob)
 
     def decoded(self, kind: type, value: object) -> object:
         """Return an error of a run, or the next array: a read-only view, `ValueError` if the blob does not hold it."""

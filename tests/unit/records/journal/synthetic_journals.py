@@ -43,7 +43,17 @@ from markerseek.core import (
     Turning,
     Unsure,
 )
-from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, Journal, JournalEvent, Resuming
+from markerseek.records.journal import (
+    Checked,
+    Configuration,
+    Entry,
+    Interrupted,
+    Journal,
+    JournalEvent,
+    Resuming,
+    encode,
+)
+from markerseek.records.journal.entries import Line
 from markerseek.records.journal.lines import entry_line
 from markerseek.rigs import Rig
 from markerseek.sim import ReceiverSettings, SimulatedSettings
@@ -284,3 +294,8 @@ def reading_sample(sequence: int, *, angle_deg: float) -> Sample:
 
 
 REFUSED = Refused(angle_deg=1 / 3, reason='channel 7 says "nothing", 5 % off', frame=frame(2))
+
+
+def stored(event: JournalEvent) -> tuple[Line, bytes | memoryview]:
+    """The event as the first entry of a journal."""
+    return encode(Entry(number=1, written="", clock_s=0.0, event=event))
