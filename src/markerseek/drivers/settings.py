@@ -173,9 +173,6 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         table: dict[str, Any] = msgspec.to_builtins(self)
         # It changes nothing of what is measured.
         del table["trace"]
-        # Fingerprints of rigs are older than this key.
-        if self.spot == SpotToSource():
-            del table["spot"]
         for part in self.foreign:
             keys = table[part].pop("keys")
             # The folder of its module follows from the rig file that a person names.
