@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from benchmarks.frame_way import of_frame, traced_in
+
 ROOT = Path(__file__).parents[1]
 
 MOST_NAMED = 8
@@ -356,6 +358,17 @@ def rooms_of_search(checkout: Checkout) -> list[str]:
     return sorted({module.room for module in checkout.modules if package / module.path in files})
 
 
+def frame_returns(checkout: Checkout) -> list[str]:
+    """Functions that return from one room to another while a frame is read; those of `core` do not count."""
+    found = of_frame(traced_in(checkout.root / "src"))
+    return [each.function for each in found if each.room != "core"]
+
+
+def traced_frame_returns(checkout: Checkout) -> list[str]:
+    """All of them."""
+    return [each.function for each in of_frame(traced_in(checkout.root / "src"))]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """One row of the table."""
@@ -378,6 +391,8 @@ ROWS = (
     Row(name="settings of a session stated", goal="1", places=session_settings),
     Row(name="classes that are an answer", goal="≤ 4", places=answers),
     Row(name="models of one curve", goal="1", places=drawings),
+    Row(name="returns between rooms of a frame, from its receiver to its reading", goal="≤ 8", places=frame_returns),
+    Row(name="the same with those of core", goal="≤ 25", places=traced_frame_returns),
     Row(name="rooms that a search imports", goal="≤ 20", places=rooms_of_search),
     Row(name="public names that stand in two rooms", goal="≤ 25", places=names_in_two_rooms),
     Row(name="messages below cli that name an option or a command", goal="0", places=option_messages),
