@@ -11,6 +11,7 @@ from msgspec import structs
 from markerseek._version import __version__
 from markerseek.core import (
     FALSE_FOUND,
+    AngleBelief,
     Estimate,
     Finished,
     Floor,
@@ -214,7 +215,9 @@ class SearchResult:
             travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
             searched=None,
         )
-        return SearchResult(run=replace(self.run, points=points, finished=end))
+        # What was believed at the end is that of all angles.
+        belief = AngleBelief(estimate=searched.estimate)
+        return SearchResult(run=replace(self.run, points=points, event=end, belief=belief, finished=end))
 
     @property
     def comparison(self) -> str | None:
@@ -233,12 +236,9 @@ class SearchResult:
     def rows(self) -> list[tuple[str, str]]:
         """Names and values of the result, as terminal, report and notebook show them."""
         estimate = self.estimate
-        # An angle that another source may explain: the user may know that there is no other source.
-        is_single = isinstance(estimate, Unsure) and estimate.doubt == "source" and estimate.surveyed is not None
-        cure = "; --single states that there is none" if is_single else ""
         return [
             *_answer_rows(self),
-            *others_rows(estimate.others, estimate.surveyed, estimate.other_probability, cure=cure),
+            *others_rows(estimate.others, estimate.surveyed, estimate.other_probability),
             *outliers_rows(estimate.outliers_deg),
             *_prior_rows(self),
             *_marker_rows(self),
