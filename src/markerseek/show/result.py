@@ -11,6 +11,7 @@ from msgspec import structs
 from markerseek._version import __version__
 from markerseek.core import (
     FALSE_FOUND,
+    AngleBelief,
     Estimate,
     Finished,
     Floor,
@@ -28,7 +29,7 @@ from markerseek.core import (
     rig_in_words,
 )
 from markerseek.records.journal import RunView
-from markerseek.show.curve import NAME_WITHOUT_CLAIM, curve_of
+from markerseek.show.curve import NAME_WITHOUT_CLAIM, drawn_curve
 from markerseek.show.curve_svg import as_html, curve_svg
 from markerseek.show.words import (
     NO_CLAIM,
@@ -214,7 +215,9 @@ class SearchResult:
             travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
             searched=None,
         )
-        return SearchResult(run=replace(self.run, points=points, finished=end))
+        # What was believed at the end is that of all angles.
+        belief = AngleBelief(estimate=searched.estimate)
+        return SearchResult(run=replace(self.run, points=points, event=end, belief=belief, finished=end))
 
     @property
     def comparison(self) -> str | None:
@@ -269,7 +272,7 @@ class SearchResult:
 
     def _repr_html_(self) -> str:
         """The answer and the intensities, for a notebook."""
-        return as_html(self._heading(), self.rows, curve_svg(curve_of(self.run, reveal=True)))
+        return as_html(self._heading(), self.rows, curve_svg(drawn_curve(self.run, reveal=True)))
 
     def _heading(self) -> str:
         if self._end.searched is not None:
