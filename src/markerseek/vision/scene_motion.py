@@ -13,6 +13,7 @@ import numpy as np
 
 from markerseek.core import Bool, Float64, StereoPair
 from markerseek.geometry import (
+    CalibrationErrors,
     RigidTransform,
     StereoMotion,
     StereoPixels,
@@ -170,7 +171,7 @@ def _seen(
         return _problem(texture, pair, both, found)
     view = predict(texture, rough.transform)
     found, pixels = _fine(texture, both, _corrected(view, found, pixels))
-    motion = _motion(texture, found, pixels, rough.transform, rng)
+    motion = _motion(texture, found, pixels, rough.transform, rng, calibration=texture.calibration)
     if motion is None or not _enough(view, found, pair):
         return _problem(texture, pair, both, found)
     doubt = _doubt(texture, found, motion)
@@ -217,6 +218,8 @@ def _motion(
     pixels: StereoPixels,
     near: RigidTransform,
     rng: np.random.Generator,
+    *,
+    calibration: CalibrationErrors | None = None,
 ) -> StereoMotion | None:
     if found.sum() < MIN_FOUND:
         return None
@@ -227,6 +230,7 @@ def _motion(
         start=near,
         parts=texture.parts[found],
         regions=texture.regions[found],
+        calibration=calibration,
         rng=rng,
     )
 

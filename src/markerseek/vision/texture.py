@@ -14,7 +14,15 @@ import msgspec
 import numpy as np
 
 from markerseek.core import Bool, ConfigError, Float64, Int64, StereoPair, UInt8
-from markerseek.geometry import Camera, RangedPoints, RigidTransform, StereoCameras, range_points, seen_after
+from markerseek.geometry import (
+    CalibrationErrors,
+    Camera,
+    RangedPoints,
+    RigidTransform,
+    StereoCameras,
+    range_points,
+    seen_after,
+)
 from markerseek.vision.images import opencv
 from markerseek.vision.keypoints import Keypoints, ranged_keypoints
 from markerseek.vision.patches import Patches, best_of, cut_patches, find_patches
@@ -61,6 +69,8 @@ class SceneTexture:
     at_s: float
     """Time of the pair."""
     cameras: StereoCameras
+    calibration: CalibrationErrors
+    """How well these are calibrated."""
     points: RangedPoints
     """Where they are, in the left camera's frame."""
     slopes_per_m: Float64[np.ndarray, "patches 2"]
@@ -133,8 +143,12 @@ class Levels:
         return cls(fine=fine, coarse=cv2.pyrDown(cv2.pyrDown(image)))
 
 
-def scene_texture(pair: StereoPair, cameras: StereoCameras) -> SceneTexture | NotKnown:
+def scene_texture(
+    pair: StereoPair, cameras: StereoCameras, *, calibration: CalibrationErrors | None = None
+) -> SceneTexture | NotKnown:
     """Choose the patches of a reference pair, without the laser's light, and measure their depths.
+
+    ``calibration``: how well the cameras are calibrated; None: as is usual.
 
     Raises `ConfigError` if the images have not the size of the calibration.
     """
@@ -155,6 +169,7 @@ def scene_texture(pair: StereoPair, cameras: StereoCameras) -> SceneTexture | No
     return SceneTexture(
         at_s=pair.at_s,
         cameras=cameras,
+        calibration=calibration or CalibrationErrors(),
         points=points,
         slopes_per_m=_surface_slopes(points, cameras.left),
         left=CameraPatches(
