@@ -384,9 +384,23 @@ def _prediction(
     laser = np.array([LASER_ERROR if sample.sweep is None else posterior.sample_error for sample in samples])
     # As in the likelihood: the form of deep tails is known that well at best.
     deep = np.where(fallen > -math.log(DEEP), DEEP_ERROR * math.exp(float(np.mean(posterior.log_snr))), 0.0)
-    own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2) * height**2
+    moved = _moved(posterior, samples, mean=mean)
+    own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2 + moved**2) * height**2
     spread = np.sqrt(own + np.maximum(deep, 1.0) ** 2)
     return posterior.sigma * height, posterior.sigma * spread
+
+
+def _moved(
+    posterior: AnglePosterior, samples: Sequence[Sample], *, mean: Float64[np.ndarray, " samples"]
+) -> Float64[np.ndarray, " samples"]:
+    """Return the standard deviation of ln of the prediction by the motion of the marker."""
+    sigma_deg = posterior.moved_sigma_deg
+    if sigma_deg <= 0:
+        return np.zeros(len(samples))
+    angles_deg = np.array([sample.angle_deg for sample in samples])
+    sides = [posterior.log_heights(angles_deg + side * sigma_deg).mean(axis=0) for side in (-1, 1)]
+    # To second order: beside the top the curve falls to both sides.
+    return np.asarray(np.maximum(np.abs(sides[1] - sides[0]) / 2, np.abs(np.mean(sides, axis=0) - mean)))
 
 
 UNRESOLVED_BEYOND = 0.1
