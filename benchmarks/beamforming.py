@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from msgspec import structs
 
 from benchmarks import beamforming_peers as peers
 from benchmarks.c_limit import c_kernel, compiler
@@ -33,7 +33,7 @@ def compare(effort: Effort) -> tuple[list[Pair], list[str]]:
     plain = np.ascontiguousarray(signals[:, PAD:-PAD])
     pairs: list[Pair] = []
     remarks: list[str] = []
-    for work, preset in ((FULL_APERTURE, full), (F_NUMBER_1, replace(full, f_number=1.0))):
+    for work, preset in ((FULL_APERTURE, full), (F_NUMBER_1, structs.replace(full, f_number=1.0))):
         grid = image_grid(preset, samples=SAMPLES, depth_m=DEPTH_M)
         ours = partial(beamform, signals, grid)
         for name, make, normalised in _peers(signals, plain, preset, grid):

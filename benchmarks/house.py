@@ -93,8 +93,9 @@ class Checkout:
 
 
 def fields_of(found: ast.ClassDef) -> set[str]:
-    """Return the names of the fields that a class states itself."""
-    return {_target(node) for node in found.body if isinstance(node, ast.AnnAssign)} - {""}
+    """Return the names of the fields that a class states itself, without means over many values."""
+    stated = (node for node in found.body if isinstance(node, ast.AnnAssign))
+    return {_target(node) for node in stated if getattr(node.annotation, "id", "") != "Mean"} - {""}
 
 
 def _target(node: ast.AnnAssign) -> str:
@@ -183,10 +184,17 @@ def record_formats(checkout: Checkout) -> list[str]:
     return sorted(rooms)
 
 
+SESSION_SETTINGS = {
+    "sweep": "sweep", "tre_mm": "goal", "goal_m": "goal", "goal_mm": "goal", "markers": "markers", "again": "again",
+    "wait_s": "wait", "idle_s": "idle", "light_while_waiting": "light", "no_frames": "frames", "target_mm": "target",
+    "target_trus_m": "target", "tolerance_mm": "tolerance", "guided": "guided",
+}  # fmt: skip
+"""Names of what a person chooses of a registration session."""
+
+
 def session_settings(checkout: Checkout) -> list[str]:
     """Classes that state four or more settings of a registration session."""
-    plan = checkout.class_named("SessionPlan")
-    return [] if plan is None else _sharing(checkout, {name: name for name in fields_of(plan)})
+    return _sharing(checkout, SESSION_SETTINGS)
 
 
 # --- one answer, one curve -------------------------------------------------------------------------------------------
@@ -200,7 +208,7 @@ ANSWER_FIELDS = {
     "acquisitions": "acquisitions", "refused": "refused", "travel_deg": "travel", "elapsed_s": "elapsed",
     "known_s": "known", "confirmation": "confirmation", "near": "near",
 }  # fmt: skip
-"""Names of the facts of an answer, and of what it took."""
+"""Names of the facts of an answer, and of what it took. A field that is a mean over many searches is none of them."""
 
 CURVE_FIELDS = {
     "marks": "marks", "points": "marks", "samples": "marks", "density": "density", "density_per_deg": "density",
@@ -211,18 +219,23 @@ CURVE_FIELDS = {
 }  # fmt: skip
 """Names of what a curve of intensities shows."""
 
+CURVE_SHARED = 5
+"""As `SHARED`, of a curve: a list of samples with their limits and truth is no drawing yet."""
+
 
 def answers(checkout: Checkout) -> list[str]:
-    """Classes that state four or more facts of an answer; the members of `Estimate` count as one."""
-    estimates = checkout.members("Estimate")
+    """Classes that state four or more facts of an answer; the members of `Estimate`, and their parent, count as one."""
+    classes = {each.name: each for module in checkout.modules for each in module.classes}
+    members = checkout.members("Estimate")
+    estimates = members.union(*(_ancestors(each, classes) for each in members))
     found = _sharing(checkout, ANSWER_FIELDS)
     others = [each for each in found if each.rpartition(":")[2] not in estimates]
     return [*(["Estimate"] if len(others) < len(found) else []), *others]
 
 
 def drawings(checkout: Checkout) -> list[str]:
-    """Models of a curve: classes, dictionaries and parameter lists that name four or more things that it shows."""
-    found = _sharing(checkout, CURVE_FIELDS, least=5)
+    """Models of a curve: classes, dictionaries and parameter lists that name five or more things that it shows."""
+    found = _sharing(checkout, CURVE_FIELDS, least=CURVE_SHARED)
     for module in checkout.modules:
         for function in module.functions:
             given = {each.arg for each in (*function.args.args, *function.args.kwonlyargs)}
@@ -233,7 +246,8 @@ def drawings(checkout: Checkout) -> list[str]:
                 for key in node.keys
                 if isinstance(key, ast.Constant)
             }
-            if any(len({CURVE_FIELDS[name] for name in names & CURVE_FIELDS.keys()}) > 4 for names in (given, keys)):
+            shown = ({CURVE_FIELDS[name] for name in names & CURVE_FIELDS.keys()} for names in (given, keys))
+            if any(len(each) >= CURVE_SHARED for each in shown):
                 found.append(f"{module.path}:{function.name}")
     return found
 
@@ -271,17 +285,16 @@ def _defined(node: ast.stmt) -> list[str]:
     return []
 
 
-_COMMAND_LINE = re.compile(r"(?<![\w-])--[a-z]|\bmarkerseek [a-z]")
-
-
 def option_messages(checkout: Checkout) -> list[str]:
-    """Texts below `cli`, docstrings apart, that name an option or a command."""
+    """Texts below `cli`, docstrings apart, that name an option or a command, which is a file of `cli`."""
+    commands = "|".join(module.path.stem for module in checkout.modules if module.floor == "cli")
+    named = re.compile(rf"(?<![\w-])--[a-z]|\bmarkerseek ({commands or '-'})\b")
     return [
         f"{module.path}:{node.lineno}"
         for module in checkout.below_cli
         for node, text in _texts(module.tree)
         # A word alone is an argument of a child process.
-        if " " in text and _COMMAND_LINE.search(text)
+        if " " in text and named.search(text)
     ]
 
 

@@ -67,10 +67,11 @@ def search_errors(tissue: str, seeds: Sequence[int]) -> Iterator[MarkerError]:
             for _ in events:
                 pass
         result = session.result()
-        if result.marker_trus_m is None or result.marker_sigma_m is None:
+        marker = result.marker
+        if marker is None:
             continue
         true_angle, true_y, true_radius = _middle_of_spot(settings, seed)
-        x, y, z = result.marker_trus_m
+        x, y, z = marker.position_m
         yield MarkerError(
             tissue=tissue,
             seed=seed,
@@ -78,9 +79,9 @@ def search_errors(tissue: str, seeds: Sequence[int]) -> Iterator[MarkerError]:
             angle_m=(math.atan2(x, z) - true_angle) * true_radius,
             lateral_m=y - true_y,
             depth_m=math.hypot(x, z) - true_radius,
-            angle_sigma_m=result.marker_sigma_m[0],
-            lateral_sigma_m=result.marker_sigma_m[1],
-            depth_sigma_m=result.marker_sigma_m[2],
+            angle_sigma_m=marker.sigma_m[0],
+            lateral_sigma_m=marker.sigma_m[1],
+            depth_sigma_m=marker.sigma_m[2],
         )
 
 

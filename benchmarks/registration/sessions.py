@@ -20,6 +20,7 @@ from typing import cast
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from benchmarks.registration.forged_markers import REACH, STEREO, ForgedScene
 from benchmarks.registration.trials import GRID_STEP_M, MARKER_PLACES
@@ -142,12 +143,12 @@ def _eight_absorbers(scene: Scene, rng: np.random.Generator) -> tuple[Absorber, 
     drawn = Clutter(count=8, strength=1.0, nearest_m=35e-3, farthest_m=70e-3).draw(rng)
     scale = 10 ** (rng.uniform(-20.0, -3.0) / 20) / max(abs(each.strength) for each in drawn)
     return tuple(
-        replace(
+        structs.replace(
             each,
             strength=each.strength
             * scale
             * scene.peak
-            / image_peak([replace(each, strength=1.0)], scene.model, angle_deg=each.angle_deg),
+            / image_peak([structs.replace(each, strength=1.0)], scene.model, angle_deg=each.angle_deg),
         )
         for each in drawn
     )
@@ -174,8 +175,8 @@ _GRID = tuple((GRID_STEP_M * x, GRID_STEP_M * y) for x, y in MARKER_PLACES[9])
 
 ROWS = {
     "points": Row(title="points, sweeps"),
-    "muscle": Row(title="muscle, sweeps", rig=replace(STREAMING, tissue="muscle")),
-    "liver": Row(title="liver, sweeps", rig=replace(STREAMING, tissue="liver")),
+    "muscle": Row(title="muscle, sweeps", rig=structs.replace(STREAMING, tissue="muscle")),
+    "liver": Row(title="liver, sweeps", rig=structs.replace(STREAMING, tissue="liver")),
     "rest": Row(title="stop and go, 10 s a read-out", rig=SimulatedSettings(), sweep=False),
     "rest-alone": Row(title="the same, not guided by the camera", rig=SimulatedSettings(), sweep=False, guided=False),
     "clutter": Row(title="eight absorbers around each marker, sweeps", beside=_eight_absorbers),
@@ -224,8 +225,10 @@ def run(name: str, seed: int, *, commit: str, images: bool = False) -> Outcome:
     if not row.searches:
         return _drawn(name, seed, commit=commit)
     began_s = process_time()
-    receiver = replace(row.rig.receiver, single_pulses=row.sweep)
-    settings = SimulatedRoomSettings(rig=replace(row.rig, receiver=receiver), places_m=row.places_m, beside=row.beside)
+    receiver = structs.replace(row.rig.receiver, single_pulses=row.sweep)
+    settings = SimulatedRoomSettings(
+        rig=structs.replace(row.rig, receiver=receiver), places_m=row.places_m, beside=row.beside
+    )
     room = _Room(settings, seed=seed, images=images)
     session = _Session(room, row, images=images)
     expected_mm, errors_mm, refused, error = list[str](), list[str](), 0, ""

@@ -24,6 +24,7 @@ from unittest.mock import patch
 import msgspec
 import numpy as np
 from measure_spots import percent
+from msgspec import structs
 
 from markerseek.core import SpotEnergy
 from markerseek.signals import beamform, features, focus, spot
@@ -229,7 +230,7 @@ def main() -> None:
             return
         for name, (_, factor, step) in GROUPS[given.group].items():
             study = read_study(Path(__file__).parents[2] / f"examples/studies/answers-{name}.toml")
-            study = replace(study, seed=SEED, policies=study.policies[-1:])
+            study = structs.replace(study, seed=SEED, policies=study.policies[-1:])
             of_study = []
             for cell in cells(study)[::step]:
                 world = " ".join([name, *(str(value) for _, value in cell.varied)])

@@ -112,7 +112,9 @@ class Outcome(NamedTuple):
 def searched(number: int, kind: str) -> Outcome:
     """Search once."""
     result = find_marker(drawn_rig(kind, number))
-    interval, true_deg = result.interval95_deg, math.nan if result.truth_deg is None else result.truth_deg
+    interval = result.interval95_deg
+    truth_deg = result.run.facts.truth_deg
+    true_deg = math.nan if truth_deg is None else truth_deg
     return Outcome(
         found=result.answer == "found",
         error_deg=abs(result.angle_deg - true_deg),

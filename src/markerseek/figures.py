@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from markerseek import runs
-from markerseek.core import Estimate, Found, Interval, NotFound, Reading, Sample
 from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.search import Curve, Peak, peak_of
-from markerseek.show import SampleRow, SearchResult
+from markerseek.show import SearchResult, curve_figure, curve_of
 from markerseek.show import bank_figure as draw_bank
-from markerseek.show import search_figure as draw_search
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,39 +29,7 @@ def search_figure(result: SearchResult) -> Figure:
     MissingExtraError
         If Matplotlib is not installed.
     """
-    every = [_sample(each) for each in result.samples]
-    angles_deg = [each.angle_deg for each in every]
-    samples = every if result.search is None else [_sample(each) for each in result.search.samples]
-    return draw_search(
-        samples,
-        _estimate(result),
-        start_deg=samples[0].angle_deg,
-        truth_deg=result.truth_deg,
-        reference_deg=result.reference_deg,
-        confirmation=None if result.confirmation is None else _sample(result.confirmation),
-        image=None,
-        stand_in=result.stand_in,
-        recorded=None if result.search is None else (angles_deg, [each.reading.intensity for each in every]),
-        limits=Interval(low_deg=min(*angles_deg, result.angle_deg), high_deg=max(*angles_deg, result.angle_deg)),
-    )
-
-
-def _sample(row: SampleRow) -> Sample:
-    return Sample(angle_deg=row.angle_deg, reading=Reading(intensity=row.intensity))
-
-
-def _estimate(result: SearchResult) -> Estimate:
-    """What the figure shows of the answer: a claim with its interval, or an angle that is not claimed."""
-    interval, kind = result.interval95_deg, result.interval_kind
-    if not result.found or interval is None or kind is None or result.sigma_deg is None:
-        return NotFound(mean_deg=result.angle_deg, reason=result.reason or "", floor=result.floor)
-    return Found(
-        mean_deg=result.angle_deg,
-        sigma_deg=result.sigma_deg,
-        interval95_deg=Interval(low_deg=interval[0], high_deg=interval[1]),
-        interval_kind=kind,
-        floor=result.floor,
-    )
+    return curve_figure(curve_of(result.run, reveal=True))
 
 
 def bank_figure(

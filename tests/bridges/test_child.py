@@ -16,6 +16,7 @@ import pytest
 from markerseek import rigs
 from markerseek.bridges import AskedSearch, ChildRun, Outcome, Searches, SearchOptions
 from markerseek.bridges.igtl.commands import search_request
+from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.records.journal import Configuration, Entry, Interrupted, JournalItem, read_journal
 from markerseek.runs import new_session, plan_on
@@ -149,7 +150,7 @@ def test_an_error_is_one_sentence(tmp_path: Path) -> None:
 
 
 def test_a_second_search_is_refused_while_one_runs() -> None:
-    items: list[JournalItem] = []
+    items: list[PicturedItem] = []
     outcomes: list[Outcome] = []
     started: list[int] = []
     searches = Searches(SearchOptions(pace=0.02), on_start=started.append, on_item=items.append, on_end=outcomes.append)
@@ -166,7 +167,7 @@ def test_a_second_search_is_refused_while_one_runs() -> None:
         time.sleep(0.01)
     assert outcomes[-1].answered
     assert isinstance(items[0], Configuration)
-    assert isinstance(items[-1].event, Finished)
+    assert isinstance(items[-1].entry.event, Finished)
     assert len(started) == 2
 
 

@@ -23,9 +23,10 @@ import pytest
 from markerseek.bmode.series import _read_png
 from markerseek.bridges import AskedSearch, Outcome, Searches, SearchOptions
 from markerseek.bridges.page.server import Address
+from markerseek.bridges.run_images import PicturedEntry, PicturedItem
 from markerseek.cli import doctor
 from markerseek.core import ConfigError, MissingExtraError, RecordError, needs_package
-from markerseek.records.journal import Entry, Interrupted, JournalItem, read_journal
+from markerseek.records.journal import Interrupted, read_journal
 from tests.emulated import markerseek
 
 Shell = Callable[..., tuple[int, str, str]]
@@ -235,13 +236,13 @@ def test_b5_exposure_without_a_record_is_refused_with_the_cure(shell: Shell, tmp
 @pytest.mark.usefixtures("nobody")
 def test_b5_a_search_that_a_client_asks_for_runs_without_a_home() -> None:
     asked = AskedSearch().changed(method="ternary", acquisitions=4, as_published=True)
-    items: list[JournalItem] = []
+    items: list[PicturedItem] = []
     ends: queue.Queue[Outcome] = queue.Queue()
     searches = Searches(SearchOptions(), on_start=lambda _: None, on_item=items.append, on_end=ends.put)
     with closing(searches):
         searches.start(asked)
         assert ends.get(timeout=60).answered
-    assert any(isinstance(each, Entry) for each in items)
+    assert any(isinstance(each, PicturedEntry) for each in items)
 
 
 class Broken:

@@ -31,11 +31,9 @@ from markerseek.core import (
     Swept,
     Turning,
 )
-from markerseek.records.journal import Entry
 from markerseek.runs import configuration_of
 from markerseek.wire import igtl
-
-WRITTEN = "2026-03-01T12:00:00+00:00"
+from tests.pictured import WRITTEN, pictured_entry
 
 
 def sent_at_5_degrees() -> tuple[rigs.Rig, Sample, dict[str, igtl.Image]]:
@@ -45,10 +43,11 @@ def sent_at_5_degrees() -> tuple[rigs.Rig, Sample, dict[str, igtl.Image]]:
     scanner.guard.arm(by="a test")
     sample = replace(scanner.measure(5.0), angle_deg=5.0)
     streams = Streams()
-    streams.after(configuration_of(rig, SearchPlan(method="ternary")))
+    configuration = configuration_of(rig, SearchPlan(method="ternary"))
+    streams.after(configuration)
     event = Measured(role="search", index=1, sample=sample)
     images = {}
-    for each in streams.after(Entry(number=1, written=WRITTEN, clock_s=0.0, event=event)):
+    for each in streams.after(pictured_entry(configuration, event)):
         if isinstance(each.content, igtl.Image):
             data = igtl.encode(igtl.Message(device=each.device, content=each.content))
             header = igtl.decode_header(data[: igtl.HEADER_BYTES], most_bytes=len(data))
@@ -128,13 +127,14 @@ def test_the_marker_of_the_search_before_is_withdrawn_when_the_next_begins() -> 
 def test_a_probe_that_a_person_turns_is_shown_on_its_way() -> None:
     streams = Streams()
     rig = rigs.simulated(seed=1)
-    streams.after(configuration_of(rig, SearchPlan(method="ternary")))
+    configuration = configuration_of(rig, SearchPlan(method="ternary"))
+    streams.after(configuration)
     begun = Started(start_deg=2.0, limits=PAPER_RANGE)
-    streams.after(Entry(number=1, written=WRITTEN, clock_s=0.0, event=begun))
+    streams.after(pictured_entry(configuration, begun))
     # The last read-back angle is said again if a person will type the angle in, and no transform is sent.
     for reads_deg, said_deg in ((30.0, 30.0), (None, 2.0)):
         event = Turning(target_deg=-12.0, angle_deg=reads_deg)
-        sent = by_device(streams.after(Entry(number=2, written=WRITTEN, clock_s=0.0, event=event)))
+        sent = by_device(streams.after(pictured_entry(configuration, event, number=2)))
         state = msgspec.json.decode(sent["SearchState"].content.text)
         assert (state["target_deg"], state["angle_deg"]) == (-12.0, said_deg)
         assert ("ProbeToProbeHome" in sent) == (reads_deg is not None)
@@ -165,16 +165,12 @@ def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, w
     rig.scanner.guard.arm(by="a test")
     sample = replace(rig.scanner.measure(5.0), angle_deg=5.0)
     configuration = configuration_of(rig, SearchPlan(method="ternary"))
+    configuration = msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind=kind))
     streams = Streams()
-    streams.after(msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind=kind)))
-    sent = streams.after(
-        Entry(
-            number=1,
-            written=written,
-            clock_s=sample.frame.header.started_s + 2.5,
-            event=Measured(role="search", index=1, sample=sample),
-        )
-    )
+    streams.after(configuration)
+    event = Measured(role="search", index=1, sample=sample)
+    fired_s = sample.frame.header.started_s
+    sent = streams.after(pictured_entry(configuration, event, written=written, clock_s=fired_s + 2.5))
     assert [each.device for each in sent] == ["ProbeToProbeHome", "PA_ProbeHome", "SearchState"]
     assert [each.time_s for each in sent] == [expected_s] * 3
     assert sent[0].metadata == {"TransformStatus": "OK"}
@@ -185,25 +181,25 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_time() -> None:
     sample = rig.scanner.measure(5.0)
     assert sample.frame is not None
     configuration = configuration_of(rig, SearchPlan(method="posterior", sweep_speed_deg_s=8.6))
+    configuration = msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind="bench"))
     streams = Streams()
-    streams.after(msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind="bench")))
+    streams.after(configuration)
     asked = Asked(role="search", index=1, angle_deg=35.0, sweep=Sweep(to_deg=35.0, speed_deg_s=8.6))
-    streams.after(Entry(number=1, written=WRITTEN, clock_s=0.0, event=asked))
+    streams.after(pictured_entry(configuration, asked))
     began_s = datetime.fromisoformat(WRITTEN).timestamp()
     for index, (angle_deg, fired_s) in enumerate([(5.0, 99.75), (5.4, 99.8)], start=1):
         frame = replace(sample.frame, header=replace(sample.frame.header, started_s=fired_s))
         pulse = replace(sample, angle_deg=angle_deg, frame=frame, sweep=SweepTiming(number=1, speed_deg_s=8.6))
         event = Measured(role="search", index=index, sample=pulse)
-        sent = by_device(streams.after(Entry(number=index + 1, written=WRITTEN, clock_s=100.0, event=event)))
+        sent = by_device(streams.after(pictured_entry(configuration, event, number=index + 1, clock_s=100.0)))
         (time_s,) = {each.time_s for each in sent.values()}
         assert time_s == pytest.approx(began_s - (100.0 - fired_s))
         turned = sent["ProbeToProbeHome"].content
         assert isinstance(turned, igtl.Transform)
         assert math.degrees(math.atan2(turned.matrix[0, 2], turned.matrix[2, 2])) == pytest.approx(angle_deg)
         assert isinstance(sent["PA_ProbeHome"].content, igtl.Image)
-    ended = by_device(
-        streams.after(Entry(number=4, written=WRITTEN, clock_s=100.5, event=Swept(angle_deg=6.0, pulses=2)))
-    )
+    swept = Swept(angle_deg=6.0, pulses=2)
+    ended = by_device(streams.after(pictured_entry(configuration, swept, number=4, clock_s=100.5)))
     assert set(ended) == {"ProbeToProbeHome", "SearchState"}
 
 
@@ -215,10 +211,9 @@ def test_plus_looks_for_the_transform_that_the_bridge_sends_where_it_sends_it() 
     tool = device.find("DataSources/DataSource").get("Id")
     streams = Streams()
     streams.started()
-    streams.after(configuration_of(rigs.simulated(seed=1), SearchPlan(method="ternary")))
-    event = Started(start_deg=1.0, limits=PAPER_RANGE)
-    item = Entry(number=1, written="2026-01-01T00:00:00+00:00", clock_s=0.0, event=event)
-    sent = streams.after(item)
+    configuration = configuration_of(rigs.simulated(seed=1), SearchPlan(method="ternary"))
+    streams.after(configuration)
+    sent = streams.after(pictured_entry(configuration, Started(start_deg=1.0, limits=PAPER_RANGE)))
     names = [stream.device for stream in sent if stream.content.kind == device.get("MessageType")]
     # PLUS names a transform "<tool>To<reference>".
     assert names == [f"{tool}To{device.get('ToolReferenceFrame')}"]

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from msgspec import structs
 from msgspec.structs import replace as changed_keys
 
 from markerseek.core import ConfigError, Interval
@@ -46,11 +47,11 @@ def settings_of(folder: Path) -> BenchSettings:
 def hostile(folder: Path) -> BenchSettings:
     """The same bench with a program, wide limits, a larger budget, and another port."""
     plain = settings_of(folder)
-    return replace(
+    return structs.replace(
         plain,
         stage=changed_keys(plain.stage, port="/elsewhere/stage"),
         receiver=changed_keys(plain.receiver, start_command=("touch", str(folder / "ran"))),
-        limits=replace(plain.limits, travel=Interval(low_deg=-170.0, high_deg=170.0)),
+        limits=structs.replace(plain.limits, travel=Interval(low_deg=-170.0, high_deg=170.0)),
         firing=FiringLimits(pulses_per_session=10**9),
     )
 
@@ -110,10 +111,10 @@ def test_ports_limits_budgets_and_programs_are_those_of_the_rig_file_and_shown(s
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda s: replace(s, stage=changed_keys(s.stage, zero_deg=1.0)), "stage.zero_deg is 0.0, was 1.0"),
-        (lambda s: replace(s, laser=changed_keys(s.laser, pulses=8)), "laser.pulses is 16, was 8"),
+        (lambda s: structs.replace(s, stage=changed_keys(s.stage, zero_deg=1.0)), "stage.zero_deg is 0.0, was 1.0"),
+        (lambda s: structs.replace(s, laser=changed_keys(s.laser, pulses=8)), "laser.pulses is 16, was 8"),
         (
-            lambda s: replace(s, limits=Limits(search=Interval(low_deg=-20.0, high_deg=35.0))),
+            lambda s: structs.replace(s, limits=Limits(search=Interval(low_deg=-20.0, high_deg=35.0))),
             "limits.search.low_deg is -35.0, was -20.0",
         ),
     ],

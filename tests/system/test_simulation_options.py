@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.rigs import draw_scene, simulated
 from markerseek.sim import MarkerSettings, SimulatedSettings
@@ -52,7 +52,7 @@ def test_what_cannot_be_is_a_sentence(shell: Shell, words: tuple[object, ...], s
 def test_a_second_marker_is_as_strong_as_the_first_and_elsewhere_along_the_array() -> None:
     settings = SimulatedSettings(marker=MarkerSettings(angle_deg=10.0))
     alone = draw_scene(settings, np.random.default_rng(5))
-    both = draw_scene(replace(settings, second=MarkerSettings(angle_deg=-12.0)), np.random.default_rng(5))
+    both = draw_scene(structs.replace(settings, second=MarkerSettings(angle_deg=-12.0)), np.random.default_rng(5))
     assert (alone.second, both.marker, both.absorbers[0].lateral_m) == (None, alone.marker, alone.marker.lateral_m)
     assert both.second is not None
     assert abs(both.second.lateral_m - both.marker.lateral_m) > 10e-3
@@ -60,7 +60,7 @@ def test_a_second_marker_is_as_strong_as_the_first_and_elsewhere_along_the_array
         np.abs(both.model.channel_data(both.absorbers, angle_deg=angle_deg)).max() for angle_deg in (10.0, -12.0)
     ]
     assert largest == pytest.approx([both.peak_counts] * 2, rel=0.02)
-    rig = simulated(seed=5, settings=replace(settings, second=MarkerSettings(angle_deg=-12.0)))
+    rig = simulated(seed=5, settings=structs.replace(settings, second=MarkerSettings(angle_deg=-12.0)))
     assert "a second marker at -12.00 deg" in rig.facts.description
     between, on_second = (rig.scanner.measure(angle_deg).reading for angle_deg in (-1.0, -12.0))
     assert on_second.intensity > 5 * between.intensity

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from markerseek.core import Float64, Within, require_fields
@@ -15,8 +15,7 @@ _NEPER_PER_METRE = math.log(10) / 20 * 100
 """One dB/cm in Np/m."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Medium:
+class Medium(msgspec.Struct, frozen=True, kw_only=True):
     """Uniform medium.
 
     Besides the attenuation, the amplitude of a spherical wave falls as 1/r. The attenuation causes no dispersion:
@@ -43,8 +42,7 @@ class Medium:
         return _NEPER_PER_METRE * self.attenuation_db_cm_mhz * (frequency_hz / 1e6) ** self.power
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reverberation:
+class Reverberation(msgspec.Struct, frozen=True, kw_only=True):
     """Repeats of every arrival, as between the probe's face and a layer in front of it."""
 
     delay_s: Annotated[float, Within(0, 1, "s", open_low=True, cure="1 to 20 µs are usual")]

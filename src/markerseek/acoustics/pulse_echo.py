@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import scipy.fft
+from msgspec import structs
 
 from markerseek.acoustics.forward import AcousticModel
 from markerseek.acoustics.medium import Medium
@@ -45,7 +45,7 @@ def _echo_peak(probe: Probe, radius_m: float, off_plane_deg: float) -> float:
     # Two elements are the fewest of an array; the point lies in front of the first, and only its signal is used.
     array = LinearArray(elements=2, pitch_m=probe.array.pitch_m)
     model = AcousticModel(
-        probe=replace(probe, array=array),
+        probe=structs.replace(probe, array=array),
         medium=Medium(attenuation_db_cm_mhz=0.0),
         laser=_LASER,
         sampling_hz=_SAMPLING_HZ,

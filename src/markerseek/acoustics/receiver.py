@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import Annotated
 
+import msgspec
 import numpy as np
 import scipy.fft
 
 from markerseek.core import ConfigError, Float32, Float64, Int16, LinearArray, Within, require_fields
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Probe:
+class Probe(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Side-fire linear array, its row parallel to the axis that it turns about."""
 
-    array: LinearArray = field(default_factory=LinearArray)
+    array: LinearArray = LinearArray()
     """Number and pitch of the elements."""
     element_width_m: Annotated[float, Within(0, 50e-3, "m", open_low=True, cure="0.9 of the pitch is usual")] = 0.39e-3
     """Extent of an element along the row; at most the pitch."""
@@ -49,8 +48,7 @@ class Probe:
         return radius_m * math.sin(turned), radius_m * math.cos(turned) - self.face_radius_m
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Band:
+class Band(msgspec.Struct, frozen=True, kw_only=True):
     """Receive band with one peak and a Gaussian skirt on each side, of zero phase.
 
     Zero phase means that the band moves no arrival: the received pulse is centred on the moment at which the sound
@@ -97,8 +95,7 @@ class Band:
         return gain
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bursts:
+class Bursts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Moments at which the noise is far larger than usual: a switching motor, a loose cable.
 
     A burst multiplies the noise of a whole record by ``gain``·sqrt(ν/χ²ν), drawn once for each burst: over many bursts
@@ -130,15 +127,14 @@ class Bursts:
         return self.gain * np.sqrt(self.freedom / rng.chisquare(self.freedom, count))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Noise:
+class Noise(msgspec.Struct, frozen=True, kw_only=True):
     """Gaussian noise, independent from channel to channel and from frame to frame."""
 
     white_sigma: Annotated[float, Within(0, 1e12, cure="0 is none")] = 0.0
     """Standard deviation of noise with a flat spectrum, per channel and sample, in the unit of the channel data."""
     coloured_sigma: Annotated[float, Within(0, 1e12, cure="0 is none")] = 0.0
     """Standard deviation of noise with the spectrum of the band, in the same unit."""
-    band: Band = field(default_factory=Band)
+    band: Band = Band()
     bursts: Bursts | None = None
 
     def __post_init__(self) -> None:

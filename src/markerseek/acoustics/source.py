@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Annotated, Protocol, TypeAlias, runtime_checkable
 
+import msgspec
 import numpy as np
 
 from markerseek.core import Complex128, ConfigError, Float64, Interval, Within, require_fields
@@ -30,8 +30,7 @@ Spectrum: TypeAlias = Complex128[np.ndarray, " frequencies"]
 """Transform of a pulse over time, of the sign convention exp(−i 2π f t)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GaussianAbsorber:
+class GaussianAbsorber(msgspec.Struct, frozen=True, kw_only=True):
     """Soft ball, p0 = exp(−x²/a²); its pulse is q(s) = −(s/2)·exp(−s²/a²)."""
 
     radius_m: Annotated[float, Within(0, 1, "m", open_low=True, cure="0.05 to 0.4 mm are usual")] = 0.15e-3
@@ -58,8 +57,7 @@ class LaserPulse(Protocol):
         """Transform of the pulse over time, 1 at frequency 0."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RectanglePulse:
+class RectanglePulse(msgspec.Struct, frozen=True, kw_only=True):
     """Light that is on for some time, as from a switched diode: it makes a doublet, one pulse at on and one at off."""
 
     duration_s: Annotated[float, Within(0, 1, "s", open_low=True, cure="5 to 600 ns are usual")] = 500e-9
@@ -74,8 +72,7 @@ class RectanglePulse:
         return np.sinc(frequency_hz * self.duration_s).astype(np.complex128)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GaussianPulse:
+class GaussianPulse(msgspec.Struct, frozen=True, kw_only=True):
     """Light that swells and fades, as from a Q-switched laser."""
 
     fwhm_s: Annotated[float, Within(0, 1, "s", open_low=True, cure="5 to 600 ns are usual")] = 5e-9
@@ -89,8 +86,7 @@ class GaussianPulse:
         return np.exp(-((np.pi * frequency_hz * self.fwhm_s) ** 2) / (4 * math.log(2))).astype(np.complex128)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Absorber:
+class Absorber(msgspec.Struct, frozen=True, kw_only=True):
     """A photoacoustic source at a position in the TRUS frame."""
 
     radius_m: Annotated[float, Within(0, 1, "m", open_low=True, cure="35 to 70 mm from the axis are usual")]
@@ -102,7 +98,7 @@ class Absorber:
     strength: Annotated[float, Within(-1e12, 1e12)] = 1.0
     """Peak of the envelope at a point receiver at `REFERENCE_RANGE_M` without attenuation, in the unit of the channel
     data; negative inverts the pulse, 0 gives none."""
-    source: GaussianAbsorber = field(default_factory=GaussianAbsorber)
+    source: GaussianAbsorber = GaussianAbsorber()
 
     def __post_init__(self) -> None:
         require_fields(self, "absorber")
@@ -142,8 +138,7 @@ def centroid_m(absorbers: Sequence[Absorber]) -> tuple[float, float, float]:
     return x_m, y_m, z_m
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Clutter:
+class Clutter(msgspec.Struct, frozen=True, kw_only=True):
     """Weak absorbers at random places of a sector around the probe: blood vessels, pigment, scattered light."""
 
     count: Annotated[int, Within(0, 1e6, cure="0 is no clutter")]
@@ -152,7 +147,7 @@ class Clutter:
     nearest_m: float = 20e-3
     farthest_m: float = 70e-3
     """``nearest_m`` and ``farthest_m``: least and largest distance from the axis of rotation."""
-    angles: Interval = field(default_factory=lambda: Interval(low_deg=-60.0, high_deg=60.0))
+    angles: Interval = Interval(low_deg=-60.0, high_deg=60.0)
     half_length_m: Annotated[float, Within(0, 1, "m", open_low=True, cure="30 mm covers the array")] = 30e-3
     """Largest distance from the middle of the array along the axis."""
 

@@ -25,10 +25,12 @@ from typing import Any, Self, TypeVar
 import msgspec
 
 from markerseek.bridges.asked import AskedSearch
+from markerseek.bridges.run_images import PicturedItem, pictured
 from markerseek.core import MarkerseekError, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import JournalItem, default_journal, follow, make_folder
 from markerseek.rigs import read_rig_file
+from markerseek.runs import ImageRing
 from markerseek.show import answer_line
 
 TERMINATE_S = 2.0
@@ -42,6 +44,9 @@ _NOT_ARMED = 4
 
 _POLL_S = 0.004
 """Time between two looks for a new entry, in seconds."""
+
+_HANDING_ON = frozenset({"search", "resume"})
+"""Commands that hand the images of their one search on."""
 
 _MAX_ANSWER_BYTES = 1 << 24
 """Largest JSON object of a command; the result of 500 acquisitions has 100 kilobytes."""
@@ -119,9 +124,18 @@ class ChildRun:
     and a file is made for the run alone.
     """
 
+    images: ImageRing | None = None
+    """Images that it hands on; None if it does not."""
+
     def __init__(self, arguments: Sequence[str], *, journal: Path | None = None) -> None:
         beats, beating = os.pipe()
         watched = ["--heartbeat", f"/dev/fd/{beats}"]
+        inherited = [beats]
+        if arguments[0] in _HANDING_ON:
+            self.images = ImageRing.create()
+        if self.images is not None:
+            watched += ["--image-ring", f"/dev/fd/{self.images.fileno()}"]
+            inherited.append(self.images.fileno())
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         if journal is None:
             self._folder = tempfile.TemporaryDirectory(prefix="markerseek-")
@@ -145,7 +159,7 @@ class ChildRun:
             self._process = subprocess.Popen(  # noqa: S603  no shell; the arguments are ours
                 [sys.executable, "-P", "-m", "markerseek", *arguments, *watched, "--json"],
                 stdout=self._answer,
-                pass_fds=(beats,),
+                pass_fds=inherited,
             )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -224,6 +238,8 @@ class ChildRun:
                 text = self._answer.read(_MAX_ANSWER_BYTES)
                 self._answer.close()
                 self._heartbeat.close()
+                if self.images is not None:
+                    self.images.close()
                 if self._folder is not None:
                     self._folder.cleanup()
                 self._outcome = Outcome.of(code if code >= 0 else 128 - code, text)
@@ -351,7 +367,7 @@ class Searches:
     """The searches of one bridge, one at a time; each is followed by a thread of its own to its end.
 
     ``on_start``: called with the process id when a search has been started. ``on_item``, ``on_end``: called by the
-    thread with each item of the journal, and with how the search ended.
+    thread with each item of the journal and its image, and with how the search ended.
     """
 
     def __init__(
@@ -359,7 +375,7 @@ class Searches:
         options: SearchOptions,
         *,
         on_start: Callable[[int], None],
-        on_item: Callable[[JournalItem], None],
+        on_item: Callable[[PicturedItem], None],
         on_end: Callable[[Outcome], None],
     ) -> None:
         self._options = options
@@ -409,5 +425,5 @@ class Searches:
             self._followed.join()
 
     def _take(self, child: ChildRun) -> None:
-        for item in child.items():
+        for item in pictured(child.items(), handed=child.images):
             self._on_item(item)

@@ -1,4 +1,4 @@
-"""What bridges hand on beside events: the images of a run, and the registration of a finished file or of a session."""
+"""The registration that bridges hand on: that of a finished file, or of a session, which is followed."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from markerseek._closing import Closing
-from markerseek.core import AcquisitionError, ChannelFrame, Measured, PaImage, RecordError, Sample
-from markerseek.records.journal import Configuration, Entry, RunView
+from markerseek.core import RecordError
 from markerseek.registration import (
     SessionView,
     follow_session,
@@ -20,46 +19,6 @@ from markerseek.registration import (
     session_folder,
     view_of,
 )
-from markerseek.runs import rebuild_image_reader
-
-
-class RunImages:
-    """Makes the images of one run.
-
-    Attributes
-    ----------
-    brightest
-        Largest envelope so far, in counts: what is white. What will come is not known.
-    problem
-        Why the last frame gave no image; empty if it gave one.
-    """
-
-    def __init__(self, configuration: Configuration) -> None:
-        self._imaging = rebuild_image_reader(configuration)
-        self.brightest = 0.0
-        self.problem = ""
-
-    def of(self, sample: Sample) -> PaImage | None:
-        """Photoacoustic image of an acquisition; None if it has none."""
-        if self._imaging is None or not isinstance(sample.frame, ChannelFrame):
-            return None
-        try:
-            image = self._imaging.picture(sample.frame)
-        except AcquisitionError as problem:
-            self.problem = str(problem)
-            return None
-        self.brightest = max(self.brightest, float(image.envelope.max()))
-        return image
-
-
-def since_fired_s(view: RunView, entry: Entry) -> float:
-    """Seconds from the first pulse of an acquisition of devices to its entry; 0 for all other entries."""
-    frame = entry.event.sample.frame if isinstance(entry.event, Measured) else None
-    # A simulated clock runs ahead of the time of day.
-    if frame is None or view.facts.kind != "bench":
-        return 0.0
-    return max(0.0, entry.clock_s - frame.header.started_s)
-
 
 _POLL_S = 0.1
 """Time from one look at the record to the next, in seconds."""

@@ -11,7 +11,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-import msgspec
 import typer
 from rich.markup import escape
 
@@ -33,7 +32,7 @@ from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_sign
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
 from markerseek.core import ConfigError, Estimate, MarkerseekError, Measured, SearchPlan, SimulationOptions
 from markerseek.files import as_read_error
-from markerseek.show import Answer, outliers_rows
+from markerseek.show import estimate_line, flat_answer, outliers_rows
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -184,18 +183,17 @@ def info(
     estimate = runs.answer_from_all(
         rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior")
     )
-    answer = Answer.of(estimate)
     peak = _peak(curve, estimate)
     judged_by = {
         "background": None if estimate.floor is None else estimate.floor.background,
         "outliers_deg": estimate.outliers_deg,
     }
-    values = _values(held, probe) | asdict(peak) | judged_by | msgspec.structs.asdict(answer)
+    values = _values(held, probe) | asdict(peak) | judged_by | flat_answer(estimate)
     name = f"{bank.stem if bank.is_file() else bank.name}.png"
     title = ": ".join(filter(None, (bank.name, held.facts.description)))
     report = Report(
         values=with_version(path=str(bank), **values),
-        shown=(f"[bold]{escape(str(bank))}[/]: {values['content']}", facts(_rows(values, answer))),
+        shown=(f"[bold]{escape(str(bank))}[/]: {values['content']}", facts(_rows(values, estimate))),
         pictures={name: drawn(bank_figure, held, title=title, probe=probe, curve=curve, peak=peak)},
     )
     output.show(report)
@@ -250,7 +248,7 @@ _SCALED = {
 _UNITS = {"MHz": 1e-6, "m/s": 1.0, "mm": 1e3, "nm": 1e9, "mJ": 1e3, "°": 1.0}
 
 
-def _rows(values: dict[str, Any], answer: Answer) -> Iterator[tuple[str, str | None]]:
+def _rows(values: dict[str, Any], estimate: Estimate) -> Iterator[tuple[str, str | None]]:
     """Names and values for people."""
     yield "scanned", values["description"] or None
     yield "began", None if values["began_unix_s"] is None else _date(values["began_unix_s"])
@@ -274,7 +272,7 @@ def _rows(values: dict[str, Any], answer: Answer) -> Iterator[tuple[str, str | N
         ("fwhm_deg", "fwhm, width at half height"),
     ):
         yield title + above, None if values[name] is None else f"{values[name]:.3f}°"
-    yield "answer from all angles", str(answer)
+    yield "answer from all angles", estimate_line(estimate)
     yield "reference", None if values["reference_deg"] is None else f"{values['reference_deg']:.3f}°"
     for name, text in _SCALED.items():
         title, form, unit = text.rsplit(" ", 2)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from msgspec import structs
 from rich.markup import escape
 from rich.table import Table
 
@@ -155,7 +155,7 @@ def _read(
         return signals.ImageReader(rigs.preset_of(bank, probe)), bank.frame(number - 1)
     # The public data set was recorded with one probe, which its files do not name.
     usual = MAT_PROBE if file.suffix.lower() == ".mat" else signals.PRESET_NAMES[0]
-    preset = replace(rigs.chosen_probe(probe or usual), recorded=True)
+    preset = structs.replace(rigs.chosen_probe(probe or usual), recorded=True)
     if file.suffix.lower() == ".rf":
         return _lines_of(file, preset, number=number)
     return signals.ImageReader(preset), load_frame(file, sampling_hz=preset.sampling_hz, blanked=preset.pickup_samples)
@@ -175,7 +175,7 @@ def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[
     pitch_m = width_m / (header.line_density if header.line_density > 0 else header.width)
     try:
         lines = LinearArray(elements=header.width, pitch_m=pitch_m)
-        of_lines = replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
+        of_lines = structs.replace(preset, array=lines, sampling_hz=float(header.sampling_hz))
     except ConfigError as problem:
         raise RecordError(f"{path}: the lines in its header do not fit probe {preset.name}: {problem}") from problem
     frame = ChannelFrame(header=NO_HEADER, samples=file.rf(number - 1), sampling_hz=of_lines.sampling_hz)

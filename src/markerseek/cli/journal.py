@@ -144,7 +144,7 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     markerseek journal replay run.journal
     """
     from markerseek.records.journal import RunView, read_journal
-    from markerseek.show import Answer
+    from markerseek.show import estimate_line, flat_answer
 
     recorded = read_journal(journal)
     announce_compilation()
@@ -154,12 +154,11 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
         "from the samples": runs.answer_again(recorded, read_frames=False),
         "from the frames": runs.answer_again(recorded, read_frames=True) if recorded.configuration.frames else None,
     }
-    answers = {name: None if each is None else Answer.of(each) for name, each in estimates.items()}
-    values = {name.replace(" ", "_"): each for name, each in answers.items()}
-    missing = dict.fromkeys(answers, "none: the run is not over")
+    values = {name.replace(" ", "_"): None if each is None else flat_answer(each) for name, each in estimates.items()}
+    missing = dict.fromkeys(estimates, "none: the run is not over")
     if not recorded.configuration.frames:
         missing["from the frames"] = "none: they were not kept"
-    rows = ((name, missing[name] if each is None else str(each)) for name, each in answers.items())
+    rows = ((name, missing[name] if each is None else estimate_line(each)) for name, each in estimates.items())
     state = RunView.of(recorded).state
     Output(as_json=as_json).show(Report(values={"state": state} | values, shown=[facts(rows)]))
 

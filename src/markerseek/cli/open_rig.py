@@ -9,11 +9,11 @@ import sys
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+from msgspec import structs
 from rich.markup import escape
 
 from markerseek import drivers, rigs
@@ -73,7 +73,7 @@ def open_rig(
 
 def with_trace(settings: drivers.BenchSettings, trace: Path | None) -> drivers.BenchSettings:
     """The settings with the file of the trace that was named; None: that of the rig file."""
-    return settings if trace is None else replace(settings, trace=str(trace))
+    return settings if trace is None else structs.replace(settings, trace=str(trace))
 
 
 def require_no_trace(trace: Path | None) -> None:
@@ -102,7 +102,7 @@ def simulated_settings(settings: SimulatedSettings | None, options: SceneOptions
     usual = STREAMING if sweeps else SimulatedSettings()
     chosen = with_options(usual if settings is None else settings, options)
     single = sweeps or chosen.receiver.single_pulses
-    return replace(chosen, receiver=replace(chosen.receiver, single_pulses=single))
+    return structs.replace(chosen, receiver=structs.replace(chosen.receiver, single_pulses=single))
 
 
 def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float, stay: bool) -> None:

@@ -77,14 +77,12 @@ def command(
     session = runs.new_session(assembled, plan)
     recorded_curve = None
     if plot and not plan.whole:
-        curve = runs.bank_curve(rigs.read_recording(bank, form, probe=probe), probe=probe)
-        recorded_curve = (curve.angle_deg, curve.intensity)
+        recorded_curve = runs.bank_curve(rigs.read_recording(bank, form, probe=probe), probe=probe)
     session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
         session.view,
         output,
         name="replay",
         imaging=assembled.imaging,
-        policy=session.policy,
         recorded=recorded_curve,
     )

@@ -20,7 +20,7 @@ from markerseek.cli.open_rig import (
 )
 from markerseek.cli.options import AsJson, Out, Trace
 from markerseek.cli.report import Output
-from markerseek.cli.signals import Heartbeat, require_pipe
+from markerseek.cli.signals import Heartbeat, ImageRingFile, require_pipe
 from markerseek.cli.terminal import announce_compilation, print_json, print_warning, stdout
 from markerseek.core import ConfigError, counted
 
@@ -42,6 +42,7 @@ def command(
     plot: Annotated[bool, typer.Option("--plot", help="Write resume.png and resume.html into --out.")] = False,
     out: Out = None,
     heartbeat: Heartbeat = None,
+    image_ring: ImageRingFile = None,
     as_json: AsJson = False,
 ) -> None:
     """Continue a search after an interruption: what was measured is kept, and the search goes on from there.
@@ -59,7 +60,7 @@ def command(
     markerseek resume run.journal --rig examples/rigs/bench.toml --arm
     """
     from markerseek.cli.session import conclude
-    from markerseek.records.journal import RunView, read_journal, since_started
+    from markerseek.records.journal import RunView, read_journal
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     require_pipe(heartbeat)
@@ -67,20 +68,17 @@ def command(
     recorded = read_journal(journal, frames=plot)
     view = RunView.of(recorded)
     if view.state == "finished":
-        imaging, policy = None, None
-        if plot:
-            imaging = runs.rebuild_image_reader(recorded.configuration)
-            policy = runs.rebuild_policy(recorded.configuration)
-            runs.tell_recorded(policy, since_started(recorded.entries))
+        imaging = runs.rebuild_image_reader(recorded.configuration) if plot else None
     else:
         runs.require_reset(recorded.path, view, reset_fault=reset_fault)
         bench = _bench_named(recorded, rig, arm=arm, trace=trace)
         announce_compilation()
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json)
-        view, imaging, policy = session.view, session.rig.imaging, session.policy
-    conclude(view, output, name="resume", imaging=imaging, policy=policy)
+        session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, image_ring=image_ring)
+        view = session.view
+        imaging = session.rig.imaging
+    conclude(view, output, name="resume", imaging=imaging)
 
 
 def _bench_named(
@@ -126,6 +124,7 @@ def _resume(
     *,
     reset_fault: bool,
     as_json: bool,
+    image_ring: Path | None,
 ) -> runs.Session:
     """Lock the journal, rebuild rig and policy, and continue the run."""
     from markerseek.cli.session import closed_at_end, run_session
@@ -135,7 +134,7 @@ def _resume(
     kept, recorded = Journal.reopen(journal)
     with closed_at_end(kept), naming_trace(bench), runs.rebuild_rig(recorded, bench_settings=bench) as rig:
         session = runs.resumed_session(rig, kept, recorded, by=person(), reset_fault=reset_fault)
-        run_session(session, as_json=as_json, rig_file=rig_file)
+        run_session(session, as_json=as_json, rig_file=rig_file, image_ring=image_ring)
     return session
 
 

@@ -105,7 +105,6 @@ def command(
         output,
         name="search",
         imaging=assembled.imaging,
-        policy=session.policy,
     )
 
 
@@ -122,6 +121,7 @@ def _compare(
     """
     from markerseek.cli.session import FOUND, OTHER_ANSWER, run_session
     from markerseek.search import method_named
+    from markerseek.show import flat_result
 
     names = [name.strip() for name in methods.split(",")]
     for name in names:
@@ -145,7 +145,7 @@ def _compare(
     results = [session.result() for session in sessions]
     title = f"{', '.join(names)} on a simulated rig: {sessions[0].configuration.facts.description}"
     report = Report(
-        values=results,
+        values=[flat_result(result) for result in results],
         shown=_compared(results, title),
         pictures={"compare.png": drawn(_figure, sessions, title)},
         exit_code=FOUND if all(result.found for result in results) else OTHER_ANSWER,
@@ -173,17 +173,7 @@ def _compared(results: list[SearchResult], title: str) -> Iterator[str | Table]:
 
 
 def _figure(sessions: list[runs.Session], title: str) -> Figure:
-    from markerseek.show import ComparedSearch, comparison_figure
+    from markerseek.show import comparison_figure, curve_of
 
-    facts = sessions[0].configuration.facts
-    searches = [
-        ComparedSearch(
-            name=session.configuration.plan.method,
-            samples=session.view.samples,
-            estimate=session.view.finished.estimate,
-            start_deg=session.view.start_deg,
-        )
-        for session in sessions
-        if session.view.finished is not None
-    ]
-    return comparison_figure(searches, title=title, limits=facts.search, truth_deg=facts.truth_deg)
+    curves = [(session.configuration.plan.method, curve_of(session.view, reveal=True)) for session in sessions]
+    return comparison_figure(curves, title=title)

@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import msgspec
 from rich.markup import escape
@@ -20,34 +20,35 @@ from markerseek.cli.notes import notes_said
 from markerseek.cli.report import Output, Report, drawn, facts, file_line
 from markerseek.cli.signals import StoppedBySignal, WatchOptions, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import print_warning, progress_bar, show_view, stderr
-from markerseek.core import AnyPolicy, ConfigError, Estimate, Failed, MarkerseekError, RecordError
+from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError
 from markerseek.files import quoted
 from markerseek.records.journal import Configuration, Journal, RunView, default_journal, make_folder
-from markerseek.runs import Session
-from markerseek.search import WholeRecording
-from markerseek.show import NAME_WITHOUT_CLAIM, SearchResult, curve_of, verdict_of
+from markerseek.runs import ImageRing, Session, hand_images_on
+from markerseek.show import NAME_WITHOUT_CLAIM, DrawnCurve, SearchResult, curve_of, flat_result, verdict_of
 from markerseek.signals import ImageReader
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from markerseek.show import Curve
+    from markerseek.search import Curve
 
 
 _UNWATCHED = WatchOptions()
 """No program follows the run."""
 
 
-def run_session(session: Session, *, as_json: bool, rig_file: Path | None = None) -> None:
+def run_session(
+    session: Session, *, as_json: bool, rig_file: Path | None = None, image_ring: Path | None = None
+) -> None:
     """Run a search to its end with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
 
     ``as_json``: whether to print an interruption as JSON. ``rig_file``: rig file of the search; for a rig of devices,
-    the command that resumes it names this file.
+    the command that resumes it names this file. ``image_ring``: as of `WatchOptions`.
     """
     journal = session.journal if session.journal is not None and session.journal.kept else None
     # A journal describes a simulated rig in full: `resume` takes no rig file for it.
     rig_file = rig_file if session.configuration.facts.kind == "bench" else None
-    with stopped_by_signals():
+    with stopped_by_signals(), _handed_on(session, image_ring):
         try:
             _watch(session)
         except StoppedBySignal as stop:
@@ -92,7 +93,7 @@ def run_new_session(
     if watch.events is not None:
         session = replace(session, journal=Journal.create(watch.events, session.configuration, kept=False))
     with closed_at_end(session.journal):
-        run_session(session, as_json=as_json, rig_file=rig_file)
+        run_session(session, as_json=as_json, rig_file=rig_file, image_ring=watch.image_ring)
     return session
 
 
@@ -104,6 +105,17 @@ def require_journal_options(journal: Path | None, *, keep: bool, watch: WatchOpt
         raise ConfigError(
             f"--events {watch.events} is for a run without a journal; follow its journal, or add --no-journal"
         )
+
+
+@contextmanager
+def _handed_on(session: Session, image_ring: Path | None) -> Iterator[None]:
+    """Hand the images of a search on in that file; the program that reads them follows the journal."""
+    if image_ring is None or session.journal is None or session.rig.imaging is None:
+        yield
+        return
+    with ImageRing.open(image_ring) as images:
+        hand_images_on(images, session.journal, session.rig.imaging)
+        yield
 
 
 def _watch(session: Session) -> None:
@@ -176,32 +188,31 @@ def conclude(
     *,
     name: str,
     imaging: ImageReader | None,
-    policy: AnyPolicy | None,
     recorded: Curve | None = None,
 ) -> NoReturn:
     """Show the result of a search, and end the command with its exit code.
 
     ``name``: name of the picture's files. ``imaging``: imaging chain of the rig's channel data; None if there are
-    intensities only. ``recorded``: recorded curve of the picture, as in `markerseek.show.search_figure`; None if
-    there is none, or the answer is from all of it.
+    intensities only. ``recorded``: recording from which a method of the paper was given intensities; None for any
+    other search.
     """
-    result = msgspec.structs.replace(SearchResult.of(view), notes=notes_said())
+    result = SearchResult.of(view, notes=notes_said())
     rig = view.facts
-    form = " as published" if result.as_published else ""
+    form = " as published" if view.plan.as_published else ""
     title = f"{result.method}{form} on a {rig.rig_name}: {rig.description}"
     if result.search is not None:
         title = f"recording: {rig.description}"
     pictures: dict[str, Callable[[Path], object]] = {}
     # Where nothing was measured there is nothing to draw.
     if output.folder is not None and view.finished is not None and view.samples:
-        if result.search is not None:
-            recorded = ([each.angle_deg for each in result.samples], [each.intensity for each in result.samples])
-        density = _density(policy)
-        curves = {"limits": rig.search, "density": density, "recorded": recorded}
-        draw = _figure(view, view.finished.estimate, result, imaging, **curves)
-        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, density, title, draw)}
+        curve = curve_of(view, reveal=True)
+        if recorded is not None:
+            angles_deg, intensities = recorded.angle_deg.tolist(), recorded.intensity.tolist()
+            curve = msgspec.structs.replace(curve, recorded_deg=tuple(angles_deg), recorded=tuple(intensities))
+        draw = _figure(view, curve, imaging)
+        pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, curve, title, draw)}
     report = Report(
-        values=result,
+        values=flat_result(result),
         shown=[f"[bold]{escape(title)}[/]", facts(result.rows)],
         pictures=pictures,
         exit_code=FOUND if result.found else OTHER_ANSWER,
@@ -209,62 +220,34 @@ def conclude(
     output.show(report)
 
 
-def _density(policy: AnyPolicy | None) -> Curve | None:
-    """Density of the angle at the end of a search; None for methods without a posterior."""
-    from markerseek.search.posterior import Posterior, SweepPosterior
+def _figure(view: RunView, curve: DrawnCurve, imaging: ImageReader | None) -> Callable[..., Figure]:
+    """A function that draws a search."""
+    from markerseek.show import curve_figure, pictured_sample
 
-    policy = policy.present if isinstance(policy, WholeRecording) else policy
-    belief = policy.belief if isinstance(policy, Posterior | SweepPosterior) else None
-    if belief is None:
-        return None
-    step_deg = float(belief.angles_deg[1] - belief.angles_deg[0])
-    return belief.angles_deg, belief.probability / step_deg
-
-
-def _figure(
-    view: RunView, estimate: Estimate, result: SearchResult, imaging: ImageReader | None, **curves: Any
-) -> Callable[..., Figure]:
-    """A function that draws a search, with curves as of `search_figure`."""
-    from markerseek.show import pictured_sample, search_figure
-
-    pictured = pictured_sample(view.samples, view.confirmation)
+    pictured = pictured_sample(view)
     frame = pictured.frame
-    return partial(
-        search_figure,
-        view.search_samples,
-        estimate,
-        start_deg=view.start_deg,
-        truth_deg=result.truth_deg,
-        reference_deg=result.reference_deg,
-        stand_in=result.stand_in,
-        confirmation=view.confirmation,
-        pictured=pictured,
-        image=None if imaging is None or frame is None else imaging.picture(frame),
-        **curves,
-    )
+    image = None if imaging is None or frame is None else imaging.picture(frame)
+    return partial(curve_figure, curve, pictured=pictured, image=image)
 
 
-def _write_page(view: RunView, density: Curve | None, title: str, draw: Callable[..., Figure], path: Path) -> None:
-    from markerseek.show import png_data_uri, write_page
+def _write_page(view: RunView, curve: DrawnCurve, title: str, draw: Callable[..., Figure], path: Path) -> None:
+    from markerseek.show import curve_svg, png_data_uri, write_page
 
-    result, curve = SearchResult.of(view), curve_of(view, reveal=True)
+    result = SearchResult.of(view)
     # None for a result of hardware or of a recording.
-    stand_in = result.stand_in
-    if density is not None:
-        curve = replace(curve, density=(list(density[0]), list(density[1])))
-
+    stand_in = curve.stand_in
     write_page(
         path,
         "search.html.jinja",
         title=title,
         note=f"{stand_in.capitalize()}: this is no measurement on hardware." if stand_in else None,
         verdict=verdict_of(view),
-        curve=curve.svg(),
+        curve=curve_svg(curve),
         facts=result.rows,
         picture_uri=png_data_uri(draw()),
         alt="Intensity over probe angle with the acquisitions in order, the probe's track, and the photoacoustic image",
         rows=_rows(result),
-        json=msgspec.json.format(msgspec.json.encode(result), indent=2).decode("utf-8"),
+        json=msgspec.json.format(msgspec.json.encode(flat_result(result)), indent=2).decode("utf-8"),
     )
 
 
@@ -272,19 +255,19 @@ def _rows(result: SearchResult) -> list[tuple[str, ...]]:
     """Table rows of the page: headings, acquisitions, confirmation; positions only if any are known."""
     taken = [(str(number), each) for number, each in enumerate(result.samples, start=1)]
     if result.confirmation is not None:
-        taken.append((NAME_WITHOUT_CLAIM if result.as_published else "confirmation", result.confirmation))
+        taken.append((NAME_WITHOUT_CLAIM if result.run.plan.as_published else "confirmation", result.confirmation))
     rows = [("", "angle [deg]", "intensity", "peak lateral [mm]", "peak depth [mm]")]
     rows += [
         (
             name,
             f"{each.angle_deg:.3f}",
-            f"{each.intensity:.4g}",
-            _optional_mm(each.lateral_m),
-            _optional_mm(each.depth_m),
+            f"{each.reading.intensity:.4g}",
+            _optional_mm(each.reading.lateral_m),
+            _optional_mm(each.reading.depth_m),
         )
         for name, each in taken
     ]
-    placed = any(each.lateral_m is not None for _, each in taken)
+    placed = any(each.reading.lateral_m is not None for _, each in taken)
     return [row if placed else row[:3] for row in rows]
 
 

@@ -137,6 +137,16 @@ Heartbeat: TypeAlias = Annotated[
 """Option of the commands that bridges run; `markerseek.cli.heartbeat` watches the pipe from the first line on."""
 
 
+ImageRingFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        hidden=True,
+        help="For a bridge: hand the image of each acquisition on in this file in memory, /dev/fd/N.",
+    ),
+]
+"""Option of the commands of one search that bridges run; see `markerseek.runs.ImageRing`."""
+
+
 def require_pipe(heartbeat: Path | None) -> None:
     """Refuse a heartbeat that is no pipe."""
     if heartbeat is not None and not heartbeat.is_fifo():
@@ -155,6 +165,7 @@ class WatchOptions:
         ),
     ] = None
     heartbeat: Heartbeat = None
+    image_ring: ImageRingFile = None
 
     def __post_init__(self) -> None:
         require_pipe(self.heartbeat)

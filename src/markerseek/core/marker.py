@@ -153,18 +153,16 @@ def _placed(
     )
 
 
-def marker_position(
-    found: Found | Unsure | Ambiguous, samples: Sequence[Sample], facts: RigFacts
-) -> MarkerPosition | None:
+def marker_position(estimate: Estimate, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
     """Position of the marker; None if the frames give no position, or the face radius is not known.
 
     Lateral position and depth are means over the strong frames, weighted by the square of their intensity, of the
     centroid of the energy: which grain of a stained spot, or which edge of a long laser pulse, is the peak is chance.
 
-    ``found``: an answer with a standard deviation. ``samples``: all samples with light, the confirmation among them.
+    ``estimate``: an answer that names the marker. ``samples``: all samples with light, the confirmation among them.
     ``facts``: face radius and sound speed of the rig.
     """
-    if found.sigma_deg is None:
+    if estimate.sigma_deg is None:
         return None
     face_m = facts.face_radius_m
     positions = [at for sample in samples if (at := _position_of(sample, facts.sound_speed_m_s)) is not None]
@@ -173,10 +171,10 @@ def marker_position(
     strongest = max(positions, key=lambda at: at.intensity)
     strong = [at for at in positions if _same_source(at, strongest)]
     weights = [at.intensity**2 for at in strong]
-    radii_m = [_radius_m(at.depth_m, face_m, math.radians(at.angle_deg - found.mean_deg)) for at in strong]
+    radii_m = [_radius_m(at.depth_m, face_m, math.radians(at.angle_deg - estimate.mean_deg)) for at in strong]
     lateral_m, radius_m = _mean([at.lateral_m for at in strong], weights), _mean(radii_m, weights)
     coherence = _mean([at.coherence for at in strong], weights)
-    return _placed(found.mean_deg, found.sigma_deg, lateral_m, radius_m, coherence)
+    return _placed(estimate.mean_deg, estimate.sigma_deg, lateral_m, radius_m, coherence)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

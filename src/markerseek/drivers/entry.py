@@ -270,7 +270,7 @@ def entry_named(part: Part, driver: object = None) -> AnyEntry:
     driver = next(iter(known)) if driver is None else driver
     if not isinstance(driver, str) or (driver not in known and ":" not in driver):
         installed = installed_drivers()
-        if driver in installed:
+        if isinstance(driver, str) and driver in installed:
             return _entry(_FOREIGN[part])
         raise ConfigError(
             f"{part}.driver is {driver!r}, it must be one of: {', '.join((*known, *installed))}, or a class of "

@@ -15,7 +15,7 @@ import inspect
 import sys
 import typing
 from collections.abc import Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import cache
 from numbers import Integral
@@ -227,7 +227,10 @@ def arguments_of(made: type, settings: Foreign, offered: Mapping[str, object]) -
             given[key] = value
             continue
         nearest_key(key, [name for name in named if name not in offered], prefix=f"{settings.part}.")
-        given[key] = setting_from(value, hints[key], name=f"{settings.part}.{key}") if key in hints else value
+        given[key] = value
+        # An annotation that msgspec does not know says nothing here: the class checks the value itself.
+        with suppress(TypeError):
+            given[key] = setting_from(value, hints.get(key, Any), name=f"{settings.part}.{key}")
     for name, parameter in named.items():
         if name in given:
             continue

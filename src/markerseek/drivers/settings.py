@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 
 from markerseek.core import ConfigError, Within, require_fields
 from markerseek.drivers.entry import (
     PARTS,
+    DeviceSettings,
     LaserSettings,
     MotorSettings,
     Part,
@@ -28,13 +28,12 @@ from markerseek.drivers.entry import (
 )
 from markerseek.drivers.foreign import Foreign, foreign_line, require_class, split_keys
 from markerseek.drivers.standard_stage import require_room
-from markerseek.files import Line, settings_from
+from markerseek.files import Line, require_key, setting_from, settings_from
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchProbe(ProbeKeys):
+class BenchProbe(ProbeKeys, frozen=True, kw_only=True):
     """Properties of the probe that the imaging needs: a preset, and the keys of `ProbeKeys` in which it differs."""
 
     preset: str = "BPL9-5/55"
@@ -51,8 +50,7 @@ class BenchProbe(ProbeKeys):
         require_fields(self, "probe")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchSupervisor:
+class BenchSupervisor(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The process that holds the lines and releases them when the search dies or hangs."""
 
     enabled: bool = True
@@ -65,19 +63,18 @@ class BenchSupervisor:
         require_fields(self, "supervisor")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BenchSettings:
+class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A rig of real devices, or of devices that are emulated byte for byte."""
 
     stage: StageSettings
     laser: LaserSettings
     receiver: ReceiverSettings
-    probe: BenchProbe = field(default_factory=BenchProbe)
-    limits: Limits = field(default_factory=Limits)
+    probe: BenchProbe = BenchProbe()
+    limits: Limits = Limits()
     """Angles that may be searched, and at which the probe may be."""
-    firing: FiringLimits = field(default_factory=FiringLimits)
+    firing: FiringLimits = FiringLimits()
     """Limits of the laser's pulses."""
-    supervisor: BenchSupervisor = field(default_factory=BenchSupervisor)
+    supervisor: BenchSupervisor = BenchSupervisor()
     trace: str | None = None
     """File to which all that devices say and are told is appended, a line each, while the rig is open."""
 
@@ -189,30 +186,37 @@ def _serial_port(settings: object) -> str | None:
 
 
 def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> BenchSettings:
-    """Settings of a rig of devices from the tables of a rig file, or from those that a journal holds.
+    """Return the settings of a rig of devices from the tables of a rig file, or from those that a journal holds.
 
     ``beside``: folder of the rig file, in which the module of a driver may lie; it is imported. Empty for a journal,
     whose drivers are not. Raises `ConfigError` if a key is unknown or missing, or a value does not fit.
     """
-    whole, kinds = dict(table), dict[str, type]()
+    made: dict[str, Any] = {}
+    hints = get_type_hints(BenchSettings)
+    for key, value in table.items():
+        require_key(key, BenchSettings)
+        # A device first: its driver has the keys of its table, and is known by its name alone.
+        made[key] = _device_settings(key, value, beside) if key in PARTS else setting_from(value, hints[key], name=key)
     for part in PARTS:
-        keys = whole.get(part)
-        if not isinstance(keys, Mapping):
-            continue
-        entry = entry_named(part, keys.get("driver"))
-        kinds[part] = entry.settings
-        if issubclass(entry.settings, Foreign):
-            whole[part] = {**split_keys(keys, entry.settings), "beside": beside}
-            continue
-        # The name of a driver chooses its settings, and is no key of them.
-        given = {key: value for key, value in keys.items() if key != "driver"}
-        # Relative to the file, so that the command works from any current folder.
-        paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := given.get(key), str)}
-        whole[part] = given | {key: value for key, value in paths.items() if given[key] != "none"}
-    trace = whole.get("trace")
-    if isinstance(trace, str) and trace != "none":
-        whole["trace"] = str(Path(beside, trace))
-    settings = settings_from(whole, BenchSettings, choose=lambda name, _table: kinds.get(name))
+        if part not in made:
+            raise ConfigError(f"the key {part} is missing; add it")
+    if made.get("trace") is not None:
+        made["trace"] = str(Path(beside, made["trace"]))
+    settings = BenchSettings(**made)
     for each in settings.foreign.values() if beside else ():
         require_class(each)
+    return settings
+
+
+def _device_settings(part: Part, table: object, beside: str) -> DeviceSettings:
+    """Return the settings of a device from its table of a rig file."""
+    if not isinstance(table, Mapping):
+        return settings_from(table, DeviceSettings, name=part)
+    entry = entry_named(part, table.get("driver"))
+    if issubclass(entry.settings, Foreign):
+        table = {**split_keys(table, entry.settings), "beside": beside}
+    # Relative to the file, so that the command works from any current folder.
+    paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := table.get(key), str)}
+    named = {key: path for key, path in paths.items() if table[key] != "none"}
+    settings: DeviceSettings = settings_from({**table, **named}, entry.settings, name=part)
     return settings

@@ -5,7 +5,6 @@ An unknown key is an error that names the nearest known one: a misspelt limit mu
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import datetime as dt
 import difflib
@@ -13,7 +12,7 @@ import re
 import tomllib
 import types
 import typing
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -56,70 +55,91 @@ def read_toml(path: Path, *, what: str) -> dict[str, object]:
 
 SettingsT = typing.TypeVar("SettingsT")
 
-Choose: typing.TypeAlias = Callable[[str, Mapping[str, object]], type | None]
-"""Chooses the settings of a table by its name and keys; None leaves them to the type of the field."""
 
+def settings_from(table: object, kind: type[SettingsT], *, name: str = "") -> SettingsT:
+    """Return the settings of a table of plain values, of TOML or JSON; the text ``"none"`` is the value None.
 
-def settings_from(
-    table: object, kind: type[SettingsT], *, name: str = "", choose: Choose = lambda _name, _table: None
-) -> SettingsT:
-    """Settings from a table of plain values, of TOML or JSON; the text ``"none"`` is the value None.
-
-    ``kind``: dataclass or struct whose fields are the keys. ``name``: dotted path of the table, for messages; empty for
-    a whole file. ``choose``: names the type of a nested table whose field allows several. Raises `ConfigError` if a key
-    is unknown or missing, or a value does not fit.
+    ``kind``: class whose fields are the keys. ``name``: dotted path of the table, for messages; empty for a whole file.
+    Raises `ConfigError` if a key is unknown or missing, or a value does not fit.
     """
-    if not isinstance(table, Mapping):
-        raise ConfigError(f"{name or 'the file'} is {_kind_of(table)}, it must be a table")
-    hints, required = typing.get_type_hints(kind), _fields(kind) or {}
-    prefix = f"{name}." if name else ""
-    values: dict[str, object] = {}
-    for key, value in table.items():
-        require_key(key, kind, prefix=prefix)
-        chosen = choose(prefix + key, value) if isinstance(value, Mapping) else None
-        values[key] = setting_from(value, chosen or hints[key], name=prefix + key, choose=choose)
-    for key, needed in required.items():
-        if needed and key not in values:
-            raise ConfigError(f"the key {prefix}{key} is missing; add it")
-    return kind(**values)
+    settings: SettingsT = setting_from(table, kind, name=name)
+    return settings
 
 
-def setting_from(
-    value: object, hint: typing.Any, *, name: str, choose: Choose = lambda _name, _table: None
-) -> typing.Any:
-    """The value of one setting as its type wants it; `ConfigError` if it does not fit.
+def setting_from(value: object, hint: typing.Any, *, name: str) -> typing.Any:
+    """Return the value of one setting as its type wants it; `ConfigError` if it does not fit.
 
-    ``hint``: type of the setting. ``name``: dotted path of the key, for messages.
+    ``hint``: type of the setting. ``name``: dotted path of the key, for messages. Raises `TypeError` for a type that
+    msgspec does not know.
     """
-    value = None if value == "none" else value
+    value = _with_none(value)
+    try:
+        made = msgspec.convert(value, hint)
+    except msgspec.ValidationError as problem:
+        refused = problem.__cause__
+        if isinstance(refused, ConfigError):
+            # By the settings themselves, which check their values when they are made.
+            raise refused from refused.__cause__
+        _, _, place = str(problem).rpartition(" - at `$")
+        raise _refusal(value, hint, re.findall(r"\w+", place), name=name) from problem
+    _require_known(value, made, name=name)
+    return made
+
+
+def _with_none(value: object) -> object:
+    """Return the value with None in place of every text "none"."""
+    if isinstance(value, Mapping):
+        return {key: _with_none(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_with_none(each) for each in value]
+    return None if value == "none" else value
+
+
+def _refusal(value: object, hint: typing.Any, place: Sequence[str], *, name: str) -> ConfigError:
+    """Return the error of a value that msgspec refuses; an unknown key on the way there comes first.
+
+    ``place``: keys and indices that lead from the value to the one that does not fit.
+    """
+    step, deeper = place[0] if place else "", place[1:]
     members = typing.get_args(hint) if _is_union(hint) else (hint,)
-    tables = tuple(each for each in members if _fields(each) is not None)
-    if tables and isinstance(value, tables):
-        return value
-    if tables and isinstance(value, Mapping):
-        return settings_from(value, tables[0], name=name, choose=choose)
-    lists = [each for each in members if typing.get_origin(each) is tuple]
-    if lists and isinstance(value, list):
-        return _each(value, typing.get_args(lists[0]), name=name, choose=choose)
-    for each in sorted(members, key=lambda kind: kind is not type(value)):
-        # One by one, as a whole number fits a float too: the type that the value has comes first.
-        with contextlib.suppress(msgspec.ValidationError, TypeError):
-            return msgspec.convert(value, each)
+    kind = next((each for each in members if _fields(each) is not None), None)
+    if kind is not None and isinstance(value, Mapping):
+        prefix = f"{name}." if name else ""
+        for key in value:
+            require_key(key, kind, prefix=prefix)
+        if step in value:
+            return _refusal(value[step], typing.get_type_hints(kind)[step], deeper, name=prefix + step)
+        for key, needed in (_fields(kind) or {}).items():
+            if needed and key not in value:
+                return ConfigError(f"the key {prefix}{key} is missing; add it")
+    row = next((each for each in members if typing.get_origin(each) in (tuple, list)), None)
+    if row is not None and isinstance(value, list):
+        hints = _hints_of(row, len(value))
+        if len(value) != len(hints):
+            return ConfigError(f"{name} has {len(value)} values, it must have {len(hints)}")
+        if step.isdecimal() and int(step) < len(value):
+            return _refusal(value[int(step)], hints[int(step)], deeper, name=f"{name}[{step}]")
     literal = any(typing.get_origin(each) is typing.Literal for each in members)
     found = repr(value) if literal and isinstance(value, str) else _kind_of(value)
-    raise ConfigError(f"{name} is {found}, it must be {_in_words(hint)}")
+    return ConfigError(f"{name or 'the file'} is {found}, it must be {_in_words(hint)}")
 
 
-def _each(value: list[object], hints: tuple[typing.Any, ...], *, name: str, choose: Choose) -> tuple[object, ...]:
-    """A list as a tuple of the same type each, or of as many as there are types."""
-    if hints[-1] is Ellipsis:
-        hints = hints[:1] * len(value)
-    if len(value) != len(hints):
-        raise ConfigError(f"{name} has {len(value)} values, it must have {len(hints)}")
-    pairs = zip(value, hints, strict=True)
-    return tuple(
-        setting_from(each, hint, name=f"{name}[{index}]", choose=choose) for index, (each, hint) in enumerate(pairs)
-    )
+def _hints_of(row: typing.Any, count: int) -> tuple[typing.Any, ...]:
+    """Return the type of each value of a list, which has so many if its type leaves their number open."""
+    hints = typing.get_args(row)
+    return hints[:1] * count if typing.get_origin(row) is list or hints[-1] is Ellipsis else hints
+
+
+def _require_known(value: object, made: object, *, name: str) -> None:
+    """Refuse keys that msgspec leaves out of what it makes: it forbids those of structs alone."""
+    if isinstance(value, Mapping) and _fields(type(made)) is not None:
+        prefix = f"{name}." if name else ""
+        for key, each in value.items():
+            require_key(key, type(made), prefix=prefix)
+            _require_known(each, getattr(made, key), name=prefix + key)
+    elif isinstance(value, list) and isinstance(made, tuple):
+        for index, (each, its) in enumerate(zip(value, made, strict=True)):
+            _require_known(each, its, name=f"{name}[{index}]")
 
 
 def _is_union(hint: typing.Any) -> bool:
@@ -127,14 +147,15 @@ def _is_union(hint: typing.Any) -> bool:
 
 
 def _fields(kind: typing.Any) -> dict[str, bool] | None:
-    """Fields of settings by name, and whether they are required; None of a type that has none."""
+    """Keys of settings, and whether they are required; None of a type that has none."""
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return {
             each.name: each.default is dataclasses.MISSING and each.default_factory is dataclasses.MISSING
             for each in dataclasses.fields(kind)
         }
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        return {each.name: each.required for each in msgspec.structs.fields(kind)}
+        tag = {} if kind.__struct_config__.tag is None else {str(kind.__struct_config__.tag_field): False}
+        return tag | {each.name: each.required for each in msgspec.structs.fields(kind)}
     return None
 
 

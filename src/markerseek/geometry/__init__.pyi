@@ -8,19 +8,37 @@ from .registration import (
     register_points,
     registration_errors,
 )
+from .stereo_motion import (
+    RangedPoints,
+    StereoMotion,
+    StereoPixels,
+    at_rest,
+    range_points,
+    rigid_motion,
+    seen_after,
+    shift_between,
+)
 from .transform import RigidTransform
 
 __all__ = [
     "MIN_POINTS",
     "Camera",
+    "RangedPoints",
     "Registration",
     "RegistrationErrors",
     "RigidTransform",
     "StereoCameras",
+    "StereoMotion",
+    "StereoPixels",
     "Triangulated",
+    "at_rest",
     "best_rotation",
     "mirror_image_fre",
+    "range_points",
     "register_points",
     "registration_errors",
+    "rigid_motion",
+    "seen_after",
+    "shift_between",
     "triangulate",
 ]

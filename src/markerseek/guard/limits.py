@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import msgspec
 
 from markerseek.core import PAPER_RANGE, ConfigError, Interval, LimitError, is_finite
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The two ranges of a rig."""
 
     search: Interval = PAPER_RANGE
     """Angles at which a policy may ask for an acquisition."""
-    travel: Interval = field(default_factory=lambda: Interval(low_deg=-36.5, high_deg=36.5))
+    travel: Interval = Interval(low_deg=-36.5, high_deg=36.5)
     """Angles at which the probe may be at all: the search range, and room to approach it from one side."""
 
     def __post_init__(self) -> None:

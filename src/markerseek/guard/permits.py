@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
+
+import msgspec
 
 from markerseek.core import ConfigError, LaserError, LimitError, Permit, SweepPermit, is_finite, is_whole, require_range
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FiringLimits:
+class FiringLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What may be fired."""
 
     pulses_per_permit: int = 128

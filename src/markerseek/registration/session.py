@@ -18,13 +18,13 @@ from msgspec import structs
 
 from markerseek.core import (
     Finished,
+    Found,
     MarkerCurve,
     Measured,
     SearchPlan,
     StereoPair,
     Swept,
     counted,
-    marker_candidates,
 )
 from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
@@ -198,11 +198,10 @@ class RegistrationSession:
             configuration = structs.replace(search.configuration, frames=not self._plan.no_frames)
             search = replace(search, configuration=configuration, journal=Journal.create(journal, configuration))
         later = yield from self._searched(name, search)
-        result, finished = search.result(), search.view.finished
-        assert finished is not None  # noqa: S101  a search that ends without is an error
-        self._curve = result.curve or self._curve
+        result = search.result()
+        if isinstance(result.estimate, Found):
+            self._curve = result.estimate.curve or self._curve
         self._spots.require_still(looked, later)
-        lit = [*search.view.samples, *([] if search.view.confirmation is None else [search.view.confirmation])]
         taken = TakenMarker(
             name=name,
             spot=looked.spot,
@@ -211,7 +210,7 @@ class RegistrationSession:
             camera_shared_m=seen.camera_shared_m.tolist(),
             answer=result.answer,
             reason=result.reason,
-            candidates=list(marker_candidates(finished.estimate, lit, search.configuration.facts)),
+            candidates=list(result.candidates),
             acquisitions=result.acquisitions,
             rig_s=clock.now_s() - begun_s,
             prior=None

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import Clock, ConfigError, Laser, NotConnectedError, Permit, Receiver, RigFacts, Stage
 from markerseek.drivers import (
@@ -186,7 +187,7 @@ class SimulatedParts:
     def __init__(self, bench: BenchSettings) -> None:
         keys = bench.receiver if isinstance(bench.receiver, SimulatedReceiverKeys) else SimulatedReceiverKeys()
         settings = read_simulated(None if keys.world is None else Path(keys.world), cure="name one of kind simulated")
-        settings = replace(settings, receiver=replace(settings.receiver, sampling_hz=keys.sampling_hz))
+        settings = structs.replace(settings, receiver=structs.replace(settings.receiver, sampling_hz=keys.sampling_hz))
         rng = np.random.default_rng(keys.seed)
         self._settings, self._bench, self._readout_s, self._rng = settings, bench, keys.readout_s, rng
         self._world = draw_scene(settings, rng).world(settings, rng)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec import structs
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import read_toml, settings_from
@@ -20,8 +21,7 @@ _SAME = 0.01
 """Largest difference between the pitch of a probe and that of a bank, as a share."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _ProbeFile(ProbeKeys):
+class _ProbeFile(ProbeKeys, frozen=True, kw_only=True):
     """Keys of a probe file: those of `ProbeKeys`, the preset to start from, and the sampling frequency."""
 
     preset: str | None = None
@@ -109,7 +109,7 @@ def preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) 
     """
     preset = _preset_of(bank, probe)
     filled = round((bank.facts.first_sample_s or 0.0) * preset.sampling_hz)
-    return replace(preset, recorded=True, pickup_samples=max(preset.pickup_samples, filled))
+    return structs.replace(preset, recorded=True, pickup_samples=max(preset.pickup_samples, filled))
 
 
 def _preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> ProbePreset:
@@ -122,12 +122,12 @@ def _preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None)
         return _recorded(facts.probe_settings)
     preset = preset or probe_preset(facts.probe or PRESET_NAMES[0])
     if facts.sampling_hz is not None:
-        preset = replace(preset, sampling_hz=facts.sampling_hz)
+        preset = structs.replace(preset, sampling_hz=facts.sampling_hz)
     if facts.sound_speed_m_s is not None:
-        preset = replace(preset, sound_speed_m_s=facts.sound_speed_m_s)
+        preset = structs.replace(preset, sound_speed_m_s=facts.sound_speed_m_s)
     if facts.pitch_m is not None and isinstance(bank, FrameBank):
         elements = bank.frame(0).samples.shape[0]
-        preset = replace(preset, array=replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
+        preset = structs.replace(preset, array=replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
     return preset
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.acoustics import (
     LARGEST_COUNT,
@@ -97,14 +98,14 @@ def draw_scene(settings: SimulatedSettings, rng: np.random.Generator) -> Scene:
     model = _acoustic_model(settings, material)
     marker = draw_marker(settings, rng)
     spot = _spot_of(settings.marker, material)
-    scene = scene_of(replace(material, spot=spot), marker, settings, model, rng)
+    scene = scene_of(structs.replace(material, spot=spot), marker, settings, model, rng)
     if not settings.second.present:
         return scene
     second = _draw_second(settings, marker, rng)
     other = _spot_of(settings.second, material).draw(second, rng)
     # As strong as the first: the same largest count with the probe on it.
     scale = scene.peak_counts / largest_count(other, model, second)
-    others = tuple(replace(each, strength=each.strength * scale) for each in other)
+    others = tuple(structs.replace(each, strength=each.strength * scale) for each in other)
     return replace(scene, absorbers=scene.absorbers + others, second=second)
 
 
@@ -120,7 +121,7 @@ def scene_of(
     absorbers = scene.absorbers if settings.marker.present else ()
     if material.clutter is not None:
         scale = scene.peak_counts / largest_count([marker], model, marker)
-        absorbers += tuple(replace(weak, strength=weak.strength * scale) for weak in material.clutter.draw(rng))
+        absorbers += tuple(structs.replace(weak, strength=weak.strength * scale) for weak in material.clutter.draw(rng))
     return replace(scene, absorbers=absorbers)
 
 
@@ -153,7 +154,7 @@ def _scaled(
         description=description,
         model=model,
         marker=marker,
-        absorbers=tuple(replace(each, strength=each.strength * (peak_counts / largest)) for each in spot),
+        absorbers=tuple(structs.replace(each, strength=each.strength * (peak_counts / largest)) for each in spot),
         noise=Noise(white_sigma=sigma * white, coloured_sigma=sigma * coloured, bursts=settings.noise.bursts),
         peak=peak_counts * peak_over_largest,
         peak_counts=peak_counts,
@@ -245,7 +246,7 @@ def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
     """
     reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
     gain_to_counts = MAX_COUNTS / scene.peak_counts
-    absorbers = [replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in scene.absorbers]
+    absorbers = [structs.replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in scene.absorbers]
 
     def frame_at(off_plane_deg: float) -> ChannelFrame:
         received = scene.model.channel_data(absorbers, angle_deg=marker.angle_deg + off_plane_deg)
@@ -304,7 +305,7 @@ def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
     Array and sampling are those of the rig, which a user knows; sound speed, band and aperture are those of the first
     preset even if the tissue differs, because a user would not know.
     """
-    return ImageReader(replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
+    return ImageReader(structs.replace(probe_preset(PRESET_NAMES[0]), array=array, sampling_hz=sampling_hz))
 
 
 def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:

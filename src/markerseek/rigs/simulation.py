@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import SupportsFloat, SupportsIndex, TypeAlias
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError, RigFacts, SimulationOptions
@@ -287,5 +288,5 @@ def marker_scene(
     settings: SimulatedSettings, rng: np.random.Generator, *, angle_deg: float, radius_m: float, lateral_m: float
 ) -> Scene:
     """Draw the scene of a simulated rig with its marker at this place."""
-    marker = replace(settings.marker, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m, present=True)
-    return draw_scene(replace(settings, marker=marker), rng)
+    marker = structs.replace(settings.marker, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m, present=True)
+    return draw_scene(structs.replace(settings, marker=marker), rng)

@@ -11,6 +11,7 @@ from .bank_scan import journal_bank, require_new_scan, scan_angles, scan_bank
 from .calibration_scan import Calibration, calibrate
 from .delay import DelayRun, MeasuredDelay
 from .former_runs import JournalSummary, former_curve, journal_summary, read_marker
+from .image_ring import ImageRing, hand_images_on
 from .journalled import configuration_of
 from .rebuild import (
     answer_again,
@@ -27,6 +28,7 @@ from .session import Session, answer_from_all, find_marker, new_session, plan_on
 __all__ = [
     "Calibration",
     "DelayRun",
+    "ImageRing",
     "JournalSummary",
     "MeasuredDelay",
     "Session",
@@ -42,6 +44,7 @@ __all__ = [
     "dark_intensity",
     "find_marker",
     "former_curve",
+    "hand_images_on",
     "intensities_stored",
     "journal_bank",
     "journal_summary",

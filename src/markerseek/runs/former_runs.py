@@ -7,22 +7,33 @@ from typing import Literal, TypeVar
 
 import msgspec
 
-from markerseek.core import ConfigError, MarkerCurve, MarkerPosition, RecordError, SearchError
+from markerseek.core import ConfigError, Doubt, MarkerCurve, MarkerPosition, RecordError, SearchError
 from markerseek.files import MIB, as_read_error, read_json
 from markerseek.records.journal import RunView, escaped, is_journal, read_journal, salvage, size_bytes_of
-from markerseek.show import SearchResult, answer_line, answer_name
+from markerseek.show import SearchResult, answer_line, answer_name, flat_result
 
 _MAX_BYTES = 16 * MIB
 """Largest result that is read; one of 500 acquisitions has 0.1 MiB."""
 
 
-class _Result(msgspec.Struct, frozen=True, kw_only=True):
-    """The only key of a result that a prior needs."""
+class _Curve(msgspec.Struct, frozen=True, kw_only=True):
+    """The key of a printed result that a prior needs."""
 
     curve: MarkerCurve | None = None
 
 
-_Kind = TypeVar("_Kind", _Result, SearchResult)
+class _Marker(msgspec.Struct, frozen=True, kw_only=True):
+    """The keys of a printed result that a registration needs."""
+
+    found: bool
+    answer: str
+    reason: str | None
+    doubt: Doubt | None
+    marker_trus_m: tuple[float, float, float] | None
+    marker_sigma_m: tuple[float, float, float] | None
+
+
+_Kind = TypeVar("_Kind", _Curve, _Marker)
 
 
 def former_curve(path: Path) -> MarkerCurve:
@@ -30,7 +41,7 @@ def former_curve(path: Path) -> MarkerCurve:
 
     ``path``: the result of the search, as printed with --json, or its journal.
     """
-    curve = _result_of(path, _Result).curve
+    curve = _printed(path, _Curve).curve
     if curve is None:
         raise RecordError(f"{path}: it found no marker whose curve it knows; name the result of a posterior that did")
     return curve
@@ -41,7 +52,7 @@ def read_marker(path: Path) -> MarkerPosition:
 
     ``path``: journal of the search, or its result as JSON.
     """
-    result = _result_of(path, SearchResult)
+    result = _printed(path, _Marker)
     # An uncertain angle counts less, by its sigma. If it is uncertain which source the angle is of, it is not taken.
     if not (result.found or result.doubt == "width"):
         raise RecordError(
@@ -56,12 +67,13 @@ def read_marker(path: Path) -> MarkerPosition:
     return MarkerPosition(position_m=result.marker_trus_m, sigma_m=result.marker_sigma_m)
 
 
-def _result_of(path: Path, kind: type[_Kind]) -> SearchResult | _Kind:
-    """Result of a journal, or what is read of a result."""
+def _printed(path: Path, kind: type[_Kind]) -> _Kind:
+    """Return what is read of a result, printed or in the journal of its search."""
     try:
         with as_read_error(path):
             if is_journal(path):
-                return SearchResult.of(RunView.of(read_journal(path, frames=False)))
+                result = SearchResult.of(RunView.of(read_journal(path, frames=False)))
+                return msgspec.convert(flat_result(result), kind, from_attributes=True)
         return read_json(
             path,
             kind,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -92,9 +92,8 @@ def committed(
     """
     clock = rig.scanner.clock
     intensities = [sample.reading.intensity for sample in (earlier or Tally()).lit]
-    beliefs = Beliefs(policy, journal.configuration.plan, intensities)
     try:
-        for event in map(beliefs.added, events):
+        for event in with_beliefs(events, policy, journal.configuration.plan, intensities=intensities):
             journal.commit(event, clock_s=clock.now_s() + ahead_s)
             yield event
     finally:
@@ -110,17 +109,37 @@ ZEROS_DEG = 0.6
 """Width in degrees on both sides of the density that is kept though it is zero there; a pixel of a chart has 0.2."""
 
 
-class Beliefs:
+def with_beliefs(
+    events: Iterable[Event],
+    policy: AnyPolicy,
+    plan: SearchPlan,
+    *,
+    of: tuple[type[Event], ...] = (Asked, Finished),
+    intensities: Sequence[float] = (),
+) -> Iterator[Event]:
+    """Return the events of a run, some with the belief of the policy.
+
+    ``of``: which events have one. ``intensities``: those that the run had measured before.
+    """
+    return map(_Beliefs(policy, plan, of=of, intensities=intensities).added, events)
+
+
+class _Beliefs:
     """What a policy believes whenever it asks."""
 
-    def __init__(self, policy: AnyPolicy, plan: SearchPlan, intensities: Sequence[float] = ()) -> None:
-        self._asked, self._plan, self._intensities = policy, plan, list(intensities)
+    def __init__(
+        self, policy: AnyPolicy, plan: SearchPlan, *, of: tuple[type[Event], ...], intensities: Sequence[float]
+    ) -> None:
+        self._asked = policy
+        self._plan = plan
+        self._of = of
+        self._intensities = list(intensities)
 
     def added(self, event: Event) -> Event:
-        """The event, with the belief of the policy if it asks or has finished."""
+        """Return the event, with the belief of the policy if it is to have one."""
         if isinstance(event, Measured) and event.role == "search":
             self._intensities.append(event.sample.reading.intensity)
-        if not self._intensities or not isinstance(event, Asked | Finished):
+        if not self._intensities or not isinstance(event, Asked | Finished) or not isinstance(event, self._of):
             return event
         belief = self._belief()
         # The answer of a run takes into account that its confirmation may have failed, which a policy need not know.

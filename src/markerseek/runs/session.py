@@ -7,18 +7,17 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
-import msgspec
-
 from markerseek.core import (
     AnyPolicy,
     ConfigError,
     Estimate,
+    Finished,
     Measured,
     SearchPlan,
 )
 from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun, RunView
 from markerseek.rigs import Rig
-from markerseek.runs.journalled import configuration_of, journalled, limits_of
+from markerseek.runs.journalled import configuration_of, journalled, limits_of, with_beliefs
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
@@ -61,8 +60,7 @@ class Session:
 
     def _run(self) -> Generator[JournalEvent, None, None]:
         if self.journal is None:
-            limits = limits_of(self.configuration)
-            return run(self.policy, self.rig.scanner, self.configuration.plan, limits=limits)
+            return self._unrecorded()
         if self.recorded is None:
             return journalled(self.policy, self.rig, self.journal, limits=limits_of(self.configuration))
         return resumed(
@@ -74,6 +72,13 @@ class Session:
             anew=self._begin_anew,
             reset_fault=self.reset_fault,
         )
+
+    def _unrecorded(self) -> Generator[JournalEvent, None, None]:
+        plan = self.configuration.plan
+        # Closed with this one, so that the rig is stopped.
+        with closing(run(self.policy, self.rig.scanner, plan, limits=limits_of(self.configuration))) as events:
+            # What is believed on the way is for those who follow a record.
+            yield from with_beliefs(events, self.policy, plan, of=(Finished,))
 
     def _begin_anew(self) -> AnyPolicy:
         self.policy = rebuild_policy(self.configuration)
@@ -91,7 +96,7 @@ class Session:
 
     def result(self) -> SearchResult:
         """Result of the search once it is over; `SearchError` before, and after an error."""
-        return msgspec.structs.replace(SearchResult.of(self.view), notes=self.rig.notes)
+        return SearchResult.of(self.view, notes=self.rig.notes)
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:

@@ -1,4 +1,6 @@
-from .curve_svg import DrawnCurve, Mark, as_html, errors_svg
+from .curve import NAME_WITHOUT_CLAIM, DrawnAngle, DrawnCurve, DrawnInterval, Mark, Threshold, curve_of, stand_in
+from .curve_figure import comparison_figure, curve_figure, pictured_sample
+from .curve_svg import as_html, curve_svg, errors_svg
 from .files import (
     PICTURE_SUFFIXES,
     new_picture,
@@ -7,23 +9,25 @@ from .files import (
     save_figure,
     write_page,
 )
+from .flat import flat_answer, flat_result
 from .frame_picture import bank_figure, frame_figure
 from .grey import RANGE_DB, grey_levels
 from .log import STOPPED, event_line
 from .registration_picture import registration_figure
-from .result import NAME_WITHOUT_CLAIM, Answer, SampleRow, SearchResult
-from .search_picture import ComparedSearch, Curve, comparison_figure, pictured_sample, search_figure
+from .result import SearchResult
 from .style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from .tip_picture import tip_figure
-from .verdict import Verdict, VerdictKind, curve_of, mark_of, mean_deg, numbers_of, others_deg, verdict_of
+from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
 from .words import (
     NO_CLAIM,
+    AnswerName,
     acquisitions_text,
     angle_text,
     answer_line,
     answer_name,
     answer_reason,
     digits_of,
+    estimate_line,
     interval_text,
     others_rows,
     outliers_rows,
@@ -39,13 +43,13 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "RANGE_DB",
     "STOPPED",
-    "Answer",
-    "ComparedSearch",
-    "Curve",
+    "AnswerName",
+    "DrawnAngle",
     "DrawnCurve",
+    "DrawnInterval",
     "Mark",
-    "SampleRow",
     "SearchResult",
+    "Threshold",
     "Verdict",
     "VerdictKind",
     "acquisitions_text",
@@ -56,19 +60,21 @@ __all__ = [
     "as_html",
     "bank_figure",
     "comparison_figure",
+    "curve_figure",
     "curve_of",
+    "curve_svg",
     "digits_of",
     "errors_svg",
+    "estimate_line",
     "event_line",
+    "flat_answer",
+    "flat_result",
     "frame_figure",
     "grey_levels",
     "interval_text",
-    "mark_of",
-    "mean_deg",
     "new_figure",
     "new_picture",
     "numbers_of",
-    "others_deg",
     "others_rows",
     "outliers_rows",
     "panel_grid",
@@ -77,9 +83,9 @@ __all__ = [
     "registration_figure",
     "require_room_for_pictures",
     "save_figure",
-    "search_figure",
     "shared_legend",
     "sigma_text",
+    "stand_in",
     "time_text",
     "tip_figure",
     "verdict_of",

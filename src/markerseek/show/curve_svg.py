@@ -7,173 +7,148 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from markerseek.show.curve import ANGLE_TEXT, DENSITY_TEXT, DrawnCurve, Mark
 from markerseek.show.words import with_minus
-
-INSET_DEG = 2.0
-"""Half of the range of the inset about the answer, in degrees."""
 
 BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
 
-_WIDTH, _HEIGHT = 460.0, 320.0
+_WIDTH = 460.0
+_HEIGHT = 320.0
+
+_CROWDED = 40
+"""Most acquisitions that are drawn as large dots."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mark:
-    """One acquisition of a curve.
-
-    Attributes
-    ----------
-    angle_deg
-        Angle of the probe, in degrees.
-    intensity
-        Intensity, in the unit of the curve.
-    text
-        Number of the acquisition; empty for none.
-    radius
-        Radius of the dot in pixels.
-    square
-        Whether the mark is a square: a confirmation.
-    """
-
-    angle_deg: float
-    intensity: float
-    text: str = ""
-    radius: float = 4.0
-    square: bool = False
+def curve_svg(curve: DrawnCurve) -> str:
+    """Return a curve as SVG, with an inset about an answer that is one line in the whole range."""
+    top = 1.14 * curve.top
+    most_per_deg = curve.most_per_deg
+    ends = (curve.low_deg, curve.high_deg)
+    frame = _Frame(58, 34, _WIDTH - (96 if most_per_deg else 70), _HEIGHT - 72, ends, (0.0, top))
+    parts = [*frame.axes(ANGLE_TEXT, curve.intensity_text)]
+    if most_per_deg:
+        parts += frame.right_axis(DENSITY_TEXT, 1.05 * most_per_deg)
+    parts += _drawn(curve, frame)
+    parts += _numbers(curve, frame)
+    parts += _labels(curve, frame)
+    if curve.inset_deg is not None:
+        parts += _inset(curve, frame, curve.inset_deg)
+    return _svg(parts, _HEIGHT, curve.text)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DrawnCurve:
-    """What is known of the intensity over the angle.
+def _inset(curve: DrawnCurve, frame: _Frame, ends: tuple[float, float]) -> list[str]:
+    # Beside the answer, where there is more room.
+    is_left = frame.x(sum(ends) / 2) > frame.left + frame.width / 2
+    place = frame.left + 12 if is_left else frame.left + frame.width - 152
+    inset = _Frame(place, 44, 140, 92, ends, frame.limits)
+    ground = (
+        f'<rect x="{place - 6}" y="38" width="152" height="118" rx="4" fill="var(--ms-ground, none)" '
+        f'stroke="{GREY}" opacity="0.9"/>'
+    )
+    drawn = "".join([*inset.axes("", ""), *_drawn(curve, inset)])
+    return [ground, f'<g class="ms-inset">{drawn}</g>']
 
-    Attributes
-    ----------
-    marks
-        The acquisitions.
-    range_deg
-        Both ends of the range that is drawn, in degrees; None for that of the marks and the answer.
-    unit
-        Unit of the intensities.
-    density
-        Angles in degrees, and the probability density of the marker there per degree; empty for none.
-    answer_deg
-        Angle of the answer, in degrees; None for none.
-    others_deg
-        Angles of what else may be the marker, in degrees.
-    interval_deg, bracket_deg
-        Both ends of the 95 % interval, and of a bracket, in degrees; None for none.
-    known
-        Name and angle in degrees of the angle that is known otherwise; None for none.
-    threshold
-        Detection threshold, in the unit of the intensities; None for none.
-    """
 
-    marks: Sequence[Mark]
-    range_deg: tuple[float, float] | None = None
-    unit: str = ""
-    density: tuple[Sequence[float], Sequence[float]] = ((), ())
-    answer_deg: float | None = None
-    others_deg: Sequence[float] = ()
-    interval_deg: tuple[float, float] | None = None
-    bracket_deg: tuple[float, float] | None = None
-    known: tuple[str, float] | None = None
-    threshold: float | None = None
-
-    def svg(self) -> str:
-        """The curve, with an inset about the answer if the answer is one line in the whole range."""
-        top = 1.14 * max([each.intensity for each in self.marks] + [self.threshold or 0.0, 0.0]) or 1.0
-        most = max(self.density[1], default=0.0)
-        range_deg = self.range_deg or self._own_range_deg()
-        frame = _Frame(58, 34, _WIDTH - (96 if most else 70), _HEIGHT - 72, range_deg, (0.0, top))
-        parts = [*frame.axes("probe angle [deg]", f"intensity [{self.unit}]" if self.unit else "intensity")]
-        if most:
-            parts += frame.right_axis("probability [1/deg]", 1.05 * most)
-        parts += self._drawn(frame, most, numbered=True)
-        parts += self._labels(frame)
-        low_deg, high_deg = self.interval_deg or (0.0, math.inf)
-        if self.answer_deg is not None and high_deg - low_deg < 0.06 * (range_deg[1] - range_deg[0]):
-            middle_deg = self.answer_deg
-            # Beside the answer, where there is more room.
-            left = frame.x(middle_deg) > frame.left + frame.width / 2
-            place = frame.left + 12 if left else frame.left + frame.width - 152
-            ends_deg = (middle_deg - INSET_DEG, middle_deg + INSET_DEG)
-            inset = _Frame(place, 44, 140, 92, ends_deg, (0.0, top))
+def _drawn(curve: DrawnCurve, frame: _Frame) -> list[str]:
+    parts = []
+    for band, colour, opacity in ((curve.bracket, GREY, 0.18), (curve.interval, ORANGE, 0.25)):
+        if band is not None:
+            left = frame.x(frame.inside(band.low_deg))
+            right = frame.x(frame.inside(band.high_deg))
             parts.append(
-                f'<rect x="{place - 6}" y="38" width="152" height="118" rx="4" fill="var(--ms-ground, none)" '
-                f'stroke="{GREY}" opacity="0.9"/>'
+                f'<rect x="{left:.1f}" y="{frame.top}" width="{max(right - left, 1):.1f}" '
+                f'height="{frame.height}" fill="{colour}" opacity="{opacity}"/>'
             )
-            drawn = "".join([*inset.axes("", ""), *self._drawn(inset, most, numbered=False)])
-            parts.append(f'<g class="ms-inset">{drawn}</g>')
-        return _svg(parts, _HEIGHT, f"intensity over the angle of the probe, measured {len(self.marks)} times")
+    if curve.most_per_deg:
+        parts.append(_area(curve, frame))
+    if curve.recorded:
+        parts.append(_recorded(curve, frame))
+    if curve.threshold is not None:
+        parts.append(frame.horizontal(curve.threshold.level))
+    parts += [frame.line(each.angle_deg, GREY, dashes="5 4") for each in curve.others]
+    dashes = "" if curve.is_claimed else "8 4"
+    parts += [frame.line(each.angle_deg, ORANGE, dashes=dashes) for each in curve.answers]
+    if curve.known is not None:
+        parts.append(frame.line(curve.known.angle_deg, GREEN, dashes="2 4"))
+    return [*parts, *(_dot(each, frame, radius=_radius(each, curve)) for each in _marks_in(curve, frame))]
 
-    def _own_range_deg(self) -> tuple[float, float]:
-        angles_deg = [*(each.angle_deg for each in self.marks), *([] if self.answer_deg is None else [self.answer_deg])]
-        low_deg, high_deg = min(angles_deg), max(angles_deg)
-        margin_deg = 0.03 * (high_deg - low_deg) or 1.0
-        return low_deg - margin_deg, high_deg + margin_deg
 
-    def _drawn(self, frame: _Frame, most: float, *, numbered: bool) -> list[str]:
-        parts = []
-        for ends, colour, opacity in ((self.bracket_deg, GREY, 0.18), (self.interval_deg, ORANGE, 0.25)):
-            if ends is not None:
-                left, right = (frame.x(frame.inside(each)) for each in ends)
-                parts.append(
-                    f'<rect x="{left:.1f}" y="{frame.top}" width="{max(right - left, 1):.1f}" '
-                    f'height="{frame.height}" fill="{colour}" opacity="{opacity}"/>'
-                )
-        if most:
-            parts.append(self._area(frame, most))
-        if self.threshold is not None:
-            parts.append(frame.horizontal(self.threshold))
-        parts += [frame.line(each, GREY, dashes="5 4") for each in self.others_deg]
-        if self.answer_deg is not None:
-            parts.append(frame.line(self.answer_deg, ORANGE))
-        if self.known is not None:
-            parts.append(frame.line(self.known[1], GREEN, dashes="2 4"))
-        shown = [each for each in self.marks if frame.inside(each.angle_deg) == each.angle_deg]
-        for each in shown:
-            x, y = frame.x(each.angle_deg), frame.y(each.intensity)
-            r = each.radius
-            parts.append(
-                f'<rect x="{x - r:.1f}" y="{y - r:.1f}" width="{2 * r:.1f}" height="{2 * r:.1f}" fill="{BLUE}"/>'
-                if each.square
-                else f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{r:.1f}" fill="{BLUE}"/>'
-            )
-        # A number that would cover another one is left out; the newest comes first.
-        taken: list[tuple[float, float]] = []
-        for each in reversed([each for each in shown if numbered and each.text]):
-            x, y = frame.x(each.angle_deg), frame.y(each.intensity)
-            if all(abs(x - u) > 13 or abs(y - w) > 11 for u, w in taken):
-                taken.append((x, y))
-                parts.append(_text(x, y - each.radius - 3, each.text, size=11))
-        return parts
+def _marks_in(curve: DrawnCurve, frame: _Frame) -> list[Mark]:
+    return [each for each in curve.marks if frame.inside(each.angle_deg) == each.angle_deg]
 
-    def _area(self, frame: _Frame, most: float) -> str:
-        scale = frame.limits[1] / (1.05 * most)
-        ends = frame.ends
-        inside = [(at, each) for at, each in zip(*self.density, strict=True) if ends[0] <= at <= ends[1]]
-        if not inside:
-            return ""
-        line = "L".join(f"{frame.x(at):.1f} {frame.y(each * scale):.1f}" for at, each in inside)
-        first, last = frame.x(inside[0][0]), frame.x(inside[-1][0])
-        bottom = frame.top + frame.height
-        return (
-            f'<path class="ms-density" d="M{first:.1f} {bottom}L{line}L{last:.1f} {bottom}Z" fill="{SKY}" '
-            f'fill-opacity="0.35" stroke="{BLUE}"/>'
-        )
 
-    def _labels(self, frame: _Frame) -> list[str]:
-        """Angles above the frame; each kind has a row of its own, because they are near to one another."""
-        said = [(each, f"{each:.2f}°?", 28) for each in self.others_deg]
-        if self.answer_deg is not None:
-            said.append((self.answer_deg, f"{self.answer_deg:.2f}°", 28))
-        if self.known is not None:
-            said.append((self.known[1], f"{self.known[0]} {self.known[1]:.2f}°", 14))
-        room = 8 + 4 * max((len(text) for _, text, _ in said), default=0)
-        return [
-            _text(min(max(frame.x(frame.inside(at)), room), _WIDTH - room), y, text, size=13) for at, text, y in said
-        ]
+def _radius(mark: Mark, curve: DrawnCurve) -> float:
+    """Radius in pixels; in a weighted average the size of a dot is its weight."""
+    if mark.role == "confirmation":
+        return 6.0
+    if mark.weight is not None:
+        return 2 + 5 * mark.weight
+    return 4.5 if len(curve.marks) <= _CROWDED else 2.5
+
+
+def _dot(mark: Mark, frame: _Frame, *, radius: float) -> str:
+    x = frame.x(mark.angle_deg)
+    y = frame.y(mark.intensity)
+    if mark.role == "confirmation":
+        size = f'width="{2 * radius:.1f}" height="{2 * radius:.1f}"'
+        return f'<rect x="{x - radius:.1f}" y="{y - radius:.1f}" {size} fill="{BLUE}"/>'
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="{BLUE}"/>'
+
+
+def _numbers(curve: DrawnCurve, frame: _Frame) -> list[str]:
+    """Numbers of the acquisitions, the newest first; one that would cover another one is left out."""
+    parts: list[str] = []
+    taken: list[tuple[float, float]] = []
+    for each in reversed(_marks_in(curve, frame)):
+        x = frame.x(each.angle_deg)
+        y = frame.y(each.intensity)
+        if each.text and all(abs(x - u) > 13 or abs(y - v) > 11 for u, v in taken):
+            taken.append((x, y))
+            parts.append(_text(x, y - _radius(each, curve) - 3, each.text, size=11))
+    return parts
+
+
+def _area(curve: DrawnCurve, frame: _Frame) -> str:
+    scale = frame.limits[1] / (1.05 * curve.most_per_deg)
+    low, high = frame.ends
+    density = zip(curve.density_deg, curve.density_per_deg, strict=True)
+    inside = [(at, each) for at, each in density if low <= at <= high]
+    if not inside:
+        return ""
+    line = "L".join(f"{frame.x(at):.1f} {frame.y(each * scale):.1f}" for at, each in inside)
+    first = frame.x(inside[0][0])
+    last = frame.x(inside[-1][0])
+    bottom = frame.top + frame.height
+    return (
+        f'<path class="ms-density" d="M{first:.1f} {bottom}L{line}L{last:.1f} {bottom}Z" fill="{SKY}" '
+        f'fill-opacity="0.35" stroke="{BLUE}"/>'
+    )
+
+
+def _recorded(curve: DrawnCurve, frame: _Frame) -> str:
+    """The recording that a search replays, as a line."""
+    low, high = frame.ends
+    recorded = zip(curve.recorded_deg, curve.recorded, strict=True)
+    points = " ".join(f"{frame.x(at):.1f},{frame.y(each):.1f}" for at, each in recorded if low <= at <= high)
+    return f'<polyline class="ms-recorded" points="{points}" stroke="{GREY}"/>'
+
+
+def _labels(curve: DrawnCurve, frame: _Frame) -> list[str]:
+    """Angles above the frame; one that would cover another one is left out."""
+    # That which is known otherwise has a row of its own, because it is near to the answer.
+    said = [(each, 28) for each in curve.answers]
+    said += [(each, 14) for each in (curve.known,) if each is not None]
+    said += [(each, 28) for each in curve.others]
+    room = 8 + 4 * max((len(each.text) for each, _ in said), default=0)
+    parts: list[str] = []
+    taken: list[tuple[float, float]] = []
+    for each, y in said:
+        x = min(max(frame.x(frame.inside(each.angle_deg)), room), _WIDTH - room)
+        if all(abs(x - u) > 2 * room - 8 or y != v for u, v in taken):
+            taken.append((x, y))
+            parts.append(_text(x, y, each.text, size=13))
+    return parts
 
 
 def errors_svg(errors: Sequence[tuple[int, float, float]], *, goal_mm: float) -> str:

@@ -1,48 +1,40 @@
-"""Result of a search as one JSON object, with the units in the names of its keys."""
+"""The result of a search: its run at the end, and what people and programs read of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
-
-import msgspec
+from typing import TYPE_CHECKING, Self
 
 from markerseek._version import __version__
 from markerseek.core import (
     FALSE_FOUND,
-    AnglePrior,
-    Doubt,
     Estimate,
+    Finished,
     Floor,
     Found,
-    IntervalKind,
     MarkerCandidate,
-    MarkerCurve,
-    NotFound,
-    OtherSource,
+    MarkerPosition,
     PriorEvidence,
-    RigKind,
     Sample,
-    Searched,
     SearchError,
     Unsure,
     counted,
-    listed,
     marker_candidates,
     marker_position,
     needs_package,
     rig_in_words,
 )
 from markerseek.records.journal import RunView
-from markerseek.show.curve_svg import DrawnCurve, Mark, as_html
+from markerseek.show.curve import NAME_WITHOUT_CLAIM, curve_of
+from markerseek.show.curve_svg import as_html, curve_svg
 from markerseek.show.words import (
     NO_CLAIM,
     AnswerName,
     acquisitions_text,
-    answer_line,
     answer_name,
     answer_reason,
+    estimate_line,
     others_rows,
     outliers_rows,
     time_text,
@@ -52,167 +44,35 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-NAME_WITHOUT_CLAIM = "acquisition at that angle"
-"""Name of the acquisition at the answer of a method that claims nothing; of others it is the confirmation."""
+SAMPLE_KEYS = ("angle_deg", "intensity", "lateral_m", "depth_m", "arrival_s", "noise_sigma")
+"""What tables and the JSON output have of an acquisition."""
 
 
-class SampleRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One acquisition of a result; values that the frame does not give are None."""
-
-    angle_deg: float
-    intensity: float
-    lateral_m: float | None
-    depth_m: float | None
-    arrival_s: float | None
-    noise_sigma: float | None
-
-    @classmethod
-    def of(cls, sample: Sample) -> SampleRow:
-        """Row of a sample."""
-        known = {name: getattr(sample.reading, name) for name in cls.__struct_fields__ if name != "angle_deg"}
-        return cls(angle_deg=sample.angle_deg, **known)
+def sample_row(sample: Sample) -> dict[str, float | None]:
+    """Return an acquisition by `SAMPLE_KEYS`; what its frame does not give is None."""
+    reading = sample.reading
+    return {"angle_deg": sample.angle_deg} | {name: getattr(reading, name) for name in SAMPLE_KEYS[1:]}
 
 
-class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """An answer and its angle; the fields are as in `SearchResult`."""
-
-    answer: AnswerName
-    reason: str | None
-    angle_deg: float
-    sigma_deg: float | None
-    interval95_deg: tuple[float, float] | None
-    interval_kind: IntervalKind | None
-
-    @classmethod
-    def of(cls, estimate: Estimate, *, as_published: bool = False) -> Answer:
-        """The answer of a search, or of all angles of a recording.
-
-        ``as_published``: whether it is that of the paper's form of a method, which answers also where there is no
-        marker, so that its uncertainty means nothing.
-        """
-        # A search that detected nothing has the uncertainty of noise.
-        known = None if isinstance(estimate, NotFound) or as_published else estimate
-        interval = None if known is None else known.interval95_deg
-        return cls(
-            answer=answer_name(estimate),
-            reason=answer_reason(estimate),
-            angle_deg=estimate.mean_deg,
-            sigma_deg=None if known is None else known.sigma_deg,
-            interval95_deg=None if interval is None else (interval.low_deg, interval.high_deg),
-            interval_kind=None if known is None else known.interval_kind,
-        )
-
-    def __str__(self) -> str:
-        """The answer, its angle and its reason, in a line."""
-        return answer_line(
-            self.answer,
-            self.angle_deg,
-            sigma_deg=self.sigma_deg,
-            interval95_deg=self.interval95_deg,
-            reason=self.reason,
-        )
-
-
-class ReplayedSearch(Answer, frozen=True, kw_only=True):
-    """What a search of a recording would have taken and said; the fields are as in `SearchResult`."""
-
-    method: str
-    error_deg: float | None
-    acquisitions: int
-    travel_deg: float
-    samples: list[SampleRow]
-
-
-class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchResult:
     """What a search found and how; for a recording, what all its angles say.
 
-    The fields of a recording are those of all its angles, and each angle is one of the ``samples``.
+    The answer is in ``estimate``, what was asked of which rig in ``run.plan`` and ``run.facts``. The paper's form of a
+    method answers also where there is no marker, so that its uncertainty means nothing: there it is None.
     """
 
-    found: bool
-    """Whether a marker was found."""
-    answer: AnswerName
-    """Name of the answer."""
-    reason: str | None
-    """Why the answer is so, in one sentence; None if a marker was found."""
-    doubt: Doubt | None
-    """What an unsure answer is unsure of: the source, or the width of the interval; None for other answers."""
-    method: str
-    """Name of the method."""
-    as_published: bool
-    """Whether the method was used in the form of the paper."""
-    rig: RigKind
-    """Kind of the rig."""
-    emulated: tuple[str, ...]
-    """Devices of a bench that are emulators."""
-    angle_deg: float
-    """Best angle of the method in degrees, also if no marker is claimed there."""
-    sigma_deg: float | None
-    """Standard deviation of the angle, in degrees; None if nothing was detected, and in the paper's form."""
-    interval95_deg: tuple[float, float] | None
-    """95 % interval of the angle, in degrees; None if nothing was detected, and in the paper's form."""
-    interval_kind: IntervalKind | None
-    """How the interval was computed."""
-    half_width_m: float | None
-    """How far the interval reaches from the angle, as a length at the marker."""
-    marker_trus_m: tuple[float, float, float] | None
-    """The marker in the TRUS frame; also known if an answer is unsure for its width only."""
-    marker_sigma_m: tuple[float, float, float] | None
-    """Standard deviations along the turn, along the axis and in depth (`markerseek.core.MarkerPosition`)."""
-    candidates: list[MarkerCandidate] = []
-    """Sources that may be the marker, the likeliest first, with their places in the TRUS frame; none where no frame
-    says them."""
-    acquisitions: int
-    """Acquisitions with light that the search received."""
-    refused: int
-    """Acquisitions that were refused."""
-    travel_deg: float | None
-    """Sum of all rotations, in degrees; None for a recording."""
-    elapsed_s: float | None
-    """Time on the clock of the rig, in seconds; None for a recording."""
-    known_s: float | None
-    """The same to the answer, before the probe turned to the marker; None if none was found."""
-    confirmation: SampleRow | None
-    """The acquisition at the answer; one after which the search went on is one of the ``samples``."""
-    confirmed: bool | None
-    """Whether the confirmation confirms the marker (`markerseek.scan.confirmation`); None without a test."""
-    floor: Floor | None
-    """Detection threshold."""
-    others: list[OtherSource]
-    """Further sources."""
-    surveyed: float | None
-    """Share of the range in which a source as strong would have been detected."""
-    other_probability: float | None
-    """Probability that another source is the marker."""
-    curve: MarkerCurve | None
-    """Intensity curve of the marker, a prior for the next search on the rig."""
-    samples: list[SampleRow]
-    """The acquisitions, without the confirmation."""
-    truth_deg: float | None
-    """Angle of a simulated marker, in degrees."""
-    reference_deg: float | None
-    """Angle of the marker that the user or the bank gives, in degrees."""
-    error_deg: float | None
-    """Distance of the angle from truth or reference, in degrees."""
-    seed: int | None
-    """Seed of a simulated rig."""
-    configuration: str
-    """Fingerprint of the rig."""
+    run: RunView
+    """The run at its end, without the receiver's frames."""
     notes: tuple[str, ...] = ()
     """What its user must know of how the recording was read, or the rig was found, in sentences."""
-    outliers_deg: tuple[float, ...] = ()
-    """Angles of acquisitions that were left out, because they are far stronger than those beside them."""
-    near: AnglePrior | None = None
-    """Where the marker was expected; None without such a prior."""
-    near_evidence: PriorEvidence | None = None
-    """What the search has seen of that."""
-    search: ReplayedSearch | None = None
-    """What a search of a recording would have taken and said; None for other rigs."""
-    version: str = __version__
-    """Version of the program."""
+
+    def __post_init__(self) -> None:
+        if self.run.finished is None:
+            raise SearchError("the run is not over, or it failed: there is no result")
 
     @classmethod
-    def of(cls, view: RunView) -> SearchResult:
+    def of(cls, run: RunView, *, notes: tuple[str, ...] = ()) -> Self:
         """Return the result of a run.
 
         Raises
@@ -220,64 +80,139 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         SearchError
             If the run is not over, or ended with a fault.
         """
-        finished = view.finished
-        if finished is None:
-            raise SearchError("the run is not over, or it failed: there is no result")
-        plan = view.plan
-        facts = view.facts
-        samples = view.samples
-        confirmation = view.confirmation
-        estimate, searched = finished.estimate, finished.searched
-        # The marker's position follows from all frames with light.
-        lit = [*samples, *([] if confirmation is None else [confirmation])]
-        placed = None if isinstance(estimate, Unsure) and estimate.doubt != "width" else estimate
-        marker = marker_position(placed, lit, facts) if isinstance(placed, Found | Unsure) else None
-        half_width_m = estimate.half_width_m if isinstance(estimate, Found | Unsure) else None
-        kept = samples if searched is None else _all_angles(samples)
-        return cls(
-            found=isinstance(estimate, Found),
-            **msgspec.structs.asdict(Answer.of(estimate, as_published=plan.as_published)),
-            doubt=estimate.doubt if isinstance(estimate, Unsure) else None,
-            # The method of a search says nothing of the answer from all angles.
-            method=plan.method if searched is None else "posterior",
-            as_published=plan.as_published,
-            rig=facts.kind,
-            emulated=facts.emulated,
-            half_width_m=None if plan.as_published else half_width_m,
-            marker_trus_m=None if marker is None else marker.position_m,
-            marker_sigma_m=None if marker is None or plan.as_published else marker.sigma_m,
-            candidates=[] if plan.as_published else list(marker_candidates(estimate, lit, facts)),
-            acquisitions=finished.acquisitions if searched is None else len(kept),
-            refused=view.refused,
-            travel_deg=finished.travel_deg if searched is None else None,
-            # A replay takes no time, and the durations of the original scan say nothing of this search.
-            elapsed_s=None if facts.kind == "replayed" else finished.elapsed_s,
-            known_s=None if facts.kind == "replayed" else finished.known_s,
-            confirmation=None if confirmation is None else SampleRow.of(confirmation),
-            confirmed=None if confirmation is None or estimate.floor is None else isinstance(estimate, Found),
-            floor=estimate.floor,
-            others=list(estimate.others),
-            surveyed=estimate.surveyed,
-            outliers_deg=estimate.outliers_deg,
-            other_probability=estimate.other_probability if isinstance(estimate, Found | Unsure) else None,
-            curve=estimate.curve if isinstance(estimate, Found) else None,
-            samples=[SampleRow.of(sample) for sample in kept],
-            truth_deg=facts.truth_deg,
-            reference_deg=facts.reference_deg,
-            error_deg=None if facts.known_deg is None else abs(estimate.mean_deg - facts.known_deg),
-            seed=facts.seed,
-            configuration=facts.fingerprint,
-            near=None if finished.near is None else plan.near,
-            near_evidence=finished.near,
-            search=None if searched is None else _replayed_search(searched, view),
-        )
+        # A frame has half a megabyte, and a user may keep many results.
+        return cls(run=run.without_frames(), notes=notes)
 
     @property
-    def stand_in(self) -> str | None:
-        """What replaced hardware, as "simulated rig" or "emulated stage and laser"; None if nothing did."""
-        if self.emulated:
-            return f"emulated {listed(self.emulated)}"
-        return "simulated rig" if self.rig == "simulated" else None
+    def _end(self) -> Finished:
+        assert self.run.finished is not None  # noqa: S101  tested when it was made
+        return self.run.finished
+
+    @property
+    def estimate(self) -> Estimate:
+        """The answer."""
+        return self._end.estimate
+
+    @property
+    def found(self) -> bool:
+        """Whether a marker was found."""
+        return isinstance(self.estimate, Found)
+
+    @property
+    def answer(self) -> AnswerName:
+        """Name of the answer."""
+        return answer_name(self.estimate)
+
+    @property
+    def reason(self) -> str | None:
+        """Why the answer is so, in one sentence; None if a marker was found."""
+        return answer_reason(self.estimate)
+
+    @property
+    def angle_deg(self) -> float:
+        """Best angle of the method in degrees, also if no marker is claimed there."""
+        return self.estimate.mean_deg
+
+    @property
+    def sigma_deg(self) -> float | None:
+        """Standard deviation of the angle, in degrees; None if nothing was detected."""
+        return None if self.run.plan.as_published else self.estimate.sigma_deg
+
+    @property
+    def interval95_deg(self) -> tuple[float, float] | None:
+        """95 % interval of the angle, in degrees; None if nothing was detected."""
+        interval = None if self.run.plan.as_published else self.estimate.interval95_deg
+        return None if interval is None else (interval.low_deg, interval.high_deg)
+
+    @property
+    def marker(self) -> MarkerPosition | None:
+        """Position of the marker in the TRUS frame; None if it is not known which source the marker is, or where."""
+        estimate = self.estimate
+        is_known = isinstance(estimate, Found) or (isinstance(estimate, Unsure) and estimate.doubt == "width")
+        return marker_position(estimate, self._lit, self.run.facts) if is_known else None
+
+    @property
+    def candidates(self) -> tuple[MarkerCandidate, ...]:
+        """Sources that may be the marker, the likeliest first; none where no frame says their places."""
+        return () if self.run.plan.as_published else marker_candidates(self.estimate, self._lit, self.run.facts)
+
+    @property
+    def _lit(self) -> list[Sample]:
+        """All acquisitions with light: positions follow from all their frames."""
+        return [point.sample for point in self.run.points]
+
+    @property
+    def samples(self) -> list[Sample]:
+        """The acquisitions without the confirmation; of a recording one for each angle, in ascending order."""
+        if self._end.searched is None:
+            return self.run.samples
+        # A method of the paper may return to an angle.
+        by_angle = {each.angle_deg: each for each in self.run.samples}
+        return [each for _, each in sorted(by_angle.items())]
+
+    @property
+    def confirmation(self) -> Sample | None:
+        """The acquisition at the answer; one after which the search went on is one of the ``samples``."""
+        return self.run.confirmation
+
+    @property
+    def confirmed(self) -> bool | None:
+        """Whether the confirmation confirms the marker (`markerseek.scan.confirmation`); None without a test."""
+        return None if self.confirmation is None or self.estimate.floor is None else self.found
+
+    @property
+    def method(self) -> str:
+        """Name of the method: of a search it says nothing of the answer from all angles of a recording."""
+        return self.run.plan.method if self._end.searched is None else "posterior"
+
+    @property
+    def acquisitions(self) -> int:
+        """Acquisitions with light that the search received; of a recording its angles."""
+        return self._end.acquisitions if self._end.searched is None else len(self.samples)
+
+    @property
+    def travel_deg(self) -> float | None:
+        """Sum of all rotations, in degrees; None for a recording."""
+        return self._end.travel_deg if self._end.searched is None else None
+
+    @property
+    def elapsed_s(self) -> float | None:
+        """Time on the clock of the rig, in seconds; None for a recording."""
+        # A replay takes no time, and the durations of the original scan say nothing of this search.
+        return None if self.run.facts.kind == "replayed" else self._end.elapsed_s
+
+    @property
+    def known_s(self) -> float | None:
+        """The same to the answer, before the probe turned to the marker; None if none was found."""
+        return None if self.run.facts.kind == "replayed" else self._end.known_s
+
+    @property
+    def error_deg(self) -> float | None:
+        """Distance of the angle from truth or reference, in degrees; None if neither is known."""
+        known_deg = self.run.facts.known_deg
+        return None if known_deg is None else abs(self.angle_deg - known_deg)
+
+    @property
+    def near_evidence(self) -> PriorEvidence | None:
+        """What the search has seen of a prior over the angle; None without one."""
+        return self._end.near
+
+    @property
+    def search(self) -> SearchResult | None:
+        """What a search of a recording would have taken and said; None for other rigs."""
+        searched = self._end.searched
+        if searched is None:
+            return None
+        points = self.run.points[: searched.acquisitions]
+        way_deg = [self.run.start_deg, *(point.angle_deg for point in points)]
+        end = replace(
+            self._end,
+            estimate=searched.estimate,
+            acquisitions=searched.acquisitions,
+            travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
+            searched=None,
+        )
+        return SearchResult(run=replace(self.run, points=points, finished=end))
 
     @property
     def comparison(self) -> str | None:
@@ -290,54 +225,43 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
         agrees = search.answer == self.answer and (not self.found or low_deg <= search.angle_deg <= high_deg)
         where = f" at {self.angle_deg:.3f}°" if self.found else ""
         more = "" if agrees else f"; all angles together say {self.answer}{where}"
-        return f"{search.method}, after {took}: {search}{more}"
+        return f"{search.method}, after {took}: {estimate_line(search.estimate)}{more}"
 
     @property
     def rows(self) -> list[tuple[str, str]]:
         """Names and values of the result, as terminal, report and notebook show them."""
+        estimate = self.estimate
         # An angle that another source may explain: the user may know that there is no other source.
-        cure = "; --single states that there is none" if self.doubt == "source" and self.surveyed is not None else ""
-        rows = [*_answer_rows(self), *others_rows(self.others, self.surveyed, self.other_probability, cure=cure)]
-        rows += outliers_rows(self.outliers_deg)
-        if self.near is not None and self.near_evidence is not None:
-            rows.append(("prior", self.near_evidence.said(self.near)))
-        if self.marker_trus_m is not None:
-            rows.append(("in the TRUS frame", "x {:.2f}, y {:.2f}, z {:.2f} mm".format(*_mm(self.marker_trus_m))))
-        if self.marker_sigma_m is not None:
-            sigmas = "± {:.2f} mm in angle, ± {:.2f} mm along the axis, ± {:.2f} mm in depth"
-            rows.append(("its standard deviations", sigmas.format(*_mm(self.marker_sigma_m))))
-        rows += _effort_rows(self)
-        if self.confirmation is not None:
-            there = f"intensity {self.confirmation.intensity:.4g} at {self.confirmation.angle_deg:.3f}°"
-            if self.as_published:
-                rows.append((NAME_WITHOUT_CLAIM, there))
-            else:
-                rows.append(("confirmation", f"{there}, {'confirmed' if self.confirmed else 'NOT confirmed'}"))
-        if self.floor is not None:
-            rows.append(("detection threshold", _threshold(self.floor, acquisitions=self.acquisitions)))
-        if self.truth_deg is not None and self.error_deg is not None:
-            rows.append(("truth (simulated)", f"{self.truth_deg:.3f}°, error {self.error_deg:.3f}°"))
-        elif self.reference_deg is not None and self.error_deg is not None:
-            rows.append(("reference", f"{self.reference_deg:.3f}°, difference {self.error_deg:.3f}°"))
-        if self.comparison is not None:
-            rows.append(("a search would have said", self.comparison))
-        return rows
+        is_single = isinstance(estimate, Unsure) and estimate.doubt == "source" and estimate.surveyed is not None
+        cure = "; --single states that there is none" if is_single else ""
+        return [
+            *_answer_rows(self),
+            *others_rows(estimate.others, estimate.surveyed, estimate.other_probability, cure=cure),
+            *outliers_rows(estimate.outliers_deg),
+            *_prior_rows(self),
+            *_marker_rows(self),
+            *_effort_rows(self),
+            *_confirmation_rows(self),
+            *_truth_rows(self),
+        ]
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The acquisitions as a table of pandas: a row for each, numbered from 1, with the fields of `SampleRow`.
+        """The acquisitions as a table of pandas: a row for each, numbered from 1, with the keys of the JSON output.
 
         The column ``role`` tells the confirmation, the last row where there is one, from the search; the answer is in
         ``attrs``.
         """
         with needs_package("pandas", extra="notebook", purpose="a DataFrame"):
             import pandas as pd
-        rows = [{"role": "search"} | msgspec.structs.asdict(each) for each in self.samples]
+        rows = [{"role": "search"} | sample_row(each) for each in self.samples]
         if self.confirmation is not None:
-            rows.append({"role": "confirmation"} | msgspec.structs.asdict(self.confirmation))
-        table = pd.DataFrame(rows, columns=["role", *SampleRow.__struct_fields__])
+            rows.append({"role": "confirmation"} | sample_row(self.confirmation))
+        table = pd.DataFrame(rows, columns=["role", *SAMPLE_KEYS])
         table.index = pd.RangeIndex(1, len(rows) + 1, name="acquisition")
-        named = ("answer", "method", "rig", "angle_deg", "sigma_deg", "interval95_deg", "seed", "version")
+        named = ("answer", "method", "angle_deg", "sigma_deg", "interval95_deg")
+        facts = self.run.facts
         table.attrs = {name: getattr(self, name) for name in named}
+        table.attrs |= {"rig": facts.kind, "seed": facts.seed, "version": __version__}
         return table
 
     def __str__(self) -> str:
@@ -346,56 +270,33 @@ class SearchResult(msgspec.Struct, frozen=True, kw_only=True):
 
     def _repr_html_(self) -> str:
         """The answer and the intensities, for a notebook."""
-        lit = self.samples if self.confirmation is None else [*self.samples, self.confirmation]
-        # Where nothing was detected, the angle is that of the noise.
-        answer_deg = None if self.answer == "not found" else self.angle_deg
-        marks = [Mark(angle_deg=each.angle_deg, intensity=each.intensity, radius=2.5) for each in lit]
-        curve = DrawnCurve(marks=marks, answer_deg=answer_deg, interval_deg=self.interval95_deg)
-        return as_html(self._heading(), self.rows, curve.svg())
+        return as_html(self._heading(), self.rows, curve_svg(curve_of(self.run, reveal=True)))
 
     def _heading(self) -> str:
-        if self.search is not None:
+        if self._end.searched is not None:
             return f"recording of {counted(self.acquisitions, 'angle')}"
-        return f"{self.method} on a {rig_in_words(self.rig, self.emulated)}"
-
-
-def _all_angles(samples: Sequence[Sample]) -> list[Sample]:
-    """One sample of each angle of a recording, by angle; a method of the paper may return to an angle."""
-    return [each for _, each in sorted({each.angle_deg: each for each in samples}.items())]
-
-
-def _replayed_search(searched: Searched, view: RunView) -> ReplayedSearch:
-    estimate = searched.estimate
-    known_deg = view.facts.known_deg
-    taken = view.search_samples
-    way_deg = [view.start_deg, *(each.angle_deg for each in taken)]
-    return ReplayedSearch(
-        method=view.plan.method,
-        **msgspec.structs.asdict(Answer.of(estimate)),
-        error_deg=None if known_deg is None else abs(estimate.mean_deg - known_deg),
-        acquisitions=searched.acquisitions,
-        travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
-        samples=[SampleRow.of(each) for each in taken],
-    )
+        return f"{self.method} on a {rig_in_words(self.run.facts.kind, self.run.facts.emulated)}"
 
 
 def _answer_rows(result: SearchResult) -> list[tuple[str, str]]:
     """The answer and its angle."""
-    if result.as_published:
+    estimate = result.estimate
+    if result.run.plan.as_published:
         return [("angle", f"{result.angle_deg:.3f}°"), ("claim", f"none: {NO_CLAIM}")]
     rows = [("answer", result.answer if result.reason is None else f"{result.answer}: {result.reason}")]
     if result.answer == "not found":
         # The angle of a search that detected nothing is that of the noise, and is for programs only.
         return rows
-    sigma = "" if result.sigma_deg is None else f" ± {result.sigma_deg:.3f}°"
+    sigma = "" if estimate.sigma_deg is None else f" ± {estimate.sigma_deg:.3f}°"
     name, unclaimed = ("marker angle", "") if result.found else ("best guess", ", not claimed")
     rows.append((name, f"{result.angle_deg:.3f}°{sigma}{unclaimed}"))
-    if result.interval95_deg is not None:
-        low, high = result.interval95_deg
-        name, kind = _KINDS[result.interval_kind or "propagated"]
+    interval = estimate.interval95_deg
+    if interval is not None:
+        name, kind = _KINDS[estimate.interval_kind or "propagated"]
+        half_width_m = estimate.half_width_m
         # Without "±", which is a standard deviation on every line.
-        at_marker = "" if result.half_width_m is None else f", within {1e3 * result.half_width_m:.2g} mm at the marker"
-        rows.append((name, f"[{low:.3f}°, {high:.3f}°]{at_marker}, {kind}"))
+        at_marker = "" if half_width_m is None else f", within {1e3 * half_width_m:.2g} mm at the marker"
+        rows.append((name, f"[{interval.low_deg:.3f}°, {interval.high_deg:.3f}°]{at_marker}, {kind}"))
     return rows
 
 
@@ -406,17 +307,63 @@ _KINDS = {
 }
 
 
+def _prior_rows(result: SearchResult) -> list[tuple[str, str]]:
+    """What became of the prior over the angle."""
+    evidence, near = result.near_evidence, result.run.plan.near
+    return [] if evidence is None or near is None else [("prior", evidence.said(near))]
+
+
+def _marker_rows(result: SearchResult) -> list[tuple[str, str]]:
+    """Where the marker is."""
+    marker = result.marker
+    if marker is None:
+        return []
+    rows = [("in the TRUS frame", "x {:.2f}, y {:.2f}, z {:.2f} mm".format(*_mm(marker.position_m)))]
+    if not result.run.plan.as_published:
+        sigmas = "± {:.2f} mm in angle, ± {:.2f} mm along the axis, ± {:.2f} mm in depth"
+        rows.append(("its standard deviations", sigmas.format(*_mm(marker.sigma_m))))
+    return rows
+
+
 def _effort_rows(result: SearchResult) -> list[tuple[str, str]]:
     """What the answer took; for a recording, what the answer is from."""
     if result.search is not None:
         return [("answered from", f"all {counted(result.acquisitions, 'angle')} of the recording")]
-    rows = [("acquisitions", acquisitions_text(result.acquisitions, result.refused))]
+    rows = [("acquisitions", acquisitions_text(result.acquisitions, result.run.refused))]
     if result.travel_deg is not None:
         rows.append(("rotation", f"{result.travel_deg:.1f}°"))
     if result.elapsed_s is not None:
         known_s = None if result.confirmation is None else result.known_s
-        time = time_text(result.elapsed_s, known_s=known_s, simulated=result.rig == "simulated")
-        rows.append(("time", time))
+        is_simulated = result.run.facts.kind == "simulated"
+        rows.append(("time", time_text(result.elapsed_s, known_s=known_s, simulated=is_simulated)))
+    return rows
+
+
+def _confirmation_rows(result: SearchResult) -> list[tuple[str, str]]:
+    """The confirmation, and the threshold of all evidence."""
+    rows = []
+    confirmation, floor = result.confirmation, result.estimate.floor
+    if confirmation is not None:
+        there = f"intensity {confirmation.reading.intensity:.4g} at {confirmation.angle_deg:.3f}°"
+        if result.run.plan.as_published:
+            rows.append((NAME_WITHOUT_CLAIM, there))
+        else:
+            rows.append(("confirmation", f"{there}, {'confirmed' if result.confirmed else 'NOT confirmed'}"))
+    if floor is not None:
+        rows.append(("detection threshold", _threshold(floor, acquisitions=result.acquisitions)))
+    return rows
+
+
+def _truth_rows(result: SearchResult) -> list[tuple[str, str]]:
+    """How far the angle is from what is known of it, and for a recording what a search would have said."""
+    rows = []
+    facts, error_deg = result.run.facts, result.error_deg
+    if facts.truth_deg is not None:
+        rows.append(("truth (simulated)", f"{facts.truth_deg:.3f}°, error {error_deg:.3f}°"))
+    elif facts.reference_deg is not None:
+        rows.append(("reference", f"{facts.reference_deg:.3f}°, difference {error_deg:.3f}°"))
+    if result.comparison is not None:
+        rows.append(("a search would have said", result.comparison))
     return rows
 
 

@@ -96,10 +96,10 @@ def interval_text(belief: AngleBelief) -> str:
         return ""
     low, high = (f"{end_deg:z.{digits_of(belief.sigma_deg)}f}°" for end_deg in belief.interval95_deg)
     estimate = belief.estimate
-    half_width_m = estimate.half_width_m if isinstance(estimate, Found | Unsure) else None
+    half_width_m = estimate.half_width_m
     at_marker = "" if half_width_m is None else f", ±\N{NO-BREAK SPACE}{1e3 * half_width_m:.2g}\N{NO-BREAK SPACE}mm"
     # What a bracket search has left is no probability.
-    name = "last bracket" if getattr(estimate, "interval_kind", None) == "bracket" else "95 %"
+    name = "last bracket" if estimate.interval_kind == "bracket" else "95 %"
     return with_minus(f"{name}: {low} to {high}{at_marker}")
 
 
@@ -139,6 +139,19 @@ def answer_line(
     said = answer if reason is None else f"{answer}: {reason}"
     # The angle of a search that detected nothing is that of the noise; an ambiguous reason names all angles.
     return said if answer in {"not found", "ambiguous"} else f"{said}; best guess {angle}, not claimed"
+
+
+def estimate_line(estimate: Estimate, *, as_published: bool = False) -> str:
+    """Return an answer as `answer_line` has it; ``as_published``: whether it claims nothing, and is no more certain."""
+    interval = None if as_published else estimate.interval95_deg
+    return answer_line(
+        answer_name(estimate),
+        estimate.mean_deg,
+        sigma_deg=None if as_published else estimate.sigma_deg,
+        interval95_deg=None if interval is None else (interval.low_deg, interval.high_deg),
+        reason=answer_reason(estimate),
+        as_published=as_published,
+    )
 
 
 def others_rows(

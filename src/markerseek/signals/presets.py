@@ -6,8 +6,11 @@ Element size and angular response are not among them: one-way delay-and-sum need
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from typing import Annotated, TypeAlias
+
+import msgspec
+from msgspec import structs
 
 from markerseek.core import ConfigError, LinearArray, Within, require_fields
 
@@ -15,13 +18,12 @@ Hertz: TypeAlias = Annotated[float, Within(1e5, 1e9, "Hz")]
 """A sampling frequency, or an edge of a band."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProbePreset:
+class ProbePreset(msgspec.Struct, frozen=True, kw_only=True):
     """A probe, its receiver, and how its frames are imaged."""
 
     name: str
     """Its name on the command line."""
-    array: LinearArray = field(default_factory=LinearArray)
+    array: LinearArray = LinearArray()
     sampling_hz: Hertz = 40e6
     # From air to bone, with room to spare.
     sound_speed_m_s: Annotated[float, Within(300, 7000, "m/s")] = 1540.0
@@ -89,8 +91,7 @@ def probe_preset(name: str) -> ProbePreset:
         raise ConfigError(f"probe {name!r} is not known; choose one of: {', '.join(PRESET_NAMES)}") from None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProbeKeys:
+class ProbeKeys(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Keys of a table that describes a probe for the imaging; None takes the value of the preset that it starts from.
 
     The attributes are those of `ProbePreset`, with the array's two beside the others.
@@ -114,11 +115,11 @@ class ProbeKeys:
         takes the preset's.
         """
         # A subclass may have keys that are none of a preset's.
-        keys = {each.name: getattr(self, each.name) for each in fields(ProbeKeys)}
+        keys = {name: getattr(self, name) for name in ProbeKeys.__struct_fields__}
         keys |= {"sampling_hz": sampling_hz, "name": name}
         given = {key: value for key, value in keys.items() if value is not None}
         of_array = {key: given.pop(key) for key in ("elements", "pitch_m") if key in given}
-        return replace(preset, array=replace(preset.array, **of_array), **given)
+        return structs.replace(preset, array=replace(preset.array, **of_array), **given)
 
 
 def is_own(preset: ProbePreset) -> bool:

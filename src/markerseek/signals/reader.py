@@ -108,6 +108,7 @@ class ImageReader:
     def __init__(self, preset: ProbePreset) -> None:
         self.preset = preset
         self._layouts: dict[int, _Layout] = {}
+        self._last: _Chain | None = None
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame at the largest envelope in its image.
@@ -156,7 +157,7 @@ class ImageReader:
         )
 
     def picture(self, frame: Frame) -> PaImage:
-        """Envelope image of the frame."""
+        """Envelope image of the frame; that of the frame that was read last is there already."""
         chain = self._chain(frame)
         return PaImage(
             envelope=chain.envelope[chain.layout.rows],
@@ -181,6 +182,13 @@ class ImageReader:
         )
 
     def _chain(self, frame: Frame) -> _Chain:
+        last = self._last
+        # The very object, and not only the same samples: a receiver may use its memory again.
+        if last is None or last.frame is not frame:
+            last = self._last = self._new_chain(frame)
+        return last
+
+    def _new_chain(self, frame: Frame) -> _Chain:
         if not isinstance(frame, ChannelFrame):
             raise AcquisitionError(
                 f"image reader: a {type(frame).__name__} was handed over, and it reads channel data only"

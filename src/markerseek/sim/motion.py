@@ -13,17 +13,17 @@ the pause.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import Annotated
 
+import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError, Float64, Within, require_fields
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TissueMotion:
+class TissueMotion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How simulated tissue moves, all of it by the same way; the defaults are tissue at rest."""
 
     breathing_mm: Annotated[float, Within(0, 30, "mm")] = 0.0
@@ -65,7 +65,7 @@ class TissueMotion:
         """
         if self.phase is not None or not self.moves:
             return self
-        return replace(self, phase=float(rng.spawn(1)[0].random()))
+        return structs.replace(self, phase=float(rng.spawn(1)[0].random()))
 
     def way_m(self, at_s: Float64[np.ndarray, " times"]) -> Float64[np.ndarray, " times"]:
         """Displacement in the direction of motion, by (1) with heartbeat and drift, at times of the rig's clock."""

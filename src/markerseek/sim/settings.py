@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import msgspec
+from msgspec import structs
 
 from markerseek.acoustics import Bursts, Probe
 from markerseek.core import ConfigError, Interval, SceneOptions, SimulationOptions, Within, require_fields
@@ -15,8 +15,7 @@ from markerseek.sim.stage import StageMotion
 from markerseek.sim.tissues import tissue_named
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerSettings:
+class MarkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The laser spot."""
 
     present: bool = True
@@ -35,8 +34,7 @@ class MarkerSettings:
         require_fields(self, "marker")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LaserSettings:
+class LaserSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The light."""
 
     pulses: Annotated[int, Within(1, FiringLimits().pulses_per_permit)] = 16
@@ -67,8 +65,7 @@ class LaserSettings:
         require_fields(self, "laser")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NoiseSettings:
+class NoiseSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The noise of one acquisition, after averaging."""
 
     peak_snr_db: Annotated[float, Within(-20, 100, "dB")] = 40.0
@@ -82,8 +79,7 @@ class NoiseSettings:
         require_fields(self, "noise")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReceiverSettings:
+class ReceiverSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The data acquisition."""
 
     sampling_hz: float = 40e6
@@ -105,26 +101,25 @@ class ReceiverSettings:
         require_fields(self, "receiver")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulatedSettings:
+class SimulatedSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A simulated rig; every part may be left at its default."""
 
     tissue: str = "plastisol-phantom"
     """Name of the simulated material."""
     start_deg: float = 0.0
     """Angle of the probe at the start."""
-    marker: MarkerSettings = field(default_factory=MarkerSettings)
-    second: MarkerSettings = field(default_factory=lambda: MarkerSettings(present=False))
+    marker: MarkerSettings = MarkerSettings()
+    second: MarkerSettings = MarkerSettings(present=False)
     """A second spot, as strong as the marker; usually not present. Where its lateral position is left open, it lies on
     the other side of the array's middle."""
-    probe: Probe = field(default_factory=Probe)
-    laser: LaserSettings = field(default_factory=LaserSettings)
-    noise: NoiseSettings = field(default_factory=NoiseSettings)
-    stage: StageMotion = field(default_factory=StageMotion)
-    receiver: ReceiverSettings = field(default_factory=ReceiverSettings)
-    motion: TissueMotion = field(default_factory=TissueMotion)
+    probe: Probe = Probe()
+    laser: LaserSettings = LaserSettings()
+    noise: NoiseSettings = NoiseSettings()
+    stage: StageMotion = StageMotion()
+    receiver: ReceiverSettings = ReceiverSettings()
+    motion: TissueMotion = TissueMotion()
     """How the tissue moves; the marker's place is that in the pause of breathing."""
-    limits: Limits = field(default_factory=Limits)
+    limits: Limits = Limits()
 
     def __post_init__(self) -> None:
         if self.start_deg not in self.limits.travel:
@@ -151,19 +146,19 @@ def with_options(settings: SimulatedSettings, options: SceneOptions) -> Simulate
     noise = settings.noise
     receiver = settings.receiver
     if options.snr_db is not None:
-        noise = replace(noise, peak_snr_db=options.snr_db)
+        noise = structs.replace(noise, peak_snr_db=options.snr_db)
     if options.readout_s is not None:
-        receiver = replace(receiver, readout_s=options.readout_s)
+        receiver = structs.replace(receiver, readout_s=options.readout_s)
     motion = settings.motion
     if options.breathing_mm is not None:
-        motion = replace(motion, breathing_mm=options.breathing_mm)
+        motion = structs.replace(motion, breathing_mm=options.breathing_mm)
     if options.breathing_period_s is not None:
-        motion = replace(motion, period_s=options.breathing_period_s)
+        motion = structs.replace(motion, period_s=options.breathing_period_s)
     tissue = settings.tissue
     if options.tissue is not None:
         tissue_named(options.tissue)
         tissue = options.tissue
-    return replace(settings, tissue=tissue, noise=noise, receiver=receiver, motion=motion)
+    return structs.replace(settings, tissue=tissue, noise=noise, receiver=receiver, motion=motion)
 
 
 def _with_markers(settings: SimulatedSettings, options: SimulationOptions) -> SimulatedSettings:
@@ -171,13 +166,13 @@ def _with_markers(settings: SimulatedSettings, options: SimulationOptions) -> Si
     marker = settings.marker
     second = settings.second
     if options.no_marker:
-        marker = replace(marker, present=False)
-        second = replace(second, present=False)
+        marker = structs.replace(marker, present=False)
+        second = structs.replace(second, present=False)
     if options.marker_deg is not None:
-        marker = replace(marker, present=True, angle_deg=options.marker_deg)
+        marker = structs.replace(marker, present=True, angle_deg=options.marker_deg)
     if options.second_marker_deg is not None:
-        second = replace(second, present=True, angle_deg=options.second_marker_deg)
-    return replace(settings, marker=marker, second=second)
+        second = structs.replace(second, present=True, angle_deg=options.second_marker_deg)
+    return structs.replace(settings, marker=marker, second=second)
 
 
 _NEWER_RECEIVER = ("frame_period_s", "single_pulses")

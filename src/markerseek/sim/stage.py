@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from markerseek.core import (
@@ -80,8 +81,7 @@ class Leg:
         return self.target_deg, 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StageMotion:
+class StageMotion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a stage moves; the defaults are a PRM1Z8 on a KDC101."""
 
     speed_deg_s: Annotated[float, Within(0, 2000, "deg/s", open_low=True)] = 10.0

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, NamedTuple, TypeAlias
 
+import msgspec
 import numpy as np
 
 from markerseek.core import (
@@ -75,8 +76,7 @@ def on_tissue_m(
     return np.asarray(origin_m + towards * (height_m - origin_m[2]) / towards[2])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EndoscopeSettings:
+class EndoscopeSettings(msgspec.Struct, frozen=True, kw_only=True):
     """Errors of the simulated cameras, and the look of their images."""
 
     spot_sigma_px: Annotated[float, Within(0, 20, "px")] = 0.3

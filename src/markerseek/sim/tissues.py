@@ -7,16 +7,15 @@ way, weak absorbers around it (clutter) and repeats of the arrival. The path lea
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-
+import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.acoustics import Absorber, Clutter, GaussianAbsorber, Medium, Reverberation, centroid_m
 from markerseek.core import ConfigError, Float64
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Spot:
+class Spot(msgspec.Struct, frozen=True, kw_only=True):
     """The stained and lit spot that is the marker: small absorbers scattered over a disc, or a single one."""
 
     count: int = 1
@@ -25,12 +24,12 @@ class Spot:
     """Radius of the disc, which lies level (across the z axis of the TRUS frame)."""
     depth_m: float = 0.0
     """Mean depth of the absorbers below the disc, away from the probe; exponentially distributed."""
-    grain: GaussianAbsorber = field(default_factory=GaussianAbsorber)
+    grain: GaussianAbsorber = GaussianAbsorber()
 
     def draw(self, marker: Absorber, rng: np.random.Generator) -> list[Absorber]:
         """Absorbers of a spot: the centroid of the absorbed energy is the marker's place, their sum its strength."""
         if self.count == 1:
-            return [replace(marker, source=self.grain)]
+            return [structs.replace(marker, source=self.grain)]
         # Uniform over the disc: equal areas lie between equal steps of the squared radius.
         away_m = self.radius_m * np.sqrt(rng.uniform(size=self.count))
         around = rng.uniform(0, 2 * np.pi, self.count)
@@ -49,14 +48,13 @@ def _grain(position_m: Float64[np.ndarray, 3], strength: float, source: Gaussian
     return Absorber.at(x_m=x_m, y_m=y_m, z_m=z_m, strength=strength, source=source)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tissue:
+class Tissue(msgspec.Struct, frozen=True, kw_only=True):
     """A simulated material."""
 
     description: str
     """Which material it is, and that it is simulated."""
-    spot: Spot = field(default_factory=Spot)
-    medium: Medium = field(default_factory=Medium)
+    spot: Spot = Spot()
+    medium: Medium = Medium()
     """Sound speed and attenuation of the path."""
     clutter: Clutter | None = None
     """Weak absorbers around; a strength of 1 is that of the marker; None for none."""

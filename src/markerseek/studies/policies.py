@@ -10,9 +10,11 @@ from __future__ import annotations
 import importlib
 import logging
 import traceback
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 import markerseek
 from markerseek.core import (
@@ -43,8 +45,7 @@ OF_PLAN = (*(each.name for each in options_of(SearchPlan) if each.name != "near"
 """Keys of a policy in a study: its own, and those of the plan; where the marker is expected depends on the marker."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudyPolicy:
+class StudyPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One policy of a study; `study_policy` makes one of its keys."""
 
     plan: SearchPlan
@@ -124,7 +125,8 @@ def study_policy(**keys: object) -> StudyPolicy:
         nearest_key(key, (*OF_PLAN, *OF_STUDY), prefix="policies.")
     if "method" not in keys:
         raise ConfigError("the key policies.method is missing; add it")
-    plan = settings_from({key: keys[key] for key in keys if key in OF_PLAN}, SearchPlan, name="policies")
+    # Replaced by itself: msgspec leaves defaults out of a dataclass without slots.
+    plan = replace(settings_from({key: keys[key] for key in keys if key in OF_PLAN}, SearchPlan, name="policies"))
     own = {key: keys[key] for key in keys if key in OF_STUDY}
     return settings_from({"plan": plan, **own}, StudyPolicy, name="policies")
 

@@ -10,19 +10,19 @@ keeps its rows when others are added.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import itertools
 import math
 import typing
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 import msgspec
+from msgspec import structs
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError
@@ -42,8 +42,7 @@ Value: TypeAlias = str | float | int | bool | None
 """A setting that can be varied."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CurveSettings:
+class CurveSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Source of the intensities at the level "curves"; at the other levels they come from the acoustics."""
 
     family: Literal["acoustic", "gaussian", "sech", "power"] = "acoustic"
@@ -64,8 +63,7 @@ class CurveSettings:
             raise ConfigError(f"curve: draws is {self.draws}, it must lie between 1 and 1000")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Axis:
+class Axis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A setting that takes several values."""
 
     key: str
@@ -79,17 +77,15 @@ class Axis:
             raise ConfigError(f"vary: {self.key} names a value twice: {list(self.values)}; the cells would be the same")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CellWorld:
+class CellWorld(msgspec.Struct, frozen=True, kw_only=True):
     """All settings of one cell."""
 
     curve: CurveSettings
     rig: SimulatedSettings
-    scene: SceneSettings = field(default_factory=SceneSettings)
+    scene: SceneSettings = SceneSettings()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Study:
+class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Policies × cells × trials."""
 
     name: str
@@ -107,11 +103,11 @@ class Study:
     """Numbers of acquisitions, rising, after which the answer of the search so far is recorded."""
     stay: bool = False
     """Whether to leave out the move to the answer and the confirmation there."""
-    curve: CurveSettings = field(default_factory=CurveSettings)
+    curve: CurveSettings = CurveSettings()
     """Source of the intensities at the level "curves"."""
-    rig: SimulatedSettings = field(default_factory=SimulatedSettings)
+    rig: SimulatedSettings = SimulatedSettings()
     """The simulated rig."""
-    scene: SceneSettings = field(default_factory=SceneSettings)
+    scene: SceneSettings = SceneSettings()
     """What is beside the marker; it needs frames with everything drawn, but a closed form can have a second source."""
     vary: tuple[Axis, ...] = ()
     version: int = VERSION
@@ -273,7 +269,7 @@ def _require_default(rig: SimulatedSettings) -> None:
             raise ConfigError(f'rig.{key} is drawn in each trial because drawn = "everything"; leave it out')
 
 
-T = typing.TypeVar("T")
+T = typing.TypeVar("T", bound=msgspec.Struct)
 
 
 def _changed(settings: T, key: str, value: Value, *, prefix: str) -> T:
@@ -286,11 +282,11 @@ def _changed(settings: T, key: str, value: Value, *, prefix: str) -> T:
     part = getattr(settings, name)
     if not rest:
         part = setting_from(value, typing.get_type_hints(type(settings))[name], name=prefix + name)
-    elif dataclasses.is_dataclass(part):
+    elif isinstance(part, msgspec.Struct):
         part = _changed(part, rest, value, prefix=f"{prefix}{name}.")
     else:
         raise ConfigError(f"{prefix}{key}: {name} has no settings of its own")
-    return dataclasses.replace(settings, **{name: part})  # type: ignore[type-var]
+    return structs.replace(settings, **{name: part})
 
 
 def _hashed(value: object) -> hashlib._Hash:

@@ -21,7 +21,7 @@ from scipy.special import betaincinv, stdtrit
 
 from markerseek.studies.policies import StudyPolicy
 from markerseek.studies.study import Cell, Study, Value, cells
-from markerseek.studies.trial import Answer, Row
+from markerseek.studies.trial import Row, TrialAnswer
 
 CONFIDENCE = 0.95
 """Probability that an interval covers the true value."""
@@ -224,7 +224,7 @@ def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], 
             Mean.of([abs(row.marks_deg[mark] - (row.truth_deg or 0.0)) for row in marked if row.marks_deg])
             for mark in range(marks)
         ],
-        answers={answer: _share(rows, lambda row, answer=answer: row.answer == answer) for answer in get_args(Answer)},  # type: ignore[misc]
+        answers={name: Share.of(sum(row.answer == name for row in rows), len(rows)) for name in get_args(TrialAnswer)},
         acquisitions=Mean.of(_known(row.acquisitions for row in rows)),
         travel_deg=Mean.of(_known(row.travel_deg for row in rows)),
         elapsed_s=Mean.of(_known(row.elapsed_s for row in rows)),

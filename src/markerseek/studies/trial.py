@@ -31,12 +31,12 @@ from markerseek.core import (
     estimate_of,
 )
 from markerseek.scan import Scanner, run
-from markerseek.show import answer_name
+from markerseek.show import AnswerName, answer_name
 from markerseek.studies.policies import StudyPolicy, build_policy, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, expected_angle_deg, former_rig, hidden_noise, study_rig
 
-Answer: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure", "failed"]
+TrialAnswer: TypeAlias = Literal[AnswerName, "failed"]
 """Answer of a search; "failed" is a fault of a device, which ends the search without an angle."""
 
 SOURCE_DEG = 2.0
@@ -64,7 +64,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     as_published: bool
     early_end: bool
     noise_seed: int
-    answer: Answer = "failed"
+    answer: TrialAnswer = "failed"
     mean_deg: float | None = None
     truth_deg: float | None
     """Angle of the marker; None without a marker."""
@@ -143,11 +143,16 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     at_marks = [found.answers.get(mark, estimate) for mark in study.marks]
     # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
     mean_deg = float(estimate.mean_deg)
-    row = msgspec.structs.replace(
+    # The columns of the interval are of angles that the search vouches for.
+    stated = estimate if isinstance(estimate, Found | Unsure) else None
+    return msgspec.structs.replace(
         row,
         answer=answer_name(estimate),
         mean_deg=mean_deg,
         error_deg=None if truth_deg is None else abs(mean_deg - truth_deg),
+        sigma_deg=None if stated is None else float(stated.sigma_deg),
+        low_deg=None if stated is None else float(stated.interval95_deg.low_deg),
+        high_deg=None if stated is None else float(stated.interval95_deg.high_deg),
         marks_deg=tuple(float(each.mean_deg) for each in at_marks),
         acquisitions=finished.acquisitions,
         refused=found.refused,
@@ -155,17 +160,9 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         elapsed_s=finished.elapsed_s,
         known_s=finished.known_s,
         surveyed=estimate.surveyed,
+        other_probability=None if stated is None else stated.other_probability,
         nearest=None if two is None else two.nearest(mean_deg),
         other_deg=None if two is None else two.other_named(estimate),
-    )
-    if not isinstance(estimate, Found | Unsure):
-        return row
-    return msgspec.structs.replace(
-        row,
-        sigma_deg=float(estimate.sigma_deg),
-        low_deg=float(estimate.interval95_deg.low_deg),
-        high_deg=float(estimate.interval95_deg.high_deg),
-        other_probability=estimate.other_probability,
     )
 
 

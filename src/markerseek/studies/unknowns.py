@@ -12,10 +12,12 @@ The marker is the loudest source: it is the truth.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.acoustics import (
     Absorber,
@@ -135,7 +137,7 @@ def draw_unknowns(
 
 def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> SimulatedSettings:
     """The settings with what a sweep does not know of stage and laser, drawn."""
-    laser = replace(
+    laser = structs.replace(
         settings.laser,
         stamp_delay_s=float(rng.uniform(*STAMP_DELAY_S)),
         stamp_jitter_s=float(rng.uniform(*STAMP_JITTER_S)),
@@ -143,8 +145,8 @@ def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> Simula
         without_light=WITHOUT_LIGHT,
     )
     backlash_deg = float(rng.uniform(*BACKLASH_DEG))
-    stage = replace(settings.stage, backlash_deg=backlash_deg, stated_backlash_deg=settings.stage.backlash_deg)
-    return replace(settings, laser=laser, stage=stage)
+    stage = structs.replace(settings.stage, backlash_deg=backlash_deg, stated_backlash_deg=settings.stage.backlash_deg)
+    return structs.replace(settings, laser=laser, stage=stage)
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -158,8 +160,7 @@ LATERAL_M = 20e-3
 _MAX_DRAWS = 10_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SecondSource:
+class SecondSource(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A second source in the search range."""
 
     least_apart_deg: float = 6.0
@@ -183,8 +184,7 @@ class SecondSource:
             raise ConfigError("scene.second: same_place is true, and least_lateral_m is above 0; leave one out")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClutterAround:
+class ClutterAround(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Absorbers around the marker."""
 
     count: int = 8
@@ -200,8 +200,7 @@ class ClutterAround:
         _require_span(self, "scene.clutter", "db", low=-60.0, high=0.0, unit="dB")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Repeats:
+class Repeats(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Repeats behind every source."""
 
     least_delay_s: float = 1e-6
@@ -222,8 +221,7 @@ class Repeats:
             raise ConfigError(f"scene.repeats: most_repeats is {self.most_repeats}, it must be 1 to 10")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Breathing:
+class Breathing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Tissue that breathes; the truth is the marker's place in the pause."""
 
     amplitude_mm: Annotated[float, Within(0, 30, "mm")] = 0.3
@@ -243,8 +241,7 @@ class Breathing:
         _require_span(self, "scene.breathing", "period_s", low=1.0, high=60.0, unit="s")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneSettings:
+class SceneSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is drawn beside the marker; None for nothing."""
 
     second: SecondSource | None = None
@@ -312,7 +309,7 @@ def _second(settings: SecondSource, rng: np.random.Generator, *, marker: Absorbe
     loudness = float(rng.uniform(settings.least_relative, settings.most_relative))
     radius_m, size_m = float(rng.uniform(*MARKER_RADIUS_M)), log_uniform(rng, *SOURCE_RADIUS_M)
     if settings.same_place:
-        return replace(marker, angle_deg=angle_deg, strength=loudness)
+        return structs.replace(marker, angle_deg=angle_deg, strength=loudness)
     return Absorber(
         radius_m=radius_m,
         angle_deg=angle_deg,
@@ -328,7 +325,7 @@ def _clutter(settings: ClutterAround, rng: np.random.Generator) -> tuple[Absorbe
     around = Clutter(count=settings.count, strength=1.0, nearest_m=nearest_m, farthest_m=farthest_m).draw(rng)
     loudest_db = float(rng.uniform(settings.least_db, settings.most_db))
     scale = 10 ** (loudest_db / 20) / max(abs(each.strength) for each in around)
-    return tuple(replace(each, strength=each.strength * scale) for each in around)
+    return tuple(structs.replace(each, strength=each.strength * scale) for each in around)
 
 
 def _repeats(settings: Repeats, rng: np.random.Generator) -> Reverberation:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.acoustics import Absorber, AcousticModel
@@ -112,11 +113,11 @@ def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial, 1)))
     search, noise = settings.limits.search, settings.noise
     marker_deg, lateral_m = _draw_position(rng, search)
-    noise = replace(noise, peak_snr_db=noise.peak_snr_db + rng.uniform(-FORMER_DB, FORMER_DB))
+    noise = structs.replace(noise, peak_snr_db=noise.peak_snr_db + rng.uniform(-FORMER_DB, FORMER_DB))
     unknowns = draw.unknowns
     if unknowns is not None:
         radius_m = float(rng.uniform(*MARKER_RADIUS_M))
-        marker = replace(unknowns.marker, angle_deg=marker_deg, lateral_m=lateral_m, radius_m=radius_m)
+        marker = structs.replace(unknowns.marker, angle_deg=marker_deg, lateral_m=lateral_m, radius_m=radius_m)
         unknowns = replace(unknowns, marker=marker)
     former = Draw(
         marker_deg=marker_deg,
@@ -125,7 +126,7 @@ def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
         noise_seed=int(rng.integers(2**63)),
         unknowns=unknowns,
     )
-    world = replace(cell.world, rig=replace(settings, noise=noise))
+    world = structs.replace(cell.world, rig=structs.replace(settings, noise=noise))
     return study_rig(study, replace(cell, world=world), former)
 
 
@@ -146,8 +147,8 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
     if draw.unknowns is not None:
         return _drawn_rig(study, settings, draw.unknowns, draw)
     if study.level == "frames":
-        marker = replace(settings.marker, angle_deg=draw.marker_deg, lateral_m=draw.lateral_m)
-        return rigs.simulated(seed=draw.noise_seed, settings=replace(settings, marker=marker))
+        marker = structs.replace(settings.marker, angle_deg=draw.marker_deg, lateral_m=draw.lateral_m)
+        return rigs.simulated(seed=draw.noise_seed, settings=structs.replace(settings, marker=marker))
     curve, images_cells = intensity_curve(cell.world.curve, settings, seed=study.seed, draw=draw.curve)
     second = draw.scene.second
     if curve is not None and second is not None:
@@ -173,11 +174,11 @@ def hidden_noise(study: Study, cell: Cell, draw: Draw, *, sweep: bool) -> str | 
 
 def _drawn_settings(study: Study, settings: SimulatedSettings, unknowns: Unknowns) -> SimulatedSettings:
     """The settings with what is drawn of them."""
-    settings = replace(settings, probe=unknowns.model.probe)
+    settings = structs.replace(settings, probe=unknowns.model.probe)
     if study.sweeps:
         # The peak SNR is that of an average of as many pulses as the rig's file names: of one, it must not be drawn.
-        return replace(settings, receiver=replace(settings.receiver, single_pulses=True))
-    return replace(settings, laser=replace(settings.laser, pulses=unknowns.pulses))
+        return structs.replace(settings, receiver=structs.replace(settings.receiver, single_pulses=True))
+    return structs.replace(settings, laser=structs.replace(settings.laser, pulses=unknowns.pulses))
 
 
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
@@ -185,7 +186,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
     rng = np.random.default_rng(draw.noise_seed)
     settings = _drawn_settings(study, settings, unknowns)
     if draw.scene.motion is not None:
-        settings = replace(settings, motion=draw.scene.motion)
+        settings = structs.replace(settings, motion=draw.scene.motion)
     if study.drawn == "everything-and-timing":
         settings = with_timing(settings, np.random.default_rng((draw.noise_seed, 1)))
     return rig_in_world(
@@ -204,7 +205,7 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     """
     material, marker = tissue_named(settings.tissue), unknowns.marker
     if material.spot.count == 1:
-        material = replace(material, spot=Spot(grain=marker.source))
+        material = structs.replace(material, spot=Spot(grain=marker.source))
     model = replace(unknowns.model, reverberation=beside.reverberation or material.reverberation)
     scene = scene_of(material, marker, settings, model, rng)
     drawn = beside.clutter if beside.second is None else (beside.second, *beside.clutter)
@@ -220,15 +221,15 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     gain = min(1.0, max(_LARGEST_COUNTS, peak_counts) / (_STRONGEST_PULSE * loudest + _NOISE_SIGMAS * total))
     return replace(
         scene,
-        absorbers=tuple(replace(each, strength=each.strength * gain) for each in (*scene.absorbers, *others)),
-        noise=replace(noise, white_sigma=noise.white_sigma * gain, coloured_sigma=noise.coloured_sigma * gain),
+        absorbers=tuple(structs.replace(each, strength=each.strength * gain) for each in (*scene.absorbers, *others)),
+        noise=structs.replace(noise, white_sigma=noise.white_sigma * gain, coloured_sigma=noise.coloured_sigma * gain),
     )
 
 
 def _scaled_to_level(source: Absorber, model: AcousticModel, *, marker_peak: float) -> Absorber:
     """The source, scaled so that its peak in the image is the drawn ratio of the marker's."""
-    peak = image_peak([replace(source, strength=1.0)], model, angle_deg=source.angle_deg)
-    return replace(source, strength=source.strength * marker_peak / peak)
+    peak = image_peak([structs.replace(source, strength=1.0)], model, angle_deg=source.angle_deg)
+    return structs.replace(source, strength=source.strength * marker_peak / peak)
 
 
 def intensity_curve(
@@ -259,10 +260,10 @@ def _same_curve(rig: SimulatedSettings) -> SimulatedSettings:
     """The settings with everything that does not change the curve at its default: the key of the cache."""
     return SimulatedSettings(
         tissue=rig.tissue,
-        marker=replace(rig.marker, angle_deg=0.0, lateral_m=0.0),
+        marker=structs.replace(rig.marker, angle_deg=0.0, lateral_m=0.0),
         probe=rig.probe,
         laser=LaserSettings(pulse_s=rig.laser.pulse_s),
-        receiver=replace(rig.receiver, readout_s=0.0),
+        receiver=structs.replace(rig.receiver, readout_s=0.0),
     )
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from benchmarks.bounds.study import compare_with_bound, marker_curve, mean_bounds
 from markerseek.core import ConfigError
@@ -26,7 +26,7 @@ DRAWN = Study(
 
 def test_a_policy_is_set_against_the_bound_of_each_marker() -> None:
     # The confirmation of a marker that is found changes its angle, and is no part of the comparison.
-    study = dataclasses.replace(DRAWN, stay=True)
+    study = structs.replace(DRAWN, stay=True)
     cell = cells(study)[0]
     against = compare_with_bound(study, cell, policy=0, markers=3)
     rows = [run_row(study, trial) for trial in range(3)]
@@ -46,7 +46,7 @@ def test_a_curve_is_that_of_the_marker() -> None:
     assert curve.value(np.zeros(1)) == pytest.approx([1.0])
     assert marker_curve(drawn.unknowns) is curve
     quiet = SimulatedSettings(noise=NoiseSettings(peak_snr_db=45.0), laser=LaserSettings(energy_jitter=0.0))
-    study = dataclasses.replace(DRAWN, rig=quiet)
+    study = structs.replace(DRAWN, rig=quiet)
     measure = study_rig(study, cells(study)[0], drawn).scanner.measure
     top, *others = (measure(drawn.marker_deg + off_deg).reading.intensity for off_deg in (0.0, 1.5, 5.0))
     # 45 dB: 0.6 % of the peak.
@@ -55,8 +55,8 @@ def test_a_curve_is_that_of_the_marker() -> None:
 
 def test_the_bound_needs_drawn_markers_and_a_probe_at_rest() -> None:
     """A policy that sweeps was searched without its sweeps, and named as sweeping."""
-    plain = dataclasses.replace(DRAWN, level="curves", drawn="marker")
-    sweeping = dataclasses.replace(DRAWN, policies=(study_policy(method="posterior", sweep=True),))
+    plain = structs.replace(DRAWN, level="curves", drawn="marker")
+    sweeping = structs.replace(DRAWN, policies=(study_policy(method="posterior", sweep=True),))
     for study, cure in ((plain, 'drawn = "everything"'), (sweeping, "leave the policies that sweep out")):
         with pytest.raises(ConfigError, match=cure):
             mean_bounds(study, cells(study)[0], markers=1, acquisitions=(4,))

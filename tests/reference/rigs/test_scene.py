@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.acoustics import Probe
@@ -32,7 +31,7 @@ def radio_frequency(imaging: ImageReader, frame: object) -> np.ndarray:
 @pytest.mark.parametrize("coloured", [0.0, 0.5, 1.0])
 def test_the_peak_over_the_noise_of_the_beamformed_signal_is_as_set(peak_snr_db: float, coloured: float) -> None:
     noise = NoiseSettings(peak_snr_db=peak_snr_db, coloured=coloured)
-    rig = rigs.simulated(seed=2, marker_deg=5.0, settings=replace(STEADY, noise=noise))
+    rig = rigs.simulated(seed=2, marker_deg=5.0, settings=structs.replace(STEADY, noise=noise))
     assert rig.imaging is not None
     dark = [radio_frequency(rig.imaging, rig.scanner.measure_dark().frame) for _ in range(8)]
     peaks = [rig.scanner.measure(5.0).reading.intensity for _ in range(24)]
@@ -70,7 +69,7 @@ def test_without_a_marker_the_noise_stays_the_same_and_there_is_no_truth() -> No
 
 @pytest.mark.parametrize("peak_snr_db", [-20.0, 0.0, 10.0, 20.0, 70.0, 84.0])
 def test_no_peak_snr_saturates_the_receiver_and_the_snr_is_as_set(peak_snr_db: float) -> None:
-    settings = replace(STEADY, noise=NoiseSettings(peak_snr_db=peak_snr_db))
+    settings = structs.replace(STEADY, noise=NoiseSettings(peak_snr_db=peak_snr_db))
     rng = np.random.default_rng(6)
     scene = draw_scene(settings, rng)
     assert scene.peak / 10 ** (peak_snr_db / 20) == pytest.approx(
@@ -89,7 +88,7 @@ def test_the_strongest_marker_off_its_plane_does_not_saturate() -> None:
     """Brute force over the angle: near the array a marker is stronger in a channel off its plane than in it."""
     probe = Probe(element_height_m=6.9e-3, elevation_focus_m=10e-3)
     marker = MarkerSettings(angle_deg=0.0, radius_m=0.05, source_radius_m=0.3e-3)
-    settings = replace(STEADY, probe=probe, marker=marker, noise=NoiseSettings(peak_snr_db=80.0))
+    settings = structs.replace(STEADY, probe=probe, marker=marker, noise=NoiseSettings(peak_snr_db=80.0))
     scene = draw_scene(settings, np.random.default_rng(1))
     angles_deg = np.arange(0.0, 30.0, 2.0).tolist()
     largest = [float(np.abs(scene.model.channel_data(scene.absorbers, angle_deg=each)).max()) for each in angles_deg]
@@ -98,4 +97,4 @@ def test_the_strongest_marker_off_its_plane_does_not_saturate() -> None:
 
 def test_an_snr_beyond_the_converter_names_the_highest_that_fits() -> None:
     with pytest.raises(ConfigError, match=r"steps of the converter hide it; lower peak_snr_db to at most \d\d dB$"):
-        rigs.simulated(seed=1, settings=replace(STEADY, noise=NoiseSettings(peak_snr_db=100.0)))
+        rigs.simulated(seed=1, settings=structs.replace(STEADY, noise=NoiseSettings(peak_snr_db=100.0)))

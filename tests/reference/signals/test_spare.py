@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.acoustics import Absorber, AcousticModel, RectanglePulse
 from markerseek.core import AcquisitionError, ChannelFrame, FrameHeader
@@ -64,7 +65,7 @@ def width(image_at, reading):
 @pytest.mark.parametrize("trigger_offset_s", [0.0, 0.5e-6])
 @pytest.mark.parametrize(("depth_m", "lateral_m"), [(20e-3, 0.0), (50e-3, -11e-3), (65e-3, 0.2e-3)])
 def test_position_and_width_are_those_of_delay_and_sum(depth_m, lateral_m, trigger_offset_s):
-    preset = replace(PRESET, trigger_offset_s=trigger_offset_s)
+    preset = structs.replace(PRESET, trigger_offset_s=trigger_offset_s)
     channels = channels_of(depth_m, lateral_m, trigger_offset_s=trigger_offset_s)
     das = ImageReader(preset)
     held = ChannelFrame(header=HEADER, samples=np.rint(channels).astype(np.int16), sampling_hz=preset.sampling_hz)
@@ -92,7 +93,7 @@ def test_before_it_the_source_is_smeared_and_at_half_its_depth():
 
 def test_lines_may_be_denser_than_elements():
     line_m = 0.2e-3 * (np.arange(200) - 99.5)
-    preset = replace(PRESET, array=replace(PRESET.array, elements=200, pitch_m=0.2e-3))
+    preset = structs.replace(PRESET, array=replace(PRESET.array, elements=200, pitch_m=0.2e-3))
     found = SpareReader(preset).findings(machine(channels_of(45e-3, 3e-3), line_m=line_m)).strongest
     assert abs(found.lateral_m - 3e-3) < 0.05e-3
     assert abs(found.depth_m - 45e-3) < 0.05e-3
@@ -134,7 +135,7 @@ def test_a_pick_up_at_full_scale_saturates_no_line():
     """It is blanked."""
     rf = np.zeros((128, 2080))
     rf[:, :100] = 32_767
-    reader = SpareReader(replace(PRESET, f_number=0.5))
+    reader = SpareReader(structs.replace(PRESET, f_number=0.5))
     assert reader._saturated_lines(rf_frame(rf), lateral_m=0.0, depth_m=6e-3) == ()
     rf[60:64] = 32_767
     assert set(reader._saturated_lines(rf_frame(rf), lateral_m=0.0, depth_m=6e-3)) == {60, 61, 62, 63}

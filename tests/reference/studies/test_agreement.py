@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.rigs import draw_scene
@@ -47,7 +46,7 @@ def test_intensities_are_distributed_alike(peak_snr_db: float, off_plane_deg: fl
 
     Without a marker's sound, within 0.1. What is left is the reader, which refines a peak by parabolas.
     """
-    settings = replace(STEADY, noise=NoiseSettings(peak_snr_db=peak_snr_db))
+    settings = structs.replace(STEADY, noise=NoiseSettings(peak_snr_db=peak_snr_db))
     sigma = draw_scene(settings, np.random.default_rng(1)).peak / 10 ** (peak_snr_db / 20)
     curve, images_cells = intensity_curve(CurveSettings(), settings, seed=1)
     drawn = intensities(
@@ -66,7 +65,9 @@ def test_intensities_are_distributed_alike(peak_snr_db: float, off_plane_deg: fl
 
 def test_a_curve_is_that_of_the_images_without_noise() -> None:
     """At angles between those at which it was computed, on either side of the marker, away from the array's middle."""
-    settings = replace(STEADY, noise=NoiseSettings(peak_snr_db=55.0), receiver=ReceiverSettings(peak_counts=1500.0))
+    settings = structs.replace(
+        STEADY, noise=NoiseSettings(peak_snr_db=55.0), receiver=ReceiverSettings(peak_counts=1500.0)
+    )
     curve, _ = intensity_curve(CurveSettings(), settings, seed=1)
     assert curve is not None
     peak = draw_scene(settings, np.random.default_rng(1)).peak
@@ -92,7 +93,7 @@ def test_searches_are_as_wrong_from_curves_as_from_frames() -> None:
     )
     by_level = {}
     for level, trials in (("curves", 300), ("frames", study.trials)):
-        here = replace(study, level=level, trials=trials)  # type: ignore[arg-type]
+        here = structs.replace(study, level=level, trials=trials)  # type: ignore[arg-type]
         rows = [run_trial(here, cells(here)[0], trial, policy) for trial in range(trials) for policy in (0, 1)]
         by_level[level] = (summarise(here, rows), rows)
     truths = [[row.truth_deg for row in rows[: 2 * study.trials]] for _, rows in by_level.values()]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.acoustics import (
     Absorber,
@@ -60,7 +60,7 @@ def test_nowhere_is_the_sum_of_energies_larger_than_in_the_plane(off_deg: float)
 
 def test_absorbers_add_up_and_strength_is_a_factor() -> None:
     one, other = (
-        replace(MARKER, strength=2.5),
+        structs.replace(MARKER, strength=2.5),
         Absorber(radius_m=45e-3, angle_deg=10.0, source=GaussianAbsorber(radius_m=0.1e-3)),
     )
     both = MODEL.channel_data([one, other], angle_deg=3.0)
@@ -75,7 +75,7 @@ def test_absorber_beside_or_behind_the_face_is_silent() -> None:
     edge_deg = math.degrees(math.acos(11e-3 / 60e-3))
     assert MODEL.channel_data([MARKER], angle_deg=edge_deg - 0.01).any()
     assert not MODEL.channel_data([MARKER], angle_deg=edge_deg + 0.01).any()
-    assert not MODEL.channel_data([replace(MARKER, strength=0.0)], angle_deg=0.0).any()
+    assert not MODEL.channel_data([structs.replace(MARKER, strength=0.0)], angle_deg=0.0).any()
 
 
 def test_sound_that_comes_after_the_record_or_before_it_is_cut_off() -> None:

@@ -20,7 +20,7 @@ from markerseek.core import (
     marker_position,
 )
 from markerseek.records.journal import RunView
-from markerseek.show import SearchResult
+from markerseek.show import SearchResult, flat_result
 
 FACE_M, RADIUS_M, SPEED = 10e-3, 60e-3, 1540.0
 FACTS = RigFacts(
@@ -73,7 +73,9 @@ def test_an_answer_that_is_unsure_for_its_width_has_a_place_and_one_of_which_sou
         unsure = FOUND.as_unsure(doubt, "why")
         end = Finished(estimate=unsure, confirmation=None, acquisitions=3, travel_deg=30.0, elapsed_s=9.0)
         result = SearchResult.of(view.add(end, clock_s=9.0))
-        assert (result.marker_trus_m is not None, result.marker_sigma_m is not None) == (placed, placed)
+        printed = flat_result(result)
+        assert (result.marker is not None) == placed
+        assert (printed["marker_trus_m"] is not None, printed["marker_sigma_m"] is not None) == (placed, placed)
 
 
 def test_strong_frames_of_the_same_source_count_by_the_square_of_their_intensity() -> None:

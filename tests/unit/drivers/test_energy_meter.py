@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 from msgspec.structs import replace as changed_keys
 
 from markerseek import rigs
@@ -44,7 +45,7 @@ FULL_SCALE = 2047
 NEAR = Interval(low_deg=-12.0, high_deg=-4.0)
 KEYS = LaserBoxSettings(port="", energy_from="photodiode", usual_energy=LIGHT_COUNTS)
 STEADY = LaserSettings(energy_jitter=0.0, energy_meter_noise=0.0)
-UNSTEADY = replace(STEADY, energy_spread=0.05)
+UNSTEADY = structs.replace(STEADY, energy_spread=0.05)
 
 
 def found_on(folder: Path, laser: LaserSettings, keys: LaserBoxSettings) -> tuple[list[Measured], Found]:
@@ -92,7 +93,7 @@ def test_an_unsteady_laser_on_the_emulated_bench_with_a_light_meter_gives_the_an
 
 
 def test_a_box_without_a_light_meter_is_used_and_is_no_energy_meter(tmp_path: Path) -> None:
-    counting = replace(STEADY, energy_meter_noise=None)
+    counting = structs.replace(STEADY, energy_meter_noise=None)
     _, found = found_on(tmp_path / "counting", counting, changed_keys(KEYS, energy_from=None))
     assert found.mean_deg == pytest.approx(-8.0, abs=0.5)
     with pytest.raises(NotConnectedError, match=r"only counts pulses, .*build a light meter"):

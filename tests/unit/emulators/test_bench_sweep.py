@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import (
@@ -67,7 +68,9 @@ class Bench:
         settings: SimulatedSettings = SETTINGS,
         readout_s: float = 0.3,
     ) -> None:
-        self.settings = settings = replace(settings, receiver=replace(settings.receiver, readout_s=readout_s))
+        self.settings = settings = structs.replace(
+            settings, receiver=structs.replace(settings.receiver, readout_s=readout_s)
+        )
         self.emulated = EmulatedBench(settings=settings, rng=np.random.default_rng(3), folder=folder)
         self.clock = clock = BenchClock(tick_s=2e-3)
         self.stage_port = DirectPort(device=self.emulated.stage, clock=clock)
@@ -163,8 +166,8 @@ def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
 
 
 def test_the_light_meter_measures_each_pulse_of_a_sweep(tmp_path: Path) -> None:
-    light = replace(SETTINGS.laser, energy_meter_noise=0.01, energy_spread=0.1)
-    bench = Bench(tmp_path, settings=replace(SETTINGS, laser=light))
+    light = structs.replace(SETTINGS.laser, energy_meter_noise=0.01, energy_spread=0.1)
+    bench = Bench(tmp_path, settings=structs.replace(SETTINGS, laser=light))
     outcomes = bench.scanner.take(Sweep(to_deg=-20.0, speed_deg_s=12.0), number=1, goes_on=lambda: True)
     frames = [outcome.frame for outcome in outcomes if isinstance(outcome, Sample)]
     measured = [frame.header.energy for frame in frames if frame is not None]

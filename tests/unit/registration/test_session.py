@@ -102,7 +102,7 @@ def steps_until(kind: type[Step], room: FaultyRoom) -> list[Step]:
         ({"saturated": "left"}, "left camera"),
         ({"occluded": "right"}, "right camera"),
         ({"reflection": "laser"}, "two places are about as bright"),
-        ({"settings": replace(SOUND, dropped_share=1.0)}, "0 image pairs came within 3 s"),
+        ({"settings": structs.replace(SOUND, dropped_share=1.0)}, "0 image pairs came within 3 s"),
         ({"delay_frames": 100}, "0 image pairs came within 3 s"),
     ],
 )
@@ -119,7 +119,7 @@ def test_images_that_show_no_spot_are_said_and_the_session_goes_on_when_they_do(
 
 
 @pytest.mark.parametrize(
-    "faults", [{"reflection": "steady"}, {"settings": replace(SOUND, dropped_share=0.5)}, {"delay_frames": 10}]
+    "faults", [{"reflection": "steady"}, {"settings": structs.replace(SOUND, dropped_share=0.5)}, {"delay_frames": 10}]
 )
 def test_a_steady_reflection_and_late_or_missing_images_do_not_disturb(faults: dict[str, Any]) -> None:
     exact = steps_until(SpotSeen, FaultyRoom())[-1]
@@ -133,7 +133,7 @@ def test_a_steady_reflection_and_late_or_missing_images_do_not_disturb(faults: d
 
 def test_a_spot_that_moves_by_two_millimetres_during_its_search_is_said_and_taken_again() -> None:
     # 1,100 px of focal length at 0.1 m.
-    steps = steps_until(TakenMarker, FaultyRoom(settings=replace(SOUND, motion_px=22.0)))
+    steps = steps_until(TakenMarker, FaultyRoom(settings=structs.replace(SOUND, motion_px=22.0)))
     refused = [step for step in steps if isinstance(step, SpotRefused)]
     assert len(refused) == 1
     assert "moved by 2" in refused[0].reason

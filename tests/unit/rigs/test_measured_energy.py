@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import PAPER_RANGE, AcquisitionError, Reading, Sample
@@ -20,16 +19,16 @@ STEADY = SimulatedSettings(
 
 
 def samples(laser: LaserSettings, angles_deg: list[float]) -> list[Sample]:
-    rig = rigs.simulated(seed=4, settings=replace(STEADY, laser=laser))
+    rig = rigs.simulated(seed=4, settings=structs.replace(STEADY, laser=laser))
     return [rig.scanner.measure(angle_deg) for angle_deg in angles_deg]
 
 
 def test_a_reading_is_divided_by_the_measured_energy() -> None:
     """Of one angle, at energies that differ by 30 %: every height of the reading stays the same."""
-    unsteady = replace(STEADY.laser, energy_spread=0.3)
+    unsteady = structs.replace(STEADY.laser, energy_spread=0.3)
     places = [3.5] * 4
     steady, measured, as_fired = (
-        samples(laser, places) for laser in (STEADY.laser, replace(unsteady, energy_meter_noise=0.0), unsteady)
+        samples(laser, places) for laser in (STEADY.laser, structs.replace(unsteady, energy_meter_noise=0.0), unsteady)
     )
     usual = steady[0].reading
 
@@ -54,7 +53,7 @@ def test_a_reading_is_divided_by_the_measured_energy() -> None:
 
 def test_an_energy_that_cannot_be_is_refused() -> None:
     """A laser of a tenth of its energy has failed: what it lit is no measurement."""
-    failed = replace(STEADY.laser, energy_spread=1.0, energy_meter_noise=0.3)
+    failed = structs.replace(STEADY.laser, energy_spread=1.0, energy_meter_noise=0.3)
     with pytest.raises(AcquisitionError, match=r"energy of the pulses is .* must lie between 0\.1 and 10|the noise is"):
         samples(failed, [3.0] * 40)
 

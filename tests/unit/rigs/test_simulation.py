@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.drivers import bench_settings_from
 from markerseek.rigs import bench, draw_scene, fingerprint, simulated
@@ -49,8 +48,8 @@ def test_settings_that_are_newer_than_the_hashes_do_not_change_them() -> None:
 def test_single_pulses_stay_below_full_scale(snr_db: float) -> None:
     """Of the gain that the receiver chooses: single pulses, as in a sweep, have more noise than an average."""
     settings = SimulatedSettings()
-    settings = replace(settings, noise=replace(settings.noise, peak_snr_db=snr_db))
-    single = replace(settings, receiver=replace(settings.receiver, single_pulses=True))
+    settings = structs.replace(settings, noise=structs.replace(settings.noise, peak_snr_db=snr_db))
+    single = structs.replace(settings, receiver=structs.replace(settings.receiver, single_pulses=True))
     average, one = (draw_scene(each, np.random.default_rng(1)) for each in (settings, single))
     # The SNR is the same, whatever the gain.
     assert one.peak / one.noise.white_sigma == pytest.approx(average.peak / average.noise.white_sigma)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
+from msgspec import structs
 
 from markerseek.core import AcquisitionError, Asked, ConfigError
 from markerseek.rigs import Rig, of_intensities
@@ -31,11 +30,11 @@ def measured(rig: Rig, *, times: int = 6):  # type: ignore[no-untyped-def]
 
 @pytest.mark.parametrize(("delay_s", "stated_deg", "readout_s"), [(-0.009, 0.1, 0.02), (0.012, 0.0, 10.0)])
 def test_delay_and_backlash_are_those_of_the_simulation(delay_s: float, stated_deg: float, readout_s: float) -> None:
-    settings = replace(
+    settings = structs.replace(
         SETTINGS,
-        stage=replace(SETTINGS.stage, stated_backlash_deg=stated_deg),
-        laser=replace(SETTINGS.laser, stamp_delay_s=delay_s),
-        receiver=replace(SETTINGS.receiver, readout_s=readout_s),
+        stage=structs.replace(SETTINGS.stage, stated_backlash_deg=stated_deg),
+        laser=structs.replace(SETTINGS.laser, stamp_delay_s=delay_s),
+        receiver=structs.replace(SETTINGS.receiver, readout_s=readout_s),
     )
     found, _ = measured(rig_with(settings))
     # The simulated stage is read a millisecond after the middle of its answer.
@@ -46,12 +45,16 @@ def test_delay_and_backlash_are_those_of_the_simulation(delay_s: float, stated_d
 
 
 def test_what_a_rig_states_already_is_part_of_what_is_measured() -> None:
-    found, _ = measured(rig_with(replace(SETTINGS, laser=replace(SETTINGS.laser, stamp_delay_sigma_s=1e-3))))
+    found, _ = measured(
+        rig_with(structs.replace(SETTINGS, laser=structs.replace(SETTINGS.laser, stamp_delay_sigma_s=1e-3)))
+    )
     assert found.stamp_delay_s == pytest.approx(0.013, abs=4 * found.stamp_delay_sigma_s)
 
 
 def test_the_slow_sweeps_of_a_slow_stage_end_within_their_permits() -> None:
-    settings = replace(SETTINGS, stage=StageMotion(), receiver=replace(SETTINGS.receiver, readout_s=10.0))
+    settings = structs.replace(
+        SETTINGS, stage=StageMotion(), receiver=structs.replace(SETTINGS.receiver, readout_s=10.0)
+    )
     _, asked = measured(rig_with(settings), times=3)
     assert min(sweep.speed_deg_s for sweep in asked) < 10.0
 

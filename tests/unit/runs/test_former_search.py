@@ -11,17 +11,25 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import MarkerCurve, Reading, RecordError, Sample, SearchPlan
+from markerseek.core import Found, MarkerCurve, Reading, RecordError, Sample, SearchPlan
 from markerseek.records.journal import Journal
-from markerseek.runs import former_curve, new_session, plan_on, rebuild_policy
+from markerseek.runs import former_curve, new_session, plan_on, read_marker, rebuild_policy
 from markerseek.search.curve import log_curve
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.shapes import LOG_WIDTH_SIGMA, family, shapes_with
+from markerseek.show import flat_result
 from markerseek.sim import SechCurve
 
 
 def rig(seed: int = 4) -> rigs.Rig:
     return rigs.of_intensities(seed=seed, curve=SechCurve(fwhm_deg=6.0), marker_deg=7.5)
+
+
+def test_curve_and_marker_are_read_from_a_result_that_an_earlier_version_has_printed() -> None:
+    path = Path(__file__).parents[2] / "data" / "result-0.4.json"
+    curve, marker = former_curve(path), read_marker(path)
+    assert (curve.fwhm_deg, curve.peak) == (3.6110303834739037, 1978.393150125062)
+    assert marker.position_m == (0.0009319876735345835, 0.018031829449839238, 0.05999077182852456)
 
 
 def test_the_curve_is_read_from_the_result_and_from_the_journal(tmp_path: Path) -> None:
@@ -31,11 +39,12 @@ def test_the_curve_is_read_from_the_result_and_from_the_journal(tmp_path: Path) 
         session = replace(session, journal=journal)
         list(session.events())
     result = session.result()
-    (tmp_path / "result.json").write_bytes(msgspec.json.encode(result))
+    (tmp_path / "result.json").write_bytes(msgspec.json.encode(flat_result(result)))
     curve = former_curve(tmp_path / "result.json")
-    assert curve == former_curve(path) == result.curve
+    assert isinstance(result.estimate, Found)
+    assert curve == former_curve(path) == result.estimate.curve
     assert curve.fwhm_deg == pytest.approx(6.0, rel=0.25)
-    strongest = max(sample.intensity for sample in result.samples)
+    strongest = max(sample.reading.intensity for sample in result.samples)
     assert curve.peak == pytest.approx(strongest, rel=0.15)
 
 

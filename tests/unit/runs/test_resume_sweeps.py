@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import (
@@ -43,10 +44,10 @@ def begin() -> tuple[AnyPolicy, Rig, Configuration]:
         seed=3,
         curve=GaussianCurve(fwhm_deg=5.0),
         marker_deg=-14.0,
-        settings=replace(
+        settings=structs.replace(
             settings,
-            laser=replace(settings.laser, rate_hz=20.0),
-            receiver=replace(settings.receiver, readout_s=0.05),
+            laser=structs.replace(settings.laser, rate_hz=20.0),
+            receiver=structs.replace(settings.receiver, readout_s=0.05),
         ),
     )
     return build_sweeping(PLAN, limits=rig.limits.search), rig, configuration_of(rig, PLAN)

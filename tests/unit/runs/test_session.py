@@ -29,8 +29,9 @@ def test_a_session_gives_events_and_then_the_result_of_its_plan_and_facts() -> N
     result = session.result()
     assert isinstance(events[-1], Finished)
     assert session.most_acquisitions == 8
-    assert (result.method, result.rig, result.seed, result.truth_deg) == ("golden-section", "simulated", 4, 7.5)
-    assert result.configuration == session.rig.facts.fingerprint
+    assert result.method == "golden-section"
+    assert result.run.facts == session.rig.facts
+    assert (result.run.facts.seed, result.run.facts.truth_deg) == (4, 7.5)
     assert result.error_deg == pytest.approx(abs(result.angle_deg - 7.5))
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
+from msgspec import structs
+
 from markerseek import rigs
 from markerseek.core import (
     Estimate,
@@ -78,16 +80,20 @@ class SweepBench:
 
     def __post_init__(self) -> None:
         settings = SimulatedSettings(start_deg=self.start_deg, stage=self.motion)
-        light = replace(settings.laser, rate_hz=self.rate_hz, energy_jitter=self.jitter, stamp_delay_s=self.delay_s)
-        light = replace(light, **self.light)
-        receiver = replace(settings.receiver, readout_s=self.readout_s, frame_period_s=max(self.readout_s, 1e-3))
+        light = structs.replace(
+            settings.laser, rate_hz=self.rate_hz, energy_jitter=self.jitter, stamp_delay_s=self.delay_s
+        )
+        light = structs.replace(light, **self.light)
+        receiver = structs.replace(
+            settings.receiver, readout_s=self.readout_s, frame_period_s=max(self.readout_s, 1e-3)
+        )
         if self.readout_s > 0.1:
-            receiver = replace(receiver, frame_period_s=0.05)
+            receiver = structs.replace(receiver, frame_period_s=0.05)
         self.rig = rigs.of_intensities(
             seed=1,
             curve=GaussianCurve(fwhm_deg=6.0),
             marker_deg=5.0,
-            settings=replace(settings, laser=light, receiver=receiver),
+            settings=structs.replace(settings, laser=light, receiver=receiver),
         )
         self.permits: list[SweepPermit] = []
         issue = self.rig.scanner.guard.issue_sweep

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -174,7 +175,7 @@ def test_a_fast_laser_whose_stamps_jitter_is_no_fault_and_says_how_far_it_is_off
 
 
 def test_some_pulses_give_no_light_and_a_backlash_that_is_not_what_the_rig_states_stays_in_the_angles() -> None:
-    motion = replace(FAST, backlash_deg=0.2, stated_backlash_deg=0.05)
+    motion = structs.replace(FAST, backlash_deg=0.2, stated_backlash_deg=0.05)
     bench = SweepBench(start_deg=35.0, rate_hz=100.0, motion=motion, light={"without_light": 0.1})
     samples = samples_of(bench, Sweep(to_deg=-35.0, speed_deg_s=10.0))
     flashes = bench.flashes()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 import markerseek
 from markerseek.records.banks import read_arrays, read_bank
-from markerseek.show import DrawnCurve, Mark, SearchResult, as_html, with_minus
+from markerseek.show import SearchResult, as_html, with_minus
 
 SCAN = Path(__file__).parents[3] / "examples" / "simulated_scan.csv"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -22,34 +21,18 @@ def result() -> SearchResult:
     return markerseek.find_marker(markerseek.replayed(SCAN, reference_deg=-8.25))
 
 
-def curve(angles_deg: list[float], intensities: list[float], **known: Any) -> DrawnCurve:
-    marks = [Mark(angle_deg=at, intensity=each) for at, each in zip(angles_deg, intensities, strict=True)]
-    return DrawnCurve(marks=marks, **known)
-
-
-def test_dots_lie_where_the_numbers_say() -> None:
-    """On straight lines through both axes: equal steps of angle and intensity are equal steps of pixels."""
-    tree = ET.fromstring(curve([-10.0, 0.0, 10.0, 20.0], [0.0, 1.0, 2.0, 4.0], answer_deg=20.0).svg())
-    dots = [(float(dot.get("cx")), float(dot.get("cy"))) for dot in tree.iter(f"{SVG}circle")]
-    steps = np.diff(dots, axis=0)
-    np.testing.assert_allclose(steps[:, 0], steps[0, 0], atol=0.11)
-    np.testing.assert_allclose(steps[:, 1] / [1, 1, 2], steps[0, 1], atol=0.11)
-    assert steps[0, 0] > 0 > steps[0, 1]
-    ticks = {text.text: float(text.get("x")) for text in tree.iter(f"{SVG}text") if text.text.lstrip("−").isdigit()}
-    assert ticks["−10"] == pytest.approx(dots[0][0], abs=0.1)
-    assert ticks["20"] == pytest.approx(dots[3][0], abs=0.1)
-
-
 def test_a_result_shows_its_answer_and_every_acquisition(result: SearchResult) -> None:
     tree = ET.fromstring(result._repr_html_())
     cells = [cell.text for cell in tree.iter("td")]
     assert result.answer == "found"
     assert cells[:2] == ["found", f"{result.angle_deg:.3f}° ± {result.sigma_deg:.3f}°"]
-    # The inset about the answer draws those near to it once more.
+    # Those of the search are dots, and of all angles of the recording there is a line.
     inset = tree.find(f".//{SVG}g[@class='ms-inset']")
-    near = sum(abs(each.angle_deg - result.angle_deg) <= 2.0 for each in result.samples)
+    near = sum(abs(each.angle_deg - result.angle_deg) <= 2.0 for each in result.search.samples)
     assert len(list(inset.iter(f"{SVG}circle"))) == near > 1
-    assert len(list(tree.iter(f"{SVG}circle"))) == result.acquisitions + near
+    assert len(list(tree.iter(f"{SVG}circle"))) == result.search.acquisitions + near
+    (recorded, _) = tree.iter(f"{SVG}polyline")
+    assert len(recorded.get("points").split()) == result.acquisitions == 141
     assert tree.find("strong").text == "recording of 141 angles"
 
 
@@ -71,7 +54,7 @@ def test_a_result_as_a_dataframe(result: SearchResult) -> None:
     pytest.importorskip("pandas", reason="needs the extra notebook")
     table = result.to_dataframe()
     assert table["angle_deg"].tolist() == [each.angle_deg for each in result.samples]
-    assert table["intensity"].max() == max(each.intensity for each in result.samples)
+    assert table["intensity"].max() == max(each.reading.intensity for each in result.samples)
     assert (table.index.name, table.index[0], set(table["role"])) == ("acquisition", 1, {"search"})
     assert table.attrs["angle_deg"] == result.angle_deg
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.signals import PRESET_NAMES, probe_preset
 from markerseek.signals._kernel import PAD, aligned_energies
@@ -44,7 +43,7 @@ def test_a_point_is_in_phase(name):
 @pytest.mark.parametrize(("speed", "trigger_offset_s"), [(1450.0, 0.9e-6), (1600.0, -0.9e-6)])
 def test_a_point_is_in_phase_at_a_wrong_speed_of_sound(speed, trigger_offset_s):
     """The sound is of another medium and trigger than the probe's preset states, and its peak is off the point."""
-    medium = replace(BPL, sound_speed_m_s=speed, trigger_offset_s=trigger_offset_s)
+    medium = structs.replace(BPL, sound_speed_m_s=speed, trigger_offset_s=trigger_offset_s)
     arrival_s = 0.04 / speed + trigger_offset_s
     samples = counts(point(4e-3, 0.04, preset=medium))
     assert coherence(samples, lateral_m=4.8e-3, depth_m=BPL.sound_speed_m_s * arrival_s) > 0.97

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import AcquisitionError, ConfigError
 from markerseek.signals import PRESET_NAMES, ImageReader, ProbePreset, beamformed_sigma, features, probe_preset
@@ -280,7 +279,7 @@ def test_a_frame_of_another_probe_is_refused(shape, hz, words):
 
 def test_a_record_that_ends_before_the_image_begins_is_refused():
     with pytest.raises(ConfigError, match=r"ends at a depth of -1460 mm.*check trigger_offset_s"):
-        ImageReader(replace(BPL, trigger_offset_s=1e-3)).read(frame_of(np.zeros((128, 2080), np.int16)))
+        ImageReader(structs.replace(BPL, trigger_offset_s=1e-3)).read(frame_of(np.zeros((128, 2080), np.int16)))
 
 
 @pytest.mark.parametrize(

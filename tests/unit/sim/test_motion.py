@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError, SceneOptions
@@ -43,7 +43,7 @@ def test_breathing_has_its_amplitude_its_period_and_a_pause_that_is_its_zero() -
     # The mean of cos⁴ is 3/8, of cos⁶ 5/16; longer than 40 % of the time the tissue is within a tenth of its pause.
     assert way_mm[:-1].mean() == pytest.approx(3.0 * 3 / 8, rel=1e-3)
     assert (way_mm < 0.3).mean() > 0.35
-    longer = replace(motion, power=3)
+    longer = structs.replace(motion, power=3)
     assert 1e3 * longer.way_m(at_s)[:-1].mean() == pytest.approx(3.0 * 5 / 16, rel=1e-3)
     np.testing.assert_allclose(motion.displacement_m(at_s)[:, 2] / motion.way_m(at_s).clip(1e-9), 0.8, atol=0.81)
     np.testing.assert_allclose(motion.displacement_m(np.array([2.0]))[0], [0.0, 1.8e-3, 2.4e-3])
@@ -96,10 +96,10 @@ def test_a_moved_marker_sounds_at_its_present_place_and_the_truth_stays() -> Non
     x, y, z = way_m.tolist()
     half_mm = 500 * math.hypot(x, y, z)
     motion = TissueMotion(breathing_mm=half_mm, period_s=60.0, power=1, phase=0.0, direction=(x, y, z))
-    moving = simulated(seed=2, settings=replace(STILL, motion=motion))
+    moving = simulated(seed=2, settings=structs.replace(STILL, motion=motion))
     there = displaced(Absorber(radius_m=50e-3, angle_deg=12.0), way_m)
-    marker = replace(STILL.marker, angle_deg=there.angle_deg, radius_m=there.radius_m)
-    still = simulated(seed=2, settings=replace(STILL, marker=marker))
+    marker = structs.replace(STILL.marker, angle_deg=there.angle_deg, radius_m=there.radius_m)
+    still = simulated(seed=2, settings=structs.replace(STILL, marker=marker))
     assert (moving.facts.truth_deg, there.angle_deg) == (12.0, pytest.approx(14.25, abs=0.05))
     for angle_deg in (12.0, there.angle_deg):
         moved, rested = (rig.scanner.measure(angle_deg).reading for rig in (moving, still))
@@ -113,19 +113,19 @@ def test_the_pulses_of_one_acquisition_blur_its_frame_where_the_tissue_moves_on(
     fast = TissueMotion(breathing_mm=2.0, period_s=4.0, phase=0.25)
     assert moments_s(fast, first_s=1.0, pulses=1, period_s=0.01).tolist() == [1.0]
     blurred_s = moments_s(fast, first_s=2.0, pulses=16, period_s=0.01)
-    # 0.42 mm in the steepest part, by 0.05.
-    np.testing.assert_allclose(blurred_s, 2.0 + 0.15 * (np.arange(9) + 0.5) / 9)
-    long = moments_s(fast, first_s=2.0, pulses=128, period_s=0.05)
-    assert long.size == 16
-    assert len(moments_s(replace(fast, breathing_mm=0.4), first_s=2.0, pulses=3, period_s=0.2)) == 3
-    pause = replace(fast, phase=0.5)
+    # 0.52 mm: one for every 0.05 mm.
+    np.testing.assert_allclose(blurred_s, 2.0 + 0.15 * (np.arange(11) + 0.5) / 11)
+    slow = structs.replace(fast, breathing_mm=0.4)
+    assert len(moments_s(slow, first_s=2.0, pulses=16, period_s=0.01)) == 4
+    assert len(moments_s(slow, first_s=2.0, pulses=3, period_s=0.2)) == 3
+    pause = structs.replace(fast, phase=0.5)
     np.testing.assert_allclose(moments_s(pause, first_s=0.0, pulses=16, period_s=0.01), [0.075])
 
 
 def test_of_intensities_the_part_along_the_turn_counts() -> None:
     def rig(direction: tuple[float, float, float]) -> float:
         motion = TissueMotion(breathing_mm=1.0, period_s=60.0, power=1, phase=0.0, direction=direction)
-        settings = replace(STILL, motion=motion, marker=replace(STILL.marker, angle_deg=0.0))
+        settings = structs.replace(STILL, motion=motion, marker=structs.replace(STILL.marker, angle_deg=0.0))
         made = of_intensities(seed=1, curve=GaussianCurve(fwhm_deg=5.0), marker_deg=0.0, settings=settings)
         return made.scanner.measure(0.0).reading.intensity / 1e3
 
@@ -138,5 +138,5 @@ def test_breathing_is_an_option_and_changes_nothing_of_a_rig_without_it() -> Non
     chosen = with_options(SimulatedSettings(), SceneOptions(breathing_mm=0.7, breathing_period_s=5.0))
     assert (chosen.motion.breathing_mm, chosen.motion.period_s) == (0.7, 5.0)
     assert with_options(SimulatedSettings(), SceneOptions()) == SimulatedSettings()
-    one, other = simulated(1), simulated(1, settings=replace(SimulatedSettings(), motion=TissueMotion(power=3)))
+    one, other = simulated(1), simulated(1, settings=structs.replace(SimulatedSettings(), motion=TissueMotion(power=3)))
     assert one.scanner.measure(0.0).reading == other.scanner.measure(0.0).reading

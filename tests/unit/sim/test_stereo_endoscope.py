@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.core import MAX_PAIRS, ConfigError, StereoImages, StereoPair
 from markerseek.geometry import StereoCameras, triangulate
@@ -81,12 +82,12 @@ def test_pairs_come_at_the_rate_of_the_clock_and_are_lit_if_the_rig_has_fired() 
     assert 0 <= scene.clock.now_s() - lit[-1].at_s < 1 / 30
     scene.endoscope.show(None)
     assert brightness(scene.after(1.0, fire=True)) == [False] * 10
-    many = Scene(settings=replace(EXACT, frames=1000))
+    many = Scene(settings=structs.replace(EXACT, frames=1000))
     assert len(many.after(60.0, fire=True)) == MAX_PAIRS
 
 
 def test_the_spot_is_where_the_cameras_project_it_and_noise_is_that_of_the_settings() -> None:
-    scene = Scene(settings=replace(EXACT, frames=25))
+    scene = Scene(settings=structs.replace(EXACT, frames=25))
     for spot, side in zip(scene.spots(), ("left", "right"), strict=True):
         assert isinstance(spot, LaserSpot)
         np.testing.assert_allclose([spot.x_px, spot.y_px], scene.exact[side], atol=5 * spot.sigma_px)
@@ -100,7 +101,7 @@ def test_the_spot_is_where_the_cameras_project_it_and_noise_is_that_of_the_setti
 
 def test_a_focal_length_that_is_stated_too_large_makes_the_depth_too_large() -> None:
     z_m = CAMERA_TO_TRUS.inverse().apply(SPOT_M)[2]
-    scene = Scene(focal_error=0.05, settings=replace(EXACT, noise_counts=0.0, tissue_counts=40.0))
+    scene = Scene(focal_error=0.05, settings=structs.replace(EXACT, noise_counts=0.0, tissue_counts=40.0))
     left, right = (np.array([[spot.x_px, spot.y_px]]) for spot in scene.spots())
     found_m = triangulate(left, right, scene.cameras, sigma_px=0.1).points_m[0]
     # Disparity = focal length x base / depth.
@@ -110,7 +111,7 @@ def test_a_focal_length_that_is_stated_too_large_makes_the_depth_too_large() -> 
 
 
 def test_the_calibration_is_as_wrong_at_a_point_whenever_the_spot_is_there() -> None:
-    scene = Scene(settings=replace(EXACT, calibration_sigma_px=4.0))
+    scene = Scene(settings=structs.replace(EXACT, calibration_sigma_px=4.0))
     first = scene.spots()[0]
     scene.endoscope.show(SPOT_M + np.array([0.002, 0.0, 0.0]))
     scene.after(0.5, fire=True)
@@ -136,7 +137,7 @@ def test_faults_are_seen_in_the_images(faults: dict[str, Any], kinds: tuple[type
 
 
 def test_a_spot_moves_images_come_late_and_some_do_not_come() -> None:
-    moving = Scene(settings=replace(EXACT, motion_px=8.0))
+    moving = Scene(settings=structs.replace(EXACT, motion_px=8.0))
     places_px = [np.array([spot.x_px, spot.y_px]) for spot in (moving.spots()[0], moving.spots()[0])]
     np.testing.assert_allclose(places_px[0], moving.exact["left"], atol=0.3)
     assert np.hypot(*(places_px[1] - places_px[0])) == pytest.approx(8.0, abs=0.3)
@@ -145,7 +146,7 @@ def test_a_spot_moves_images_come_late_and_some_do_not_come() -> None:
     assert late.after(0.1) == []
     seen = [bool(pair.left[y, x] > 150) for pair in late.after(0.1, fire=True) + late.after(0.2) + late.after(0.2)]
     assert seen == [False] * 3 + [True] * 3 + [False] * 5
-    lossy = Scene(settings=replace(EXACT, frames=50, dropped_share=0.5))
+    lossy = Scene(settings=structs.replace(EXACT, frames=50, dropped_share=0.5))
     assert 12 <= len(lossy.after(50 / 30, fire=True)) <= 38
     with pytest.raises(ConfigError, match=r"dropped_share is 1\.5"):
         EndoscopeSettings(dropped_share=1.5)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.core import ConfigError, Float64, StereoPair
 from markerseek.geometry import RigidTransform, StereoCameras, triangulate
@@ -140,7 +141,7 @@ def test_the_spot_moves_with_the_tissue_and_stays_on_it() -> None:
 
 
 def test_highlights_are_elsewhere_on_the_tissue_for_each_camera() -> None:
-    shining = View(replace(QUIET, highlight_counts=250.0)).pair()
+    shining = View(structs.replace(QUIET, highlight_counts=250.0)).pair()
     matt = View().pair()
     light = [np.argwhere(a.astype(int) - b > 100) for a, b in ((shining.left, matt.left), (shining.right, matt.right))]
     assert min(map(len, light)) > 100
@@ -154,10 +155,10 @@ def test_highlights_are_elsewhere_on_the_tissue_for_each_camera() -> None:
 
 
 def test_exposure_and_an_instrument_change_over_time() -> None:
-    view = View(replace(QUIET, exposure_swing=0.3))
+    view = View(structs.replace(QUIET, exposure_swing=0.3))
     means = [float(view.pair(after_s).left.mean()) for after_s in (11 / 4, 11 / 2)]
     assert means[0] / means[1] == pytest.approx(1.3 / 0.7, rel=0.03)
-    view = View(replace(QUIET, instrument=True))
+    view = View(structs.replace(QUIET, instrument=True))
     one, other = view.pair(5 / 4).left.astype(int), view.pair(5 / 2).left.astype(int)
     covered = np.abs(one - View().pair().left) > 15
     assert 0.02 < covered.mean() < 0.4

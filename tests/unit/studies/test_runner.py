@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec import structs
 
 from markerseek.core import RecordError
 from markerseek.studies import (
@@ -100,12 +100,12 @@ def test_a_study_that_ends_in_the_middle_is_continued_and_nothing_is_computed_tw
 
 
 def test_of_frames_each_search_is_kept_as_it_ends() -> None:
-    study = dataclasses.replace(STUDY, level="frames", curve=CurveSettings(), trials=3)
+    study = structs.replace(STUDY, level="frames", curve=CurveSettings(), trials=3)
     assert [list(trials) for trials in chunks(study)] == [[each] for each in range(6)]
 
 
 def test_a_table_torn_anywhere_is_continued_from_its_last_whole_trial(whole: dict[str, bytes], tmp_path: Path) -> None:
-    study = dataclasses.replace(STUDY, trials=3)
+    study = structs.replace(STUDY, trials=3)
     run_study(study, tmp_path, workers=1)
     table = (tmp_path / "rows.csv").read_bytes()
     step = len(table) // 60
@@ -122,7 +122,7 @@ def test_a_changed_study_or_another_version_is_refused_and_the_folder_left_as_it
     for name, content in whole.items():
         (tmp_path / name).write_bytes(content)
     with pytest.raises(RecordError, match=f"holds another study .hash {STUDY.digest}.*choose another folder"):
-        run_study(dataclasses.replace(STUDY, seed=2), tmp_path)
+        run_study(structs.replace(STUDY, seed=2), tmp_path)
     claim = json.loads(whole["study.json"])
     (tmp_path / "study.json").write_text(json.dumps({**claim, "version": "0.0.1", "hash": "0" * 16}))
     with pytest.raises(RecordError, match=r"was begun by version 0\.0\.1"):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 from scipy import stats
 
 from markerseek.core import ConfigError
@@ -136,13 +136,13 @@ def test_a_study_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, 
 
 
 def test_the_hash_covers_the_settings_of_the_study_and_nothing_else() -> None:
-    again = dataclasses.replace(SMALL, vary=(Axis(key="rig.noise.peak_snr_db", values=(30.0, 50.0)),))
+    again = structs.replace(SMALL, vary=(Axis(key="rig.noise.peak_snr_db", values=(30.0, 50.0)),))
     assert again.digest == SMALL.digest
     others = [
-        dataclasses.replace(SMALL, seed=2),
-        dataclasses.replace(SMALL, trials=6),
-        dataclasses.replace(SMALL, policies=(AVERAGE, TERNARY)),
-        dataclasses.replace(SMALL, rig=SimulatedSettings(marker=MarkerSettings(radius_m=0.05))),
+        structs.replace(SMALL, seed=2),
+        structs.replace(SMALL, trials=6),
+        structs.replace(SMALL, policies=(AVERAGE, TERNARY)),
+        structs.replace(SMALL, rig=SimulatedSettings(marker=MarkerSettings(radius_m=0.05))),
     ]
     assert len({SMALL.digest, *(other.digest for other in others)}) == 5
 
@@ -156,8 +156,8 @@ def test_the_hash_covers_the_settings_of_the_study_and_nothing_else() -> None:
 def test_the_draws_of_a_trial_depend_only_on_seed_cell_and_number(
     seed: int, trial: int, policies: list[study_policy]
 ) -> None:
-    one = dataclasses.replace(SMALL, seed=seed)
-    other = dataclasses.replace(
+    one = structs.replace(SMALL, seed=seed)
+    other = structs.replace(
         one,
         name="other",
         trials=77,
@@ -180,7 +180,7 @@ def test_markers_are_drawn_uniformly_over_the_search_range() -> None:
 
 def test_policies_of_one_trial_search_in_the_same_world() -> None:
     """Also in noise: two policies whose first angle is the same receive the same frame there."""
-    same = dataclasses.replace(
+    same = structs.replace(
         SMALL,
         policies=(
             AVERAGE,
@@ -200,10 +200,10 @@ def test_policies_of_one_trial_search_in_the_same_world() -> None:
 def test_a_fault_of_a_device_is_a_row_without_an_angle() -> None:
     """A converter that is filled sixteen times over refuses every frame near the marker."""
     saturating = SimulatedSettings()
-    saturating = dataclasses.replace(
+    saturating = structs.replace(
         saturating,
         marker=MarkerSettings(angle_deg=0.0, lateral_m=0.0),
-        receiver=dataclasses.replace(saturating.receiver, peak_counts=30_000.0),
+        receiver=structs.replace(saturating.receiver, peak_counts=30_000.0),
     )
     study = Study(name="loud", level="frames", trials=1, policies=(TERNARY,), rig=saturating)
     row = run_row(study, 0)
@@ -213,14 +213,14 @@ def test_a_fault_of_a_device_is_a_row_without_an_angle() -> None:
 
 
 def test_chunks_cover_every_trial_once_and_in_order() -> None:
-    study = dataclasses.replace(SMALL, trials=1203, policies=(TERNARY, AVERAGE))
+    study = structs.replace(SMALL, trials=1203, policies=(TERNARY, AVERAGE))
     assert [trial for piece in chunks(study) for trial in piece] == list(range(2406))
     lines = b"".join(run_chunk(SMALL, piece) for piece in chunks(SMALL))
     assert lines == as_csv(values_of(row) for row in all_rows(SMALL))
 
 
 def test_a_summary_agrees_with_its_rows() -> None:
-    study = dataclasses.replace(SMALL, trials=40)
+    study = structs.replace(SMALL, trials=40)
     rows = all_rows(study)
     summary = summarise(study, rows)
     assert summary.rows == study.rows

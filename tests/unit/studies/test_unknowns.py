@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy import stats
 
 from markerseek.core import ConfigError
@@ -56,7 +57,7 @@ DRAWN = Study(
 )
 def test_what_cannot_be_studied_is_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        dataclasses.replace(DRAWN, **changes)  # type: ignore[arg-type]
+        structs.replace(DRAWN, **changes)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -78,8 +79,8 @@ def test_some_settings_are_the_posteriors(setting: dict[str, object], label: str
 def test_a_prior_is_the_curve_of_another_marker_on_the_same_rig() -> None:
     # A tolerance that the curve of the former marker helps to reach.
     policy = study_policy(method="posterior", others=0.0, tolerance_mm=0.2)
-    study = dataclasses.replace(
-        DRAWN, policies=(policy, dataclasses.replace(policy, prior=True)), marks=(), trials=12, stay=True
+    study = structs.replace(
+        DRAWN, policies=(policy, structs.replace(policy, prior=True)), marks=(), trials=12, stay=True
     )
     cell = cells(study)[0]
     former, drawn = former_rig(study, cell, 0), draw_trial(study, cell, 0)
@@ -160,9 +161,9 @@ def test_rows_keep_marks_and_intervals_and_are_read_back(tmp_path: Path) -> None
         if row.acquisitions <= 8:  # type: ignore[operator]
             assert row.marks_deg[-1] == row.mean_deg
     # a bracket after four acquisitions is that of a search of four
-    short = dataclasses.replace(
+    short = structs.replace(
         DRAWN,
-        policies=(dataclasses.replace(TERNARY, plan=dataclasses.replace(TERNARY.plan, acquisitions=4)),),
+        policies=(structs.replace(TERNARY, plan=dataclasses.replace(TERNARY.plan, acquisitions=4)),),
         marks=(),
     )
     for trial in range(3):
@@ -183,7 +184,7 @@ def made(**changes: object) -> Row:
 
 
 def test_every_marker_counts_whatever_the_answer() -> None:
-    study = dataclasses.replace(DRAWN, policies=(TERNARY,), marks=(2, 4), trials=7)
+    study = structs.replace(DRAWN, policies=(TERNARY,), marks=(2, 4), trials=7)
     rows = [
         made(),
         made(mean_deg=0.1, error_deg=0.1, low_deg=-0.2, high_deg=0.3),
@@ -209,7 +210,7 @@ def test_every_marker_counts_whatever_the_answer() -> None:
 
 def test_the_figure_has_a_line_for_each_policy_and_the_bound() -> None:
     pytest.importorskip("matplotlib")
-    study = dataclasses.replace(
+    study = structs.replace(
         DRAWN,
         policies=(TERNARY, AVERAGE, study_policy(method="weighted-average", acquisitions=5, as_published=True)),
         marks=(2, 4),
@@ -227,7 +228,7 @@ def test_the_figure_has_a_line_for_each_policy_and_the_bound() -> None:
 def test_policies_of_one_number_of_acquisitions_stand_side_by_side_in_the_figure() -> None:
     pytest.importorskip("matplotlib")
     others = [study_policy(method=method, acquisitions=6) for method in ("golden-section", "weighted-average")]
-    study = dataclasses.replace(DRAWN, policies=(TERNARY, *others), marks=(), trials=2)
+    study = structs.replace(DRAWN, policies=(TERNARY, *others), marks=(), trials=2)
     (axes,) = error_figure([(study, summarise(study, [run_row(study, row) for row in range(study.rows)]))]).axes
     at = sorted(float(line.get_xdata()[0]) for line in axes.get_lines() if line.get_marker() in "osD")
     assert at == pytest.approx([5.9, 6.0, 6.1])
@@ -235,7 +236,7 @@ def test_policies_of_one_number_of_acquisitions_stand_side_by_side_in_the_figure
 
 def test_without_a_marker_there_is_no_truth() -> None:
     nothing = SimulatedSettings(marker=MarkerSettings(present=False), noise=NoiseSettings(peak_snr_db=30.0))
-    row = run_row(dataclasses.replace(DRAWN, rig=nothing, marks=()), 2)
+    row = run_row(structs.replace(DRAWN, rig=nothing, marks=()), 2)
     assert (row.truth_deg, row.error_deg) == (None, None)
     assert row.answer == "not found"
 

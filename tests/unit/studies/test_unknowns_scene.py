@@ -8,6 +8,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.acoustics import Absorber
 from markerseek.core import Ambiguous, ConfigError, Estimate, Interval, NotFound, Unsure
@@ -64,7 +65,7 @@ def test_a_second_source_is_drawn_over_its_ranges() -> None:
 
 def test_a_second_source_at_the_same_place_differs_in_angle_and_loudness_only() -> None:
     for scene in drawn(SceneSettings(second=SecondSource(same_place=True)), count=20):
-        expected = replace(MARKER, angle_deg=scene.second.angle_deg, strength=scene.second.strength)
+        expected = structs.replace(MARKER, angle_deg=scene.second.angle_deg, strength=scene.second.strength)
         assert scene.second == expected
         assert scene.clutter == ()
         assert scene.reverberation is None
@@ -84,11 +85,11 @@ def test_a_second_source_at_the_same_place_differs_in_angle_and_loudness_only() 
         (lambda: Repeats(least_delay_s=0.0), "least_delay_s is 0"),
         (lambda: Repeats(most_gain=0.01), "most_gain is 0.01"),
         (lambda: Repeats(most_repeats=0), "most_repeats is 0"),
-        (lambda: replace(FRAMES, drawn="marker"), "need level"),
-        (lambda: replace(FRAMES, level="curves", drawn="marker"), "need level"),
-        (lambda: replace(FRAMES, rig=SimulatedSettings(marker=MarkerSettings(present=False))), "not present"),
+        (lambda: structs.replace(FRAMES, drawn="marker"), "need level"),
+        (lambda: structs.replace(FRAMES, level="curves", drawn="marker"), "need level"),
+        (lambda: structs.replace(FRAMES, rig=SimulatedSettings(marker=MarkerSettings(present=False))), "not present"),
         (
-            lambda: replace(
+            lambda: structs.replace(
                 FRAMES,
                 level="curves",
                 drawn="marker",
@@ -107,7 +108,7 @@ def test_a_scene_that_cannot_be_drawn_is_refused(make: object, words: str) -> No
 @pytest.mark.parametrize("trial", range(3))
 def test_a_second_source_is_as_loud_in_the_image_as_was_drawn(trial: int) -> None:
     """Of the frames of the rig itself; the two are far apart, so that neither is seen from the other's angle."""
-    far = replace(FRAMES, scene=SceneSettings(second=SecondSource(least_apart_deg=25.0, most_apart_deg=30.0)))
+    far = structs.replace(FRAMES, scene=SceneSettings(second=SecondSource(least_apart_deg=25.0, most_apart_deg=30.0)))
     draw = draw_trial(far, cells(far)[0], trial)
     rig = study_rig(far, cells(far)[0], draw)
     assert rig.facts.truth_deg == draw.marker_deg
@@ -119,7 +120,7 @@ def test_a_second_source_is_as_loud_in_the_image_as_was_drawn(trial: int) -> Non
 
 def test_no_noise_saturates_the_frames_of_a_drawn_rig() -> None:
     """At 20 dB the noise of a channel is as large as the signal; it reached full scale in one rig of six."""
-    noisy = replace(FRAMES, scene=SceneSettings(), rig=SimulatedSettings(noise=NoiseSettings(peak_snr_db=20.0)))
+    noisy = structs.replace(FRAMES, scene=SceneSettings(), rig=SimulatedSettings(noise=NoiseSettings(peak_snr_db=20.0)))
     for trial in range(12):
         draw = draw_trial(noisy, cells(noisy)[0], trial)
         rig = study_rig(noisy, cells(noisy)[0], draw)
@@ -131,14 +132,14 @@ def test_no_noise_saturates_the_frames_of_a_drawn_rig() -> None:
 def test_a_search_that_fails_for_want_of_noise_says_so_and_names_no_device() -> None:
     quiet = SimulatedSettings(start_deg=-35.0, noise=NoiseSettings(peak_snr_db=60.0))
     checked = study_policy(method="ternary", acquisitions=4)
-    study = replace(FRAMES, policies=(checked,), scene=SceneSettings(), rig=quiet, seed=20261141)
+    study = structs.replace(FRAMES, policies=(checked,), scene=SceneSettings(), rig=quiet, seed=20261141)
     row = run_row(study, 0)
     fault = row.fault or ""
     assert row.answer == "failed"
     assert fault.startswith("noise: peak_snr_db is 60 dB, which leaves 0.0")
     assert "the steps of the converter hide it; lower peak_snr_db to at most " in fault
     most_db = float(fault.split(" at most ")[1].split(" dB")[0])
-    lower = replace(study, rig=replace(quiet, noise=NoiseSettings(peak_snr_db=most_db)))
+    lower = structs.replace(study, rig=structs.replace(quiet, noise=NoiseSettings(peak_snr_db=most_db)))
     # Another noise draws another marker: the scene of this one is what must fit.
     draw = draw_trial(study, cells(study)[0], 0)
     assert hidden_noise(lower, cells(lower)[0], draw, sweep=False) is None
@@ -155,7 +156,7 @@ def test_without_a_scene_a_cell_keeps_its_markers() -> None:
     plain = Study(name="plain", policies=(TERNARY,), curve=CurveSettings(family="sech", fwhm_deg=8.0))
     draw = draw_trial(plain, cells(plain)[0], 0)
     assert draw.marker_deg == PLAIN_DEG
-    other = replace(plain, scene=SceneSettings(second=SecondSource()))
+    other = structs.replace(plain, scene=SceneSettings(second=SecondSource()))
     assert cells(other)[0].digest != cells(plain)[0].digest
 
 
@@ -231,7 +232,7 @@ def test_an_answer_is_nearest_to_one_of_two_sources(estimate: Estimate, nearest:
 
 
 def test_the_summary_counts_what_was_answered_of_two_sources() -> None:
-    study = replace(FRAMES, trials=5)
+    study = structs.replace(FRAMES, trials=5)
     row = run_row(study, 0)
     assert row.second_deg is not None
     assert row.second_db is not None
@@ -272,8 +273,10 @@ def test_breathing_is_drawn_over_its_ranges_in_any_direction_or_along_one() -> N
 
 
 def test_breathing_changes_no_other_draw_and_reaches_the_rig() -> None:
-    breathing = replace(FRAMES, scene=SceneSettings(second=SecondSource(), breathing=Breathing(amplitude_mm=2.0)))
-    still = replace(FRAMES, scene=SceneSettings(second=SecondSource()))
+    breathing = structs.replace(
+        FRAMES, scene=SceneSettings(second=SecondSource(), breathing=Breathing(amplitude_mm=2.0))
+    )
+    still = structs.replace(FRAMES, scene=SceneSettings(second=SecondSource()))
     one, other = (draw_trial(study, replace(cells(study)[0], digest=5), 0) for study in (breathing, still))
     assert (one.marker_deg, one.noise_seed, one.scene.second) == (
         other.marker_deg,

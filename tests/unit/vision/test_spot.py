@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.ndimage import gaussian_filter
 
 from markerseek.core import ConfigError
@@ -23,7 +23,7 @@ SETTINGS = EndoscopeSettings(frames=25)
 def images(place: tuple[float, float] | None, *, seed: int = 1, **changes: float) -> list[np.ndarray]:
     rng = np.random.default_rng(seed)
     where = None if place is None else np.array(place, dtype=float)
-    return spot_images(where, size_px=SIZE, settings=replace(SETTINGS, **changes), rng=rng)
+    return spot_images(where, size_px=SIZE, settings=structs.replace(SETTINGS, **changes), rng=rng)
 
 
 def test_the_mean_of_the_frames_is_off_by_what_its_sigma_says() -> None:

@@ -22,8 +22,8 @@ from markerseek.bridges.igtl.commands import (
 )
 from markerseek.bridges.igtl.peer import LOOPBACK, SLOW_S, IPAddress, Peer, plain_address
 from markerseek.bridges.igtl.streams import Stream, Streams
+from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import ConfigError, SearchError
-from markerseek.records.journal import JournalItem
 from markerseek.wire import igtl
 
 ALIVE_S = 1.0
@@ -91,7 +91,7 @@ class SearchService:
     def _started(self, _process_id: int) -> None:
         self._publish(self._streams.started())
 
-    def _seen(self, item: JournalItem) -> None:
+    def _seen(self, item: PicturedItem) -> None:
         self._loop.call_soon_threadsafe(self._publish, self._streams.after(item))
 
     def _ended(self, outcome: Outcome) -> None:

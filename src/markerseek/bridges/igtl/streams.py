@@ -21,10 +21,10 @@ import msgspec
 import numpy as np
 
 from markerseek.bridges.child import Outcome
-from markerseek.bridges.followed import RunImages, since_fired_s
-from markerseek.core import Measured, Sample
+from markerseek.bridges.run_images import PicturedEntry, PicturedItem, since_fired_s
+from markerseek.core import Measured
 from markerseek.records.banks import image_to_probe, probe_to_probe_home
-from markerseek.records.journal import Configuration, JournalItem, RunView
+from markerseek.records.journal import Configuration, RunView
 from markerseek.registration import KnownRegistration, SessionView
 from markerseek.show import event_line, grey_levels
 from markerseek.wire import igtl
@@ -58,7 +58,7 @@ class Streams:
     def _begin(self, state: str) -> None:
         self._state, self._outcome = state, Outcome(exit_code=0, answer=None)
         self._view: RunView | None = None
-        self._images: RunImages | None = None
+        self._problem = ""
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -120,32 +120,22 @@ class Streams:
         self._begin("running")
         return [*_marker(None), self.status, self._said()]
 
-    def after(self, item: JournalItem) -> list[Stream]:
-        """What changes with one item of a search's journal."""
+    def after(self, item: PicturedItem) -> list[Stream]:
+        """Return what changes with one item of a search's journal."""
         if isinstance(item, Configuration):
-            self._view, self._images = RunView.of(item), RunImages(item)
+            self._view = RunView.of(item)
             return [self.status, self._said()]
-        before = self._view
+        before, entry = self._view, item.entry
         assert before is not None  # noqa: S101  a journal begins with its configuration
-        view = self._view = before.add_entry(item)
+        view = self._view = before.add_entry(entry)
+        self._problem = item.problem
         streams = []
-        if view.seen_deg is not None and (isinstance(item.event, Measured) or view.seen_deg != before.seen_deg):
+        if view.seen_deg is not None and (isinstance(entry.event, Measured) or view.seen_deg != before.seen_deg):
             streams.append(_transform(view.seen_deg, known=True))
-        if isinstance(item.event, Measured):
-            streams += self._pictured(item.event.sample)
+        streams += _pictured(item, face_radius_m=view.facts.face_radius_m)
         # One time for all: an image belongs to the transform of its acquisition.
-        time_s = datetime.fromisoformat(item.written).timestamp() - since_fired_s(view, item)
+        time_s = datetime.fromisoformat(entry.written).timestamp() - since_fired_s(view, entry)
         return [replace(each, time_s=time_s) for each in [*streams, self._said()]]
-
-    def _pictured(self, sample: Sample) -> list[Stream]:
-        """The image of an acquisition in ProbeHome, in shades of decibels; nothing if its place there is unknown."""
-        image = None if self._images is None else self._images.of(sample)
-        radius_m = None if self._view is None else self._view.facts.face_radius_m
-        if image is None or self._images is None or radius_m is None:
-            return []
-        pixels = grey_levels(image.envelope, brightest=self._images.brightest)
-        matrix = probe_to_probe_home(sample.angle_deg) @ image_to_probe(image.geometry, face_radius_m=radius_m)
-        return [Stream(device="PA_ProbeHome", content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
 
     def ended(self, outcome: Outcome) -> list[Stream]:
         """The search has ended."""
@@ -165,7 +155,7 @@ class Streams:
             state["registration"] = self.registration.known
         if self._view is not None:
             state |= _known(self._view)
-            problem = self._images.problem if self._images is not None else ""
+            problem = self._problem
             if self._view.facts.face_radius_m is None:
                 problem = "the rig has no probe.face_radius_m, so that the place of images is unknown"
             state |= {"no_image": problem} if problem else {}
@@ -199,6 +189,16 @@ def _known(view: RunView) -> dict[str, Any]:
         "target_deg": view.asked_deg if view.target_deg is None else view.target_deg,
         "intensity": view.points[-1].intensity if view.points else None,
     }
+
+
+def _pictured(item: PicturedEntry, *, face_radius_m: float | None) -> list[Stream]:
+    """Return the image of an acquisition in ProbeHome, in grey levels; nothing if its place there is unknown."""
+    image, event = item.image, item.entry.event
+    if image is None or not isinstance(event, Measured) or face_radius_m is None:
+        return []
+    pixels = grey_levels(image.envelope, brightest=item.brightest)
+    matrix = probe_to_probe_home(event.sample.angle_deg) @ image_to_probe(image.geometry, face_radius_m=face_radius_m)
+    return [Stream(device="PA_ProbeHome", content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
 
 
 def _transform(angle_deg: float, *, known: bool) -> Stream:

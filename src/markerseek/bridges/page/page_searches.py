@@ -22,10 +22,11 @@ from markerseek.bridges.asked import AnyAsked, AskedSearch, AskedSession
 from markerseek.bridges.child import ChildRun, EndedRun, FollowedChild, Outcome
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.session_display import session_verdict
+from markerseek.bridges.run_images import PicturedItem, pictured, unpictured
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.files import MIB, data_folder, read_input, replace_file
-from markerseek.records.journal import Configuration, JournalItem, RunView, default_journal, follow, make_folder
+from markerseek.records.journal import Configuration, RunView, default_journal, follow, make_folder
 from markerseek.registration import (
     CAMERA_IMAGES,
     SPOT_IS_SET,
@@ -152,15 +153,15 @@ class ChildSearch:
 
     def _take(self, child: ChildRun) -> None:
         """Take what the child writes, until it ends."""
-        self._add(child.items(), pictures=True)
+        self._add(pictured(child.items(), handed=child.images))
 
-    def _add(self, items: Iterable[JournalItem], *, pictures: bool) -> None:
-        """Take the items of a search; ``pictures``: whether the images of its acquisitions are shown."""
+    def _add(self, items: Iterable[PicturedItem]) -> None:
+        """Take the items of a search."""
         for item in items:
             if isinstance(item, Configuration):
-                self.run = RunHistory(item, pictures=pictures)
+                self.run = RunHistory(item)
             elif self.run is not None:
-                self.run.add(item.event, clock_s=item.clock_s)
+                self.run.add(item)
 
     def _end(self, outcome: Outcome) -> None:
         if self.run is not None and not self.run.last.over:
@@ -234,7 +235,7 @@ class ChildRegistration(ChildSearch):
             if isinstance(step, SpotSeen) and step.journal is not None:
                 self.run = None
                 search = follow(folder / step.journal, is_over=is_searched, wait=child.wait)
-                self._add(child.beating(search), pictures=False)
+                self._add(unpictured(child.beating(search)))
 
 
 class BegunSession(msgspec.Struct, frozen=True, kw_only=True):

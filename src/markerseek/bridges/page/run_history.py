@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import base64
 import gc
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from markerseek.bridges.followed import RunImages
-from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, ReadingFrame, Sample, UInt8
-from markerseek.records.journal import Configuration, JournalEvent, RunView
-from markerseek.show import RANGE_DB, event_line, grey_levels, mark_of, mean_deg, others_deg, with_minus
+from markerseek.bridges.run_images import PicturedEntry
+from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, Sample, UInt8
+from markerseek.records.journal import Configuration, RunView
+from markerseek.show import RANGE_DB, DrawnCurve, event_line, grey_levels, with_minus
 from markerseek.signals import PRESET_NAMES, ImageReader, probe_preset
 
 SAME_ANGLE_DEG = 0.02
@@ -21,16 +22,15 @@ SAME_ANGLE_DEG = 0.02
 
 
 class RunHistory:
-    """The views and images of one run; one thread adds events, others read.
+    """The views and images of one run; one thread adds entries, others read.
 
-    ``configuration``: plan and rig of the run. ``pictures``: whether its images are formed.
+    ``configuration``: plan and rig of the run.
     """
 
-    def __init__(self, configuration: Configuration, *, pictures: bool = True) -> None:
+    def __init__(self, configuration: Configuration) -> None:
         # Only ever appended to, so that another thread may read it at any time.
         self.views: list[RunView] = [RunView.of(configuration)]
         self.pictures: dict[int, Picture] = {}
-        self._images = RunImages(configuration) if pictures else None
         plan, recipe = configuration.plan, msgspec.json.decode(configuration.recipe) or {}
         self.pulse_j: float | None = recipe.get("settings", {}).get("laser", {}).get("pulse_energy_j")
         forms = (("as published", plan.as_published), ("sweeping", plan.sweep_speed_deg_s is not None))
@@ -42,16 +42,12 @@ class RunHistory:
         """The newest view."""
         return self.views[-1]
 
-    def add(self, event: JournalEvent, *, clock_s: float) -> None:
-        """Take one more event; it can be shown before its image can."""
-        sample = event.sample if isinstance(event, Measured) else None
-        if isinstance(event, Measured) and sample is not None:
-            event = replace(event, sample=_without_counts(sample))
-        self.views.append(self.last.add(event, clock_s=clock_s))
-        if self._images is not None and sample is not None and not sample.dark:
-            image = self._images.of(sample)
-            if image is not None:
-                self.pictures[self.last.number] = picture_of(sample, image)
+    def add(self, item: PicturedEntry) -> None:
+        """Take one more entry with its image; it can be shown before its image can."""
+        event = item.entry.event
+        self.views.append(self.last.add_entry(item.entry))
+        if item.image is not None and isinstance(event, Measured) and not event.sample.dark:
+            self.pictures[self.last.number] = picture_of(event.sample, item.image)
 
     def cut_off(self, reason: str, *, problem: str = "") -> None:
         """Note that no more events will come, though the run has not said that it is over; see `RunView.cut_off`."""
@@ -69,13 +65,6 @@ class RunHistory:
         passing = {"dark", "moving", "turning", "sweeping"}
         known = [each for each in self.views[1 : view.number + 1] if each.phase not in passing or each is view]
         return [f"{each.elapsed_s:6.1f} s  {event_line(each)}" for each in reversed(known[-most:])]
-
-
-def _without_counts(sample: Sample) -> Sample:
-    """The sample with the header of its frame: all samples are kept, and the counts have half a megabyte."""
-    if sample.frame is None:
-        return sample
-    return replace(sample, frame=ReadingFrame(header=sample.frame.header, intensity=sample.reading.intensity))
 
 
 def is_image_of(picture: Picture, view: RunView) -> bool:
@@ -161,34 +150,38 @@ def _rows_together(image: PaImage) -> int:
     return int(-(-image.envelope.shape[0] // MAX_ROWS))
 
 
-def fan_model(view: RunView) -> dict[str, Any]:
-    """The fan: limits, density, acquisitions, needle, answer, and at the end the true or reference angle."""
-    belief, most = view.belief, view.strongest
+def fan_model(view: RunView, curve: DrawnCurve) -> dict[str, Any]:
+    """Return what the browser draws of the probe, seen from its end: a curve over the angle, and where the probe is."""
+    belief = view.belief
+    choice_deg = () if belief is None else belief.choice_deg
+    sigmas_deg = () if belief is None else belief.choice_sigma_deg
+    least_deg = min(sigmas_deg, default=0.0)
     return {
-        "low": view.facts.search.low_deg,
-        "high": view.facts.search.high_deg,
-        "probe": view.probe_deg,
+        "curve": msgspec.to_builtins(curve),
+        "probe_deg": view.probe_deg,
+        "target_deg": view.target_deg,
         "said": probe_text(view),
-        "target": view.target_deg,
-        "angles": belief.angles_deg if belief else (),
-        "density": belief.density_per_deg if belief else (),
-        "points": [
-            {
-                "deg": round(point.angle_deg, 3),
-                "share": round(point.intensity / most, 4) if most > 0 else 0.0,
-                "text": mark_of(point, view),
-                "role": point.role,
-            }
-            for point in view.points
-        ],
-        "mean": mean_deg(view),
-        "others": others_deg(view),
-        "interval": belief.interval95_deg if belief else None,
-        "bracket": belief.bracket_deg if belief else None,
-        "truth": view.facts.known_deg if view.phase == "finished" else None,
-        "choice_deg": belief.choice_deg if belief else (),
-        "choice_sigma": belief.choice_sigma_deg if belief else (),
+        "text": _fan_text(view, curve),
+        "certainty": _certainty(curve),
+        # Where a next acquisition was weighed up: the smaller the expected uncertainty, the larger the share.
+        "choices": [(at_deg, least_deg / sigma_deg) for at_deg, sigma_deg in zip(choice_deg, sigmas_deg, strict=True)],
     }
+
+
+def _fan_text(view: RunView, curve: DrawnCurve) -> str:
+    """The fan for those who do not see it."""
+    if view.probe_deg is None:
+        return "probe from its end: nothing is known yet"
+    goes = "" if view.target_deg is None else f", on its way to {view.target_deg:.1f}°"
+    answer = f"; {curve.answer_text}" if curve.answer_text else ""
+    return with_minus(f"probe from its end: at {view.probe_deg:.2f}°{goes}{answer}")
+
+
+def _certainty(curve: DrawnCurve) -> float:
+    """How well the angle is known: 0 if the marker may be anywhere, 1 if it lies within a hundredth of the range."""
+    if curve.most_per_deg <= 0:
+        return 0.0
+    return min(1.0, max(0.0, math.log10(curve.most_per_deg * (curve.high_deg - curve.low_deg)) / 2))
 
 
 def probe_text(view: RunView) -> str:

@@ -11,9 +11,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from markerseek.bridges.followed import RegistrationSource, RunImages, since_fired_s
+from markerseek.bridges.followed import RegistrationSource
+from markerseek.bridges.run_images import PicturedEntry, since_fired_s
 from markerseek.core import Measured
-from markerseek.records.journal import Configuration, Entry, RunView
+from markerseek.records.journal import Configuration, RunView
 from markerseek.registration import KnownRegistration
 from markerseek.ros import RosNode, messages, topics
 from markerseek.show import RANGE_DB, event_line, grey_levels
@@ -30,7 +31,6 @@ class SampleTopics:
     def __init__(self, *, node: RosNode, publishes_angle: bool) -> None:
         self._node, self._publishes_angle = node, publishes_angle
         self._view: RunView | None = None
-        self._images: RunImages | None = None
         # All at once, and early: who subscribes misses what comes before the publisher is found.
         node.advertise(topics.BANK, _TEXT, latched=True)
         if publishes_angle:
@@ -49,26 +49,26 @@ class SampleTopics:
 
         ``configuration``: published as JSON, and kept for subscribers that come later.
         """
-        self._view, self._images = RunView.of(configuration), RunImages(configuration)
+        self._view = RunView.of(configuration)
         known = configuration.flat()
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
         known.pop("recipe")
         message = messages.text({**known, "picture_range_db": RANGE_DB})
         self._node.publish(topics.BANK, message)
 
-    def publish(self, entry: Entry) -> None:
+    def publish(self, item: PicturedEntry) -> None:
         """Publish an acquisition, stamped with the moment of its light on a rig of devices, else with the time of day.
 
-        ``entry``: an entry of the run; an entry without an acquisition publishes nothing.
+        ``item``: an entry of the run; one without an acquisition publishes nothing.
         """
-        assert self._view is not None and self._images is not None  # noqa: S101, PT018  the configuration comes first
+        assert self._view is not None  # noqa: S101  the configuration comes first
+        entry, image = item.entry, item.image
         view = self._view = self._view.add_entry(entry)
         if not isinstance(entry.event, Measured):
             return
         sample, node = entry.event.sample, self._node
         angle_deg, intensity = sample.angle_deg, sample.reading.intensity
         time_s = node.now_s() - since_fired_s(view, entry)
-        image = self._images.of(sample)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
         # A stage node publishes itself how the probe is turned: then only the place of the image is left.
@@ -78,7 +78,7 @@ class SampleTopics:
         publish_frames(node, topics.FRAMES, frames)
         if image is not None:
             node.publish(topics.ENVELOPE, messages.envelope(image, time_s=time_s))
-            levels = grey_levels(image.envelope, brightest=self._images.brightest)
+            levels = grey_levels(image.envelope, brightest=item.brightest)
             node.publish(topics.PICTURE, messages.picture(levels, time_s=time_s))
         said = {
             "index": view.index,

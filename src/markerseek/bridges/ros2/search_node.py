@@ -8,8 +8,9 @@ from typing import Any
 from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.child import Outcome, Searches, SearchOptions
 from markerseek.bridges.ros2.sample_topics import SampleTopics
+from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import SearchError
-from markerseek.records.journal import Configuration, JournalItem
+from markerseek.records.journal import Configuration
 from markerseek.ros import RosNode, messages, topics
 
 
@@ -29,7 +30,7 @@ class SearchNode:
         """Whether a search runs, or its answer is not published yet."""
         self._searches = Searches(options, on_start=self._started, on_item=self._queued, on_end=self._queued)
         self._topics = SampleTopics(node=node, publishes_angle=publishes_angle)
-        self._items: queue.SimpleQueue[JournalItem | Outcome] = queue.SimpleQueue()
+        self._items: queue.SimpleQueue[PicturedItem | Outcome] = queue.SimpleQueue()
         node.advertise(topics.RESULT, "std_msgs/msg/String", latched=True)
         node.serve(topics.RUN, self._on_run)
         node.serve(topics.CANCEL, self._searches.stop)
@@ -54,7 +55,7 @@ class SearchNode:
         self.running, self.outcome = True, None
         self._publish_result({"state": "running", "process_id": process_id})
 
-    def _queued(self, item: JournalItem | Outcome) -> None:
+    def _queued(self, item: PicturedItem | Outcome) -> None:
         # Only the thread that spins the node may publish.
         self._items.put(item)
         self.node.wake()

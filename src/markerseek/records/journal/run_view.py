@@ -24,7 +24,15 @@ from markerseek.core import (
     Swept,
     Turning,
 )
-from markerseek.records.journal.entries import Checked, Configuration, Entry, Interrupted, JournalEvent, Resuming
+from markerseek.records.journal.entries import (
+    Checked,
+    Configuration,
+    Entry,
+    Interrupted,
+    JournalEvent,
+    Resuming,
+    without_frame,
+)
 from markerseek.records.journal.reader import RecordedRun
 
 Phase: TypeAlias = Literal[
@@ -252,6 +260,13 @@ class RunView:
             belief=getattr(event, "belief", None) or self.belief,
         )
         return _after(now, event, clock_s)
+
+    def without_frames(self) -> RunView:
+        """Return the view without the frames of its acquisitions, of which each has half a megabyte."""
+        points = tuple(replace(point, sample=replace(point.sample, frame=None)) for point in self.points)
+        event = None if self.event is None else without_frame(self.event)
+        finished = event if isinstance(event, Finished) else self.finished
+        return replace(self, points=points, event=event, finished=finished)
 
     def cut_off(self, reason: str, *, problem: str = "") -> RunView:
         """The view after the last event of a run that did not report its end; the angle of its probe is not known.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
@@ -22,6 +23,8 @@ class Journal:
     def __init__(self, lines: LineFile, configuration: Configuration, last: Entry | None) -> None:
         self.path = lines.path
         self.configuration = configuration
+        self.before_entry: Callable[[int, JournalEvent], None] | None = None
+        """Called with number and event of each entry before it is written; must raise nothing."""
         self._lines = lines
         self._last = last
         self._lost = False
@@ -79,8 +82,11 @@ class Journal:
         changed.
         """
         self._require_present()
+        number = 1 if self._last is None else self._last.number + 1
+        if self.before_entry is not None:
+            self.before_entry(number, event)
         entry = Entry(
-            number=1 if self._last is None else self._last.number + 1,
+            number=number,
             written=datetime.now(UTC).isoformat(),
             clock_s=clock_s,
             event=event if self.configuration.frames else without_frame(event),

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import ConfigError
@@ -169,9 +170,11 @@ def _scan(scan: _Scan) -> None:
     )
     search = settings.limits.search
     # Upwards from the lower end: the stage then needs no second approach from below.
-    settings = replace(settings, start_deg=search.low_deg)
+    settings = structs.replace(settings, start_deg=search.low_deg)
     noises = [NoiseSettings(peak_snr_db=bank.peak_snr_db or 0.0) for bank in scan.banks]
-    scanners = [rigs.simulated(seed=scan.seed, settings=replace(settings, noise=noise)).scanner for noise in noises]
+    scanners = [
+        rigs.simulated(seed=scan.seed, settings=structs.replace(settings, noise=noise)).scanner for noise in noises
+    ]
     asked = np.linspace(search.low_deg, search.high_deg, round(search.width_deg / scan.step_deg) + 1)
     # Angle by angle over all noises: the noise-free channel data of an angle are the same, and computed once.
     by_angle = [[scanner.measure(float(angle_deg)) for scanner in scanners] for angle_deg in asked]

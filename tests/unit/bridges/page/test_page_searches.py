@@ -37,6 +37,8 @@ FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reaso
 class ScriptedChild:
     """Sends what it is given; `stop` ends it."""
 
+    images = None
+
     def __init__(self, items=(), *, endless=False, error=None):
         self.sent = queue.SimpleQueue()
         for item in items:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
+from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -45,7 +45,7 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Interrupted, Resuming, RunView
 from markerseek.runs import new_session, plan_on
-from markerseek.runs.journalled import Beliefs
+from markerseek.runs.journalled import with_beliefs
 from markerseek.search import METHODS, build
 from markerseek.show import (
     RANGE_DB,
@@ -53,6 +53,7 @@ from markerseek.show import (
     answer_name,
     curve_of,
     event_line,
+    flat_result,
     interval_text,
     numbers_of,
     sigma_text,
@@ -60,6 +61,7 @@ from markerseek.show import (
     with_minus,
 )
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
+from tests.pictured import pictured_entry
 
 NAMES = [method.name for method in METHODS]
 
@@ -69,8 +71,8 @@ def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
     rig = rigs.of_intensities(seed=seed, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=marker_deg)
     plan = plan_on(rig, SearchPlan(method=method, as_published=as_published, start_deg=rig.stage.angle_deg))
     session = new_session(rig, plan)
-    beliefs = Beliefs(session.policy, plan)
-    return session, [(beliefs.added(event), rig.scanner.clock.now_s()) for event in session.events()]
+    events = with_beliefs(session.events(), session.policy, plan)
+    return session, [(event, rig.scanner.clock.now_s()) for event in events]
 
 
 def shown(session, events) -> list[RunView]:
@@ -78,6 +80,10 @@ def shown(session, events) -> list[RunView]:
     for event, clock_s in events:
         views.append(views[-1].add(event, clock_s=clock_s))
     return views[1:]
+
+
+def fan_of(view: RunView) -> dict[str, Any]:
+    return fan_model(view, curve_of(view, reveal=view.phase == "finished"))
 
 
 def a_view(kind="simulated", **known) -> RunView:
@@ -158,9 +164,9 @@ def test_published_form_claims_nothing():
     assert (verdict.word, verdict.kind, verdict.turn) == ("NO CLAIM", "nothing", "")
     assert (verdict.angle, verdict.sigma) == (f"{result.angle_deg:.3f}°".replace("-", "−"), "")
     assert not any("FOUND" in verdict_of(each).word or "confirm" in event_line(each) for each in snapshots)
-    fan = fan_model(last)
-    assert (last.points[-1].role, fan["points"][-1]["text"]) == ("confirmation", "")
-    answer = msgspec.to_builtins(result)
+    mark = fan_of(last)["curve"]["marks"][-1]
+    assert (mark["role"], mark["text"]) == ("confirmation", "")
+    answer = flat_result(result)
     assert (answer["answer"], is_claimed(answer)) == ("found", False)
 
 
@@ -201,18 +207,30 @@ def test_angle_counts_as_found_only_at_the_end():
     assert found.turn == f"the probe is on it, turned by −{abs(events[-1][0].confirmation.angle_deg - start_deg):.1f}°"
 
 
-def test_models_hold_what_a_snapshot_holds():
+def test_the_fan_holds_what_a_snapshot_holds():
     session, events = finished_run("posterior")
     snapshot = shown(session, events)[-1]
-    fan = fan_model(snapshot)
-    assert (fan["probe"], fan["target"], fan["truth"]) == (snapshot.probe_deg, None, -9.4)
+    fan = fan_of(snapshot)
+    assert (fan["probe_deg"], fan["target_deg"]) == (snapshot.probe_deg, None)
+    assert fan["curve"]["known"] == {"angle_deg": -9.4, "text": "truth −9.40°"}
+    assert fan["text"].startswith(with_minus(f"probe from its end: at {snapshot.probe_deg:.2f}°; marker at −9."))
     numbers = [str(point.number) for point in snapshot.points if point.role == "search"]
     # The confirmation has confirmed the marker.
-    assert [point["text"] for point in fan["points"]] == [*numbers, "✓"]
-    curve = curve_of(snapshot, reveal=True)
-    assert curve.density == (snapshot.belief.angles_deg, snapshot.belief.density_per_deg)
-    assert [each.angle_deg for each in curve.marks] == [point.angle_deg for point in snapshot.points]
-    assert (curve.answer_deg, curve.known) == (session.result().angle_deg, ("truth", -9.4))
+    assert [mark["text"] for mark in fan["curve"]["marks"]] == [*numbers, "✓"]
+    # The answer is known to some hundredths of the range, and at the start not at all.
+    first = fan_of(RunView.of(session.configuration))
+    assert (first["certainty"], first["choices"]) == (0.0, [])
+    assert first["text"] == "probe from its end: nothing is known yet"
+    assert fan["certainty"] > 0.5
+    weighed = next(view for view in shown(session, events) if view.belief is not None and view.belief.choice_deg)
+    shares = dict(fan_of(weighed)["choices"])
+    best_deg = min(zip(weighed.belief.choice_sigma_deg, weighed.belief.choice_deg, strict=True))[1]
+    assert shares[best_deg] == max(shares.values()) == 1.0
+
+
+def test_numbers_of_a_run_at_its_end():
+    session, events = finished_run("posterior")
+    snapshot = shown(session, events)[-1]
     lit, unlit = (dict(numbers_of(snapshot, name="ternary", pulse_j=pulse_j)) for pulse_j in (1e-3, None))
     assert lit["light"] == f"{snapshot.pulses:.3g} mJ"
     assert "light" not in unlit
@@ -224,16 +242,20 @@ def test_truth_is_hidden_until_the_end():
     session, events = finished_run("posterior")
     *before, last = shown(session, events)
     assert curve_of(last, reveal=False).known is None
-    assert {fan_model(each)["truth"] for each in before} == {None}
-    assert fan_model(last)["truth"] == -9.4
+    assert {fan_of(each)["curve"]["known"] is None for each in before} == {True}
+    assert fan_of(last)["curve"]["known"]["angle_deg"] == -9.4
 
 
 def test_the_image_is_of_the_angle_where_the_probe_is():
     rig = rigs.simulated(seed=1, marker_deg=2.0)
-    run = RunHistory(new_session(rig, SearchPlan(method="posterior")).configuration)
+    configuration = new_session(rig, SearchPlan(method="posterior")).configuration
+    run = RunHistory(configuration)
     for index, angle_deg in enumerate((2.0, 27.0, 2.0), start=1):
-        run.add(Asked(role="search", index=index, angle_deg=angle_deg), clock_s=0.0)
-        run.add(Measured(role="search", index=index, sample=rig.scanner.measure(angle_deg)), clock_s=0.0)
+        for event in (
+            Asked(role="search", index=index, angle_deg=angle_deg),
+            Measured(role="search", index=index, sample=rig.scanner.measure(angle_deg)),
+        ):
+            run.add(pictured_entry(configuration, event))
     asked, there, back = (each for each in run.views if each.number in {3, 4, 6})
     images = [run.picture(each) for each in (asked, there, back)]
     assert [each.angle_deg for each in images] == pytest.approx([2.0, 27.0, 2.0], abs=0.01)
@@ -249,14 +271,15 @@ OF_ONE = {"interval95_deg": Interval(low_deg=-30.0, high_deg=3.0), "interval_kin
 
 
 @pytest.mark.parametrize(
-    ("estimate", "angle", "others_deg"),
+    ("estimate", "angle", "answers_deg", "others_deg"),
     [
-        (NotFound(mean_deg=1.7, reason="noise", floor=FLOOR), "", []),
+        (NotFound(mean_deg=1.7, reason="noise", floor=FLOOR), "", [], []),
         # The standard deviation is of one of its sources, and would be read as that of the last angle.
         (
             Ambiguous(mean_deg=-24.9, modes_deg=(-24.9, 0.8), others=(), surveyed=0.996, sigma_deg=12.0, **OF_ONE),
             "−24.9° or 0.8°",
-            [0.8],
+            [-24.9, 0.8],
+            [],
         ),
         (
             Found(
@@ -267,21 +290,22 @@ OF_ONE = {"interval95_deg": Interval(low_deg=-30.0, high_deg=3.0), "interval_kin
                 others=(OtherSource(angle_deg=-20.0, sigma_deg=0.5, relative_db=-8.2),),
             ),
             "3.00° ± 0.10°",
+            [3.0],
             [-20.0],
         ),
     ],
     ids=("not found", "ambiguous", "found"),
 )
-def test_only_angles_that_are_claimed_are_named(estimate, angle, others_deg):
+def test_only_angles_that_are_claimed_are_named(estimate, angle, answers_deg, others_deg):
     snapshot = a_view(belief=AngleBelief(estimate=estimate))
     assert angle_text(snapshot.belief) + sigma_text(snapshot.belief) == angle
     if isinstance(estimate, Ambiguous):
         verdict = verdict_of(replace(snapshot, phase="finished"))
         assert (verdict.word, verdict.interval) == ("AMBIGUOUS", "")
         assert verdict.reason == "the samples fit a marker at each of −24.90 deg and 0.80 deg"
-    fan = fan_model(snapshot)
-    assert fan["others"] == others_deg
-    assert (fan["mean"] is None) == isinstance(estimate, NotFound)
+    curve = curve_of(snapshot, reveal=False)
+    assert [each.angle_deg for each in curve.answers] == answers_deg
+    assert [each.angle_deg for each in curve.others] == others_deg
     rows = dict(numbers_of(snapshot, name="ternary"))
     assert rows["other sources"] == ("−8.2 dB at −20.00°" if estimate.others else "not looked for")
     assert rows.get("range checked") == ("99.6 %, for a second source as strong" if estimate.surveyed else None)
@@ -296,7 +320,7 @@ def test_a_sweep_is_drawn_pulse_by_pulse():
     events = []
     for event in session.events():
         events.append(event)
-        run.add(event, clock_s=rig.scanner.clock.now_s())
+        run.add(pictured_entry(session.configuration, event, clock_s=rig.scanner.clock.now_s()))
     swept = next(index for index, event in enumerate(events) if isinstance(event, Swept))
     asked = run.views[2]
     assert (asked.phase, asked.target_deg) == ("moving", PAPER_RANGE.high_deg)
@@ -306,7 +330,7 @@ def test_a_sweep_is_drawn_pulse_by_pulse():
         assert probe_text(now).startswith("read back: ")
     ended = run.views[swept + 1]
     assert (ended.phase, ended.probe_deg) == ("measured", events[swept].angle_deg)
-    assert len(fan_model(ended)["points"]) == events[swept].pulses
+    assert len(fan_of(ended)["curve"]["marks"]) == events[swept].pulses
     lines = [line.split("s  ")[1] for line in run.lines(ended, most=5)]
     assert lines == [event_line(ended), event_line(run.views[1])]
     assert f" after {events[swept].pulses} pulses, the probe is at " in event_line(ended)
@@ -353,21 +377,24 @@ def test_a_person_is_asked_on_the_page_to_turn_the_probe():
     session, events = finished_run("ternary")
     run = RunHistory(session.configuration)
     for event, clock_s in events[:-1]:
-        run.add(event, clock_s=clock_s)
+        run.add(pictured_entry(session.configuration, event, clock_s=clock_s))
         if isinstance(event, Asked) and event.role == "search":
             break
     for angle_deg, says in ((-7.34, "it is at −7.3°"), (None, "type the angle reached")):
-        run.add(Turning(target_deg=-12.0, angle_deg=angle_deg), clock_s=1.0)
+        turning = Turning(target_deg=-12.0, angle_deg=angle_deg)
+        run.add(pictured_entry(session.configuration, turning, clock_s=1.0))
         assert event_line(run.last) == f"turn the probe to −12.0°: {says}"
         shown = verdict_of(run.last)
         assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
         # Said once.
         assert shown.reason == says
-    run.add(Refused(angle_deg=-12.0, reason="too late"), clock_s=2.0)
+    refused = Refused(angle_deg=-12.0, reason="too late")
+    run.add(pictured_entry(session.configuration, refused, clock_s=2.0))
     assert verdict_of(run.last).word == "SEARCHING"
     assert not any("turn the probe" in line for line in run.lines(run.last, most=20))
     # Nobody is asked for anything by a search that was killed while it waited.
-    run.add(Turning(target_deg=-12.0, angle_deg=None), clock_s=3.0)
+    turning = Turning(target_deg=-12.0, angle_deg=None)
+    run.add(pictured_entry(session.configuration, turning, clock_s=3.0))
     run.cut_off("killed", problem="killed")
     verdict = verdict_of(run.last, next_step="Start begins a new search")
     assert (verdict.word, verdict.problem, verdict.next_step) == ("FAULT", "killed", "Start begins a new search")

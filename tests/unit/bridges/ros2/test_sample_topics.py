@@ -13,9 +13,9 @@ from msgspec import structs
 from markerseek import rigs
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.core import Measured, SearchPlan, SweepTiming
-from markerseek.records.journal import Entry
 from markerseek.ros import messages, topics
 from markerseek.runs import configuration_of
+from tests.pictured import pictured_entry
 
 
 class Node:
@@ -45,8 +45,9 @@ def published(rig, event, *, publishes_angle=True):
     """What is published of one acquisition of a rig."""
     node = Node()
     shown = SampleTopics(node=node, publishes_angle=publishes_angle)
-    shown.begin(configuration_of(rig, SearchPlan(method="ternary")))
-    shown.publish(Entry(number=1, written="", clock_s=0.0, event=event))
+    configuration = configuration_of(rig, SearchPlan(method="ternary"))
+    shown.begin(configuration)
+    shown.publish(pictured_entry(configuration, event))
     return node.sent
 
 
@@ -96,7 +97,7 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_stamp(kind, stamps_s):
         timing = SweepTiming(number=1, speed_deg_s=8.6)
         pulse = replace(sample, angle_deg=angle_deg, frame=frame, sweep=timing)
         event = Measured(role="search", index=index, sample=pulse)
-        shown.publish(Entry(number=index, written="", clock_s=100.0, event=event))
+        shown.publish(pictured_entry(configuration, event, number=index, clock_s=100.0))
     joints = node.sent[topics.MEASURED_JS]
     assert [np.rad2deg(each.position[0]) for each in joints] == pytest.approx([5.0, 5.4])
     for topic in (topics.MEASURED_JS, topics.PICTURE, topics.ENVELOPE):

@@ -10,15 +10,11 @@ const COLOUR = {
 };
 
 export default {
-  template: `<canvas class="ms-canvas" role="img" :aria-label="said" tabindex="-1"></canvas>`,
+  template: `<canvas class="ms-canvas" role="img" :aria-label="view.text" tabindex="-1"></canvas>`,
   props: { view: Object },
   computed: {
-    said() {
-      const v = this.view;
-      if (v.probe === null) return "probe from its end: nothing is known yet";
-      const goes = v.target === null ? "" : `, on its way to ${v.target.toFixed(1)} degrees`;
-      const mean = v.mean === null ? "" : `; marker expected at ${v.mean.toFixed(2)} degrees`;
-      return `probe from its end: at ${v.probe.toFixed(2)} degrees${goes}${mean}`;
+    curve() {
+      return this.view.curve;
     },
   },
   watch: {
@@ -50,8 +46,8 @@ export default {
       c.font = "14px system-ui, sans-serif";
       c.textAlign = "center";
       const colour = document.body.classList.contains("body--dark") ? COLOUR.dark : COLOUR.light;
-      const v = this.view;
-      const half = (Math.max(Math.abs(v.low), Math.abs(v.high), 10) * Math.PI) / 180;
+      const { low_deg, high_deg, bracket, interval, answers, others, known, is_claimed } = this.curve;
+      const half = rad(Math.max(Math.abs(low_deg), Math.abs(high_deg), 10));
       // Room for the text below the probe, and for the number at the end of the range.
       const widest = Math.sin(Math.min(half, Math.PI / 2));
       const far = Math.min(height - 62, (width / 2 - 18) / widest - outside(half));
@@ -69,50 +65,47 @@ export default {
         c.lineTo(g.x + away * Math.sin(rad(deg)), g.y - away * Math.cos(rad(deg)));
         c.stroke();
       };
-      wedge(v.low, v.high, g.near, g.far);
+      wedge(low_deg, high_deg, g.near, g.far);
       c.fillStyle = colour.fan;
       c.fill();
       this.glow(c, wedge, g, colour);
       this.scale(c, g, colour, ray);
       const numbered = this.points(c, g, colour);
-      if (v.bracket) this.span(c, wedge, v.bracket, g.far + 3, g.far + 7, colour.answer);
-      if (v.interval) this.span(c, wedge, v.interval, g.far + 9, g.far + 13, colour.answer);
+      if (bracket) this.span(c, wedge, bracket, g.far + 3, g.far + 7, colour.answer);
+      if (interval) this.span(c, wedge, interval, g.far + 9, g.far + 13, colour.answer);
       c.lineWidth = 2;
-      if (v.mean !== null) {
-        c.strokeStyle = colour.answer;
-        ray(v.mean, g.near, g.far + 14);
-      }
+      c.strokeStyle = colour.answer;
+      c.setLineDash(is_claimed ? [] : [8, 4]);
+      for (const answer of answers) ray(answer.angle_deg, g.near, g.far + 14);
       c.strokeStyle = colour.quiet;
       c.fillStyle = colour.quiet;
       c.setLineDash([5, 4]);
-      for (const deg of v.others) {
-        ray(deg, g.near, g.far + 8);
-        label(c, g, deg, g.far - 10, "?");
+      for (const other of others) {
+        ray(other.angle_deg, g.near, g.far + 8);
+        label(c, g, other.angle_deg, g.far - 10, "?");
       }
-      c.setLineDash([]);
-      if (v.truth !== null) {
+      if (known) {
         c.strokeStyle = colour.truth;
         c.setLineDash([2, 4]);
-        ray(v.truth, g.near, g.far + 14);
-        c.setLineDash([]);
+        ray(known.angle_deg, g.near, g.far + 14);
       }
+      c.setLineDash([]);
       this.probe(c, g, colour, ray);
       this.numbers(c, numbered, colour);
     },
     glow(c, wedge, g, colour) {
-      const v = this.view;
-      const most = Math.max(...v.density, 0);
+      const { low_deg, high_deg, density_deg: angles, density_per_deg: density } = this.curve;
+      const most = Math.max(...density, 0);
       if (!(most > 0)) return;
       const [r, green, b] = colour.glow;
       // The glow grows with what is known: faint while the marker may be anywhere, strong once its degree is known.
-      const known = Math.min(1, Math.max(0, Math.log10(most * (v.high - v.low)) / 2));
-      const strength = 0.25 + 0.6 * known;
-      const inside = (deg) => Math.min(Math.max(deg, v.low), v.high);
-      for (let i = 0; i < v.angles.length; i++) {
-        const share = Math.sqrt(v.density[i] / most);
+      const strength = 0.25 + 0.6 * this.view.certainty;
+      const inside = (deg) => Math.min(Math.max(deg, low_deg), high_deg);
+      for (let i = 0; i < angles.length; i++) {
+        const share = Math.sqrt(density[i] / most);
         if (share < 0.02) continue;
-        const low = inside(i ? (v.angles[i - 1] + v.angles[i]) / 2 : v.angles[i]);
-        const high = inside(i + 1 < v.angles.length ? (v.angles[i] + v.angles[i + 1]) / 2 : v.angles[i]);
+        const low = inside(i ? (angles[i - 1] + angles[i]) / 2 : angles[i]);
+        const high = inside(i + 1 < angles.length ? (angles[i] + angles[i + 1]) / 2 : angles[i]);
         // The posterior reaches beyond the limits; the fan does not.
         if (!(high > low)) continue;
         c.fillStyle = `rgba(${r},${green},${b},${strength * share})`;
@@ -120,43 +113,43 @@ export default {
         c.fill();
       }
       // A halo, so that a posterior sharper than the needle stays visible on both sides of it.
-      const sharpest = v.angles[v.density.indexOf(most)];
-      for (const room of known > 0.5 ? [2.2, 1.3, 0.6] : []) {
+      const sharpest = angles[density.indexOf(most)];
+      for (const room of this.view.certainty > 0.5 ? [2.2, 1.3, 0.6] : []) {
         c.fillStyle = `rgba(${r},${green},${b},0.16)`;
         wedge(inside(sharpest - room), inside(sharpest + room), g.near, g.far);
         c.fill();
       }
     },
     scale(c, g, colour, ray) {
-      const v = this.view;
+      const { low_deg, high_deg } = this.curve;
       c.strokeStyle = colour.quiet;
       c.fillStyle = colour.quiet;
       c.lineWidth = 1;
-      for (let deg = Math.ceil(v.low / 5) * 5; deg <= v.high; deg += 5) {
+      for (let deg = Math.ceil(low_deg / 5) * 5; deg <= high_deg; deg += 5) {
         ray(deg, g.far, g.far + (deg % 10 ? 3 : 6));
         if (deg % (g.far < 215 ? 20 : 10) === 0) label(c, g, deg, g.far + outside(rad(deg)), `${deg}°`.replace("-", "\u2212"));
       }
       c.lineWidth = 2;
-      ray(v.low, g.near, g.far + 6);
-      ray(v.high, g.near, g.far + 6);
-      // Where a next acquisition was weighed up: the longer the tick, the smaller the expected uncertainty.
-      const least = Math.min(...v.choice_sigma);
+      ray(low_deg, g.near, g.far + 6);
+      ray(high_deg, g.near, g.far + 6);
+      // Where a next acquisition was weighed up: the longer the tick, the better.
       c.lineWidth = 1.5;
-      v.choice_deg.forEach((deg, i) => ray(deg, g.far - 14 * (least / v.choice_sigma[i]), g.far));
+      for (const [deg, share] of this.view.choices) ray(deg, g.far - 14 * share, g.far);
     },
     points(c, g, colour) {
-      const v = this.view;
+      const { marks } = this.curve;
+      const strongest = marks.reduce((most, mark) => Math.max(most, mark.intensity), 0) || 1;
       const numbered = [];
-      v.points.forEach((point, i) => {
-        const newest = i === v.points.length - 1;
-        const away = g.near + (g.far - g.near) * (0.12 + 0.8 * point.share);
-        const [x, y] = [g.x + away * Math.sin(rad(point.deg)), g.y - away * Math.cos(rad(point.deg))];
+      marks.forEach((mark, i) => {
+        const newest = i === marks.length - 1;
+        const away = g.near + (g.far - g.near) * (0.12 + (0.8 * mark.intensity) / strongest);
+        const [x, y] = [g.x + away * Math.sin(rad(mark.angle_deg)), g.y - away * Math.cos(rad(mark.angle_deg))];
         c.beginPath();
-        if (point.role === "confirmation") c.rect(x - 4, y - 4, 8, 8);
+        if (mark.role === "confirmation") c.rect(x - 4, y - 4, 8, 8);
         else c.arc(x, y, newest ? 4.5 : 3, 0, 2 * Math.PI);
         c.fillStyle = colour.ink;
         c.fill();
-        if (point.text) numbered.push([x, y - 7, point.text]);
+        if (mark.text) numbered.push([x, y - 7, mark.text]);
       });
       return numbered;
     },
@@ -175,17 +168,17 @@ export default {
         c.fillText(text, x, y);
       }
     },
-    span(c, wedge, ends, near, away, fill) {
-      const v = this.view;
+    span(c, wedge, interval, near, away, fill) {
+      const { low_deg, high_deg } = this.curve;
       // At least a quarter of a degree wide, so that a narrow interval is seen.
-      const room = Math.max(0, 0.25 - (ends[1] - ends[0])) / 2;
-      wedge(Math.max(ends[0] - room, v.low - 1), Math.min(ends[1] + room, v.high + 1), near, away);
+      const room = Math.max(0, 0.25 - (interval.high_deg - interval.low_deg)) / 2;
+      wedge(Math.max(interval.low_deg - room, low_deg - 1), Math.min(interval.high_deg + room, high_deg + 1), near, away);
       c.fillStyle = fill;
       c.fill();
     },
     probe(c, g, colour, ray) {
       const v = this.view;
-      const deg = v.target ?? v.probe;
+      const deg = v.target_deg ?? v.probe_deg;
       // The half that looks at the tissue: below it stands where the probe is.
       c.beginPath();
       c.arc(g.x, g.y, g.near * 0.96, turn(-90), turn(90));
@@ -203,7 +196,7 @@ export default {
       c.arc(g.x, g.y, g.near * 0.96, turn(deg - 24), turn(deg + 24));
       c.stroke();
       c.lineWidth = 2;
-      if (v.target !== null) c.setLineDash([6, 5]);
+      if (v.target_deg !== null) c.setLineDash([6, 5]);
       ray(deg, g.near, g.far);
       c.setLineDash([]);
       c.fillStyle = colour.ink;
