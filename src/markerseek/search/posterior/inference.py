@@ -104,8 +104,8 @@ class AnglePosterior:
     """Mean of the curve's full width at half maximum."""
     centre_sigma_deg: float
     """Standard deviation of the centre of the curve: what more samples can still reduce."""
-    motion: TurnMotion
-    """What the frames show of the marker's motion."""
+    motion: TurnMotion | None = None
+    """What the frames show of the marker's motion; None: it was not looked for."""
     moved_sigma_deg: float = 0.0
     """Standard deviation of the angle by which the marker is displaced along the turn at a sample."""
 

@@ -31,7 +31,7 @@ from markerseek.core import Float64, Sample
 from markerseek.search.evidence import FACE_RADIUS_M
 from markerseek.search.posterior.arrival import LOBE_DEG, SOUND_SPEED_M_S, off_plane
 
-SIGMAS_M = 1e-3 * np.array([0.0, 0.05, 0.1, 0.17, 0.3, 0.5, 0.85, 1.5])
+SIGMAS_M = 1e-3 * np.array([0.0, 0.05, 0.1, 0.17, 0.3, 0.5, 0.85, 1.5, 2.6])
 """σ_t that are considered: at rest, and moving."""
 
 OVERALL_M = np.geomspace(0.05e-3, 3e-3, 15)
@@ -183,17 +183,17 @@ def overall_prior(stated_m: float | None) -> Float64[np.ndarray, " overall"]:
     return np.concatenate([[1 - moving], moving * shares / shares.sum()])
 
 
-_SEEN_M = np.concatenate([[0.0], np.geomspace(2e-6, OVERALL_M[-1], 40)])
+SEEN_M = np.concatenate([[0.0], np.geomspace(2e-6, OVERALL_M[-1], 40)])
 """σ_v and σ_d at which (12) is computed; linear in between."""
 
 
 def log_likelihoods(
     place_m: Float64[np.ndarray, " moments"], noise_m: Float64[np.ndarray, " moments"]
 ) -> Float64[np.ndarray, " sigmas"]:
-    """Return ln of the likelihood (12) of places for each motion of `_SEEN_M`, the mean place integrated out."""
+    """Return ln of the likelihood (12) of places for each motion of `SEEN_M`, the mean place integrated out."""
     # A mean beyond the places is less probable than one at their ends.
     middle_m = np.linspace(place_m.min() - noise_m.min(), place_m.max() + noise_m.min(), 41)
-    scale_m = np.hypot(noise_m, _SEEN_M[:, None])[:, None, :]
+    scale_m = np.hypot(noise_m, SEEN_M[:, None])[:, None, :]
     away = (place_m - middle_m[:, None]) / scale_m
     log_p = -(np.log(scale_m) + 2.5 * np.log1p(away**2 / 4)).sum(axis=-1)
     largest = log_p.max(axis=-1)
@@ -225,12 +225,12 @@ def along_turn(
     log_rest = 0.0
     if logs is not None:
         for log, part_m in zip(logs, (sigma_m[:, :, 1], sigma_m[:, :, 2]), strict=True):
-            log_moving += np.interp(part_m, _SEEN_M, log)
+            log_moving += np.interp(part_m, SEEN_M, log)
             log_rest += float(log[0])
     largest = max(log_rest, float(log_moving.max()))
     moving = prior[1:, None] * np.exp(log_moving - largest) / directions.shape[0]
-    # Each σ_t counts for the two that are nearest to it.
-    place = np.interp(sigma_m[:, :, 0], SIGMAS_M[1:], np.arange(SIGMAS_M.size - 1.0))
+    # Each σ_t counts for the two that are nearest to it, so that its square is kept.
+    place = np.interp(sigma_m[:, :, 0] ** 2, SIGMAS_M[1:] ** 2, np.arange(SIGMAS_M.size - 1.0))
     left = np.minimum(place.astype(np.int64), SIGMAS_M.size - 3)
     share = place - left
     by_turn = np.bincount(left.ravel(), (moving * (1 - share)).ravel(), minlength=SIGMAS_M.size - 1)
@@ -245,7 +245,7 @@ def _amplitude_m(log: Float64[np.ndarray, " sigmas"]) -> float:
     best = int(np.argmax(log))
     if log[best] - log[0] < _SEEN_LOG:
         return 0.0
-    return float(_SEEN_M[best]) / SIGMA_OF_AMPLITUDE
+    return float(SEEN_M[best]) / SIGMA_OF_AMPLITUDE
 
 
 _SEEN_LOG = 3.0
