@@ -172,16 +172,19 @@ def _matched(function: ast.FunctionDef) -> set[str]:
 
 
 def record_formats(checkout: Checkout) -> list[str]:
-    """Rooms that write check sums; one that compares them only, reads what an earlier version has written."""
-    rooms = set()
+    """Rooms that write check sums and cut off what was torn; what only compares sums, reads an earlier version's."""
+    summing: set[str] = set()
+    cutting: set[str] = set()
     for module in checkout.modules:
         compared = {
             id(each) for node in ast.walk(module.tree) if isinstance(node, ast.Compare) for each in ast.walk(node)
         }
-        sums = [node for node in ast.walk(module.tree) if isinstance(node, ast.Attribute) and node.attr == "crc32"]
-        if any(id(each) not in compared for each in sums):
-            rooms.add(module.room)
-    return sorted(rooms)
+        used = [node for node in ast.walk(module.tree) if isinstance(node, ast.Attribute)]
+        if any(each.attr == "crc32" and id(each) not in compared for each in used):
+            summing.add(module.room)
+        if any(each.attr == "ftruncate" for each in used):
+            cutting.add(module.room)
+    return sorted(summing & cutting)
 
 
 SESSION_SETTINGS = {

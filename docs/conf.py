@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 
+import msgspec
 import typer
 from docutils import nodes
 from sphinx import addnodes
@@ -20,6 +21,7 @@ from typer.cli import get_docs_for_click
 
 import markerseek
 from markerseek.cli.app import app as commands
+from markerseek.core import options_of
 
 # A module beside this file.
 sys.path.insert(0, str(Path(__file__).parent))
@@ -88,12 +90,18 @@ def _names(package: str) -> str:
             continue
         public = getattr(front, name)
         if isinstance(public, type):
-            lines += [f".. autoclass:: {package}.{name}", "   :members:", ""]
+            lines += [f".. autoclass:: {package}.{name}", "   :members:", "", *_options(public)]
         elif isinstance(public, FunctionType):
             lines += [f".. autofunction:: {package}.{name}", ""]
         else:
             lines += [f".. py:data:: {package}.{name}", "", f"   {_meaning(package, name)}", ""]
     return "\n".join(lines)
+
+
+def _options(kind: type) -> list[str]:
+    """The fields of a class that are options, whose documentation stands in their annotations."""
+    chosen = options_of(kind) if issubclass(kind, msgspec.Struct) else ()
+    return [line for each in chosen for line in (f"   .. py:attribute:: {each.name}", "", f"      {each.help}", "")]
 
 
 def _meaning(package: str, name: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 import types
 import typing
@@ -14,7 +13,7 @@ import msgspec
 from sphinx.errors import PycodeError
 from sphinx.pycode import ModuleAnalyzer
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, options_of
 from markerseek.drivers import BenchProbe, BenchSettings, BenchSupervisor, BenchTissue
 from markerseek.drivers.entry import DRIVERS, entry_named
 from markerseek.guard import FiringLimits, Limits
@@ -101,7 +100,7 @@ def _example(kind: Any) -> Any:
 
 
 def _is_settings(kind: Any) -> bool:
-    return isinstance(kind, type) and (dataclasses.is_dataclass(kind) or issubclass(kind, msgspec.Struct))
+    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
 
 
 def _members(hint: Any) -> list[Any]:
@@ -113,16 +112,14 @@ def _members(hint: Any) -> list[Any]:
 
 def _fields(kind: Any) -> list[tuple[str, bool]]:
     """Fields by name, and whether they have no default."""
-    if not dataclasses.is_dataclass(kind):
-        return [(each.name, each.required) for each in msgspec.structs.fields(kind)]
-    missing = dataclasses.MISSING
-    return [
-        (each.name, each.default is missing and each.default_factory is missing) for each in dataclasses.fields(kind)
-    ]
+    return [(each.name, each.required) for each in msgspec.structs.fields(kind)]
 
 
-def _meanings(kind: type) -> dict[str, str]:
-    """First sentence of what stands below each field, of its own class or of one that it inherits from."""
+def _meanings(kind: type[msgspec.Struct]) -> dict[str, str]:
+    """First sentence of what stands below each field, of its own class or of one that it inherits from.
+
+    That of an option stands in its annotation.
+    """
     found: dict[str, str] = {}
     for each in reversed(kind.__mro__):
         with suppress(PycodeError):
@@ -132,7 +129,7 @@ def _meanings(kind: type) -> dict[str, str]:
                     together = re.match(r"((?:`\w+`(?:, | and )?)+): ", text)
                     for name in re.findall(r"`(\w+)`", together[1]) if together else [key]:
                         found[name] = text
-    return found
+    return found | {each.name: each.help for each in options_of(kind)}
 
 
 def _in_words(hint: Any) -> str:

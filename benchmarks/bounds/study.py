@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -101,7 +101,8 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
         searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg, prior=prior)
         dark_frames = 0 if settings.plan.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.
-        samples = searched(searcher, rig.scanner, dark_frames=dark_frames).samples
+        plan = replace(settings.plan, stay=True, dark_frames=dark_frames)
+        samples = searched(searcher, rig, plan).samples
         marker_deg = unknowns.marker.angle_deg
         errors.append(searcher.estimate().mean_deg - marker_deg)
         # The best angles of this marker need its true angle: no policy can know them.

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import Float64, Interval, MarkerCandidate, MarkerPosition
 from markerseek.registration import RegistrationReport, StereoSettings
@@ -45,7 +46,7 @@ class ForgedScene:
         )
         *self.shared, focal = self.rng.standard_normal(4).tolist()
         pixels = [f / (1 + FOCAL_LENGTH * focal) for f in CAMERAS.left.focal_px]
-        lens = replace(CAMERAS.left, focal_px=(pixels[0], pixels[1]))
+        lens = structs.replace(CAMERAS.left, focal_px=(pixels[0], pixels[1]))
         self.cameras = replace(CAMERAS, left=lens, right=lens)
 
     def place(self, across_m: float = 25e-3, along_m: float = 15e-3) -> Float64[np.ndarray, " 3"]:

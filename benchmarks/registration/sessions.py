@@ -12,7 +12,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
@@ -135,7 +135,7 @@ class _Session(RegistrationSession):
             return prediction
         mean_deg = prediction.prior.mean_deg
         inwards_deg = -PRIOR_OFF_DEG if mean_deg > self._room.rig.limits.search.centre_deg else PRIOR_OFF_DEG
-        return replace(prediction, prior=AnglePrior(mean_deg=mean_deg + inwards_deg, sigma_deg=1.0))
+        return structs.replace(prediction, prior=AnglePrior(mean_deg=mean_deg + inwards_deg, sigma_deg=1.0))
 
 
 def _eight_absorbers(scene: Scene, rng: np.random.Generator) -> tuple[Absorber, ...]:

@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
@@ -79,7 +78,7 @@ class Channels:
         if relative > spot.LARGEST_RELATIVE_SIGMA:
             return None
         height = power ** (self.share / 2) * of_image.amplitude ** (1 - self.share)
-        return replace(of_image, amplitude=height, relative_sigma=relative)
+        return structs.replace(of_image, amplitude=height, relative_sigma=relative)
 
 
 LAYERS: dict[str, dict[str, object]] = {

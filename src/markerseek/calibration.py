@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import msgspec
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import OptimizeResult, least_squares
@@ -213,8 +214,7 @@ _LOW = (-90.0, 15.0, 1e3 * MIN_FACE_M, -3.0, 1.0, -20.0, 1.3)
 _HIGH = (90.0, 150.0, 20.0, 3.0, 10.0, 100.0, 1.8)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fitted:
+class Fitted(msgspec.Struct, frozen=True, kw_only=True):
     """A number with its standard deviation, in the unit of its name."""
 
     value: float
@@ -226,8 +226,7 @@ class Fitted:
         return self.value - 1.96 * self.sigma, self.value + 1.96 * self.sigma
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Geometry:
+class Geometry(msgspec.Struct, frozen=True, kw_only=True):
     """Position of the source and geometry of the probe."""
 
     source_deg: Fitted

@@ -16,6 +16,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from markerseek.core import Found, Interval, Sweep
 from markerseek.guard import Guard, State
@@ -332,7 +333,7 @@ def test_the_checker_sees_a_wrong_angle(healthy: campaign_runs.Trace) -> None:
         found = Found(
             mean_deg=mean_deg, sigma_deg=0.1, interval95_deg=Interval(low_deg=-1, high_deg=1), interval_kind="bracket"
         )
-        ended = replace(last, event=replace(last.event, estimate=found))
+        ended = structs.replace(last, event=structs.replace(last.event, estimate=found))
         verdict = check(
             replace(healthy, journal=replace(healthy.journal, entries=(*healthy.journal.entries[:-1], ended)))
         )

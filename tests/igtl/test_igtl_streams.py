@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from datetime import datetime
 from inspect import signature
 from pathlib import Path
@@ -12,6 +11,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.bridges import Outcome
@@ -41,7 +41,7 @@ def sent_at_5_degrees() -> tuple[rigs.Rig, Sample, dict[str, igtl.Image]]:
     rig = rigs.simulated(seed=1)
     scanner = rig.scanner
     scanner.guard.arm(by="a test")
-    sample = replace(scanner.measure(5.0), angle_deg=5.0)
+    sample = structs.replace(scanner.measure(5.0), angle_deg=5.0)
     streams = Streams()
     configuration = configuration_of(rig, SearchPlan(method="ternary"))
     streams.after(configuration)
@@ -163,9 +163,9 @@ def test_a_transform_before_the_first_search_says_that_no_angle_is_known() -> No
 def test_image_and_transform_carry_one_time_that_of_the_acquisition(kind: str, written: str, expected_s: float) -> None:
     rig = rigs.simulated(seed=1)
     rig.scanner.guard.arm(by="a test")
-    sample = replace(rig.scanner.measure(5.0), angle_deg=5.0)
+    sample = structs.replace(rig.scanner.measure(5.0), angle_deg=5.0)
     configuration = configuration_of(rig, SearchPlan(method="ternary"))
-    configuration = msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind=kind))
+    configuration = structs.replace(configuration, facts=structs.replace(configuration.facts, kind=kind))
     streams = Streams()
     streams.after(configuration)
     event = Measured(role="search", index=1, sample=sample)
@@ -181,15 +181,15 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_time() -> None:
     sample = rig.scanner.measure(5.0)
     assert sample.frame is not None
     configuration = configuration_of(rig, SearchPlan(method="posterior", sweep_speed_deg_s=8.6))
-    configuration = msgspec.structs.replace(configuration, facts=replace(configuration.facts, kind="bench"))
+    configuration = structs.replace(configuration, facts=structs.replace(configuration.facts, kind="bench"))
     streams = Streams()
     streams.after(configuration)
     asked = Asked(role="search", index=1, angle_deg=35.0, sweep=Sweep(to_deg=35.0, speed_deg_s=8.6))
     streams.after(pictured_entry(configuration, asked))
     began_s = datetime.fromisoformat(WRITTEN).timestamp()
     for index, (angle_deg, fired_s) in enumerate([(5.0, 99.75), (5.4, 99.8)], start=1):
-        frame = replace(sample.frame, header=replace(sample.frame.header, started_s=fired_s))
-        pulse = replace(sample, angle_deg=angle_deg, frame=frame, sweep=SweepTiming(number=1, speed_deg_s=8.6))
+        frame = structs.replace(sample.frame, header=structs.replace(sample.frame.header, started_s=fired_s))
+        pulse = structs.replace(sample, angle_deg=angle_deg, frame=frame, sweep=SweepTiming(number=1, speed_deg_s=8.6))
         event = Measured(role="search", index=index, sample=pulse)
         sent = by_device(streams.after(pictured_entry(configuration, event, number=index + 1, clock_s=100.0)))
         (time_s,) = {each.time_s for each in sent.values()}

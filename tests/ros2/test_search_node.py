@@ -115,7 +115,7 @@ def test_a_search_that_is_asked_for_gives_the_answer_of_the_command(start: Start
     expected = [math.radians(each["angle_deg"]) for each in searched]
     assert [angles_rad[each] for each in stamps_ns] == pytest.approx(expected)
     known = json.loads(listener.heard[topics.BANK][-1].data)
-    assert known["rig"] == "simulated"
+    assert known["facts"]["kind"] == "simulated"
     assert "recipe" not in known
     assert listener.heard[topics.ENVELOPE][-1].encoding == "32FC1"
     pictures = listener.heard[topics.PICTURE]

@@ -40,7 +40,7 @@ def test_a_search_over_emulated_devices_measures_and_finds_what_the_simulation_d
     assert (over_bytes["rig"], over_bytes["truth_deg"], over_bytes["seed"]) == ("bench", None, None)
     assert (over_bytes["emulated"], json.loads(out)["emulated"]) == (["stage", "laser"], [])
     shown = json.loads(shell("journal", "show", journal, "--json")[1])
-    assert shown["configuration"]["emulated"] == ["stage", "laser"]
+    assert shown["configuration"]["facts"]["emulated"] == ["stage", "laser"]
     assert "on a bench rig with emulated stage and laser: " in shell("journal", "show", journal)[1]
     assert "on a bench rig with emulated stage and laser: " in " ".join(shell("journal", "list", tmp_path)[1].split())
     plot = ("--plot", "--out", tmp_path)

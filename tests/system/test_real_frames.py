@@ -6,11 +6,11 @@ The positions are those of the data set's README, read off by another beamformer
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from markerseek.records.banks.frames import load_frame
 from markerseek.signals import ImageReader, probe_preset

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -147,7 +146,7 @@ def test_emulated_devices_do_not_continue_a_search_of_others(
     settings = settings_of(tmp_path)
     held = begun_with(settings)
     held = changed(held, emulated=was)
-    facts = replace(held.facts, emulated=now)
+    facts = structs.replace(held.facts, emulated=now)
     rig = SimpleNamespace(facts=facts, close=lambda: closed.append(True))
     monkeypatch.setattr("markerseek.rigs.bench", lambda _: rig)
     said = f"the emulated devices of the journal are: {', '.join(was) or 'none'}; those of the rig file are: "

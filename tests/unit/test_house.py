@@ -54,9 +54,14 @@ CASES: dict[str, tuple[Callable[[house.Checkout], list[str]], dict[str, str], li
         },
         ["core/a.py:three"],
     ),
-    "a check sum that is compared only is of an earlier version": (
+    "a record has check sums and torn tails; a sum that is compared only is of an earlier version": (
         house.record_formats,
-        {"records/a.py": "line = zlib.crc32(text)\n", "scan/b.py": "whole = prefix == zlib.crc32(text)\n"},
+        {
+            "records/a.py": "line = zlib.crc32(text)\n",
+            "records/b.py": "os.ftruncate(descriptor, end)\n",
+            "scan/b.py": "whole = prefix == zlib.crc32(text)\nos.ftruncate(descriptor, end)\n",
+            "runs/c.py": "block = zlib.crc32(text)\n",
+        },
         ["records"],
     ),
     "settings of a session": (

@@ -144,9 +144,12 @@ def test_what_is_no_range_or_no_measurement_is_refused(call: str, answers: dict[
 
 def test_shapes_are_those_of_jaxtyping_in_tests_and_cost_nothing_elsewhere() -> None:
     assert shapes.Float64 is jaxtyping.Float64
-    program = "from markerseek.core import shapes; print(shapes.CHECKED, shapes.Float64['2 3'])"
+    program = (
+        "import sys; from markerseek.core import shapes; "
+        "print(shapes.CHECKED, 'numpy' in sys.modules, shapes.Float64[shapes.np.ndarray, '2 3'])"
+    )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == "False typing.Any\n"
+    assert done.stdout == "False False <class 'numpy.ndarray'>\n"
 
 
 def test_an_editor_knows_the_names_of_all_methods() -> None:

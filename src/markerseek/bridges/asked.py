@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self, TypeAlias
 from urllib.parse import urlencode
+
+from msgspec import structs
 
 from markerseek.core import (
     ConfigError,
@@ -42,14 +44,16 @@ class Asked:
     @property
     def values(self) -> dict[str, Any]:
         """All values by their names in `options`."""
-        chosen = vars(self.plan) | asdict(self.simulation)
+        chosen = structs.asdict(self.plan) | structs.asdict(self.simulation)
         return {name: chosen[name] for name in self.options}
 
     def changed(self, **values: Any) -> Self:
         """The same with other values, by their names in `options`; `ConfigError` if they cannot be used."""
         names = [each.name for each in options_of(type(self.plan)) if each.name in values]
         of_plan = {name: values.pop(name) for name in names}
-        return replace(self, plan=replace(self.plan, **of_plan), simulation=replace(self.simulation, **values))
+        return replace(
+            self, plan=structs.replace(self.plan, **of_plan), simulation=structs.replace(self.simulation, **values)
+        )
 
     def arguments(self, *, simulated: bool = True) -> list[str]:
         """Options of the command; for a rig of devices only those of the plan."""

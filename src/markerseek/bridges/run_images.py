@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
+
+from msgspec.structs import replace
 
 from markerseek.core import AcquisitionError, ChannelFrame, Measured, PaImage, ReadingFrame
 from markerseek.records.journal import Configuration, Entry, JournalItem, RunView

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
+from msgspec import structs
 from rich.markup import escape
 
 from markerseek import rigs, runs
@@ -101,7 +102,7 @@ def scan(
                     seen = event
                     if isinstance(event, Measured):
                         # The counts of a frame have half a megabyte.
-                        seen = replace(event, sample=replace(event.sample, frame=None))
+                        seen = structs.replace(event, sample=structs.replace(event.sample, frame=None))
                         taken = event.index if event.role == "search" else taken
                     view = view.add(seen, clock_s=assembled.scanner.clock.now_s())
                     show_view(progress, view, done=taken)
@@ -479,7 +480,7 @@ def _write_frames(
     filled = round(first_s * preset.sampling_hz)
     read = (bank.frame(index) for index in series.order)
     # Without the samples that were filled in before the first recorded one.
-    frames = (replace(each, samples=each.samples[:, filled:]) for each in read)
+    frames = (structs.replace(each, samples=each.samples[:, filled:]) for each in read)
     write_zea(
         to,
         _with_progress(frames, count),

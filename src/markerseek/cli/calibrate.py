@@ -9,11 +9,12 @@ import math
 import statistics
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from msgspec import structs
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
@@ -120,13 +121,14 @@ def command(
     geometry = found.geometry
     # The probe's angle is sense * (reading - zero), and must be source_deg where the source was found.
     sense = 1 if direction == "forward" else -1
-    zero = replace(geometry.source_deg, value=sense * geometry.source_deg.value + (zero_deg - sense * source_deg))
+    reading_deg = sense * geometry.source_deg.value + (zero_deg - sense * source_deg)
+    zero = structs.replace(geometry.source_deg, value=reading_deg)
     known = {"zero_deg": zero, "noise_sigma": found.noise_sigma}
     numbers: dict[str, Fitted] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
     rig_toml = _rig_toml(numbers, direction) + _laser_toml(pickup_us, usual_energy)
     values = with_version(
         # The interval of a `Fitted` is computed.
-        **{name: asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()},
+        **{name: structs.asdict(value) | {"interval95": value.interval95} for name, value in numbers.items()},
         misfit=geometry.misfit,
         energy_spread=found.energy_spread,
         frames=found.frames,
@@ -165,9 +167,9 @@ def _with_energies(
             f"--pickup-us is {pickup_us[0]:g} {pickup_us[1]:g}, and at some angles there is no pick-up; look for it at "
             "the beginning of a frame"
         )
-    headers = [replace(frame.header, energy=each / usual) for frame, each in zip(frames, pickups, strict=True)]
-    measured = [replace(frame, header=header) for frame, header in zip(frames, headers, strict=True)]
-    return [replace(sample, frame=frame) for sample, frame in zip(samples, measured, strict=True)], usual
+    headers = [structs.replace(frame.header, energy=each / usual) for frame, each in zip(frames, pickups, strict=True)]
+    measured = [structs.replace(frame, header=header) for frame, header in zip(frames, headers, strict=True)]
+    return [structs.replace(sample, frame=frame) for sample, frame in zip(samples, measured, strict=True)], usual
 
 
 def _laser_toml(pickup_us: tuple[float, float] | None, usual_energy: float | None) -> str:

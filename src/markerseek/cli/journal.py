@@ -79,7 +79,7 @@ def show(journal: _File, as_json: AsJson = False) -> None:
     if as_json:
         print_json(
             {
-                "configuration": recorded.configuration.flat(),
+                "configuration": recorded.configuration,
                 "state": RunView.of(recorded).state,
                 "entries": objects,
                 "damage": None if damage is None else str(damage),
@@ -107,7 +107,7 @@ def follow(journal: _File) -> None:
 
     wait = partial(time.sleep, _POLL_S)  # noqa: TID251  a file is followed in real time
     for item in follow_journal(journal, wait=wait):
-        known = {"configuration": item.flat()} if isinstance(item, Configuration) else _as_object(item)
+        known = {"configuration": item} if isinstance(item, Configuration) else _as_object(item)
         sys.stdout.buffer.write(msgspec.json.encode(known).replace(b"\n", b" ") + b"\n")
         sys.stdout.buffer.flush()
 
@@ -166,14 +166,8 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
 def _as_object(entry: Entry) -> dict[str, object]:
     from markerseek.records.journal import encode
 
-    encoded = encode(entry.event)
-    return {
-        "number": entry.number,
-        "kind": encoded.kind,
-        "written": entry.written,
-        "clock_s": entry.clock_s,
-        "body": msgspec.Raw(encoded.body),
-    }
+    line, _ = encode(entry)
+    return {name: getattr(line, name) for name in ("number", "kind", "written", "clock_s", "body")}
 
 
 def _print_table(recorded: RecordedRun) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_type_hints
 
+import msgspec
 import typer
+from msgspec.structs import replace
 
 from markerseek.core import AnglePrior, ConfigError, Option, SearchPlan, options_of
 from markerseek.files import AngleUnit
@@ -64,7 +66,7 @@ def _angle_prior(text: str) -> AnglePrior:
 
 
 def _annotated(found: Option) -> Any:
-    """The type of a command's parameter, for an option that is a field of a dataclass; see `markerseek.core.option`."""
+    """The type of a command's parameter, for an option that is a field of a struct; see `markerseek.core.Help`."""
     declared = typer.Option(
         found.flag,
         help=found.help,
@@ -80,11 +82,11 @@ def _annotated(found: Option) -> Any:
 def with_values(command: Callable[..., None]) -> Callable[..., None]:
     """A command, with an option for each field of the values that it takes as parameters, in their order.
 
-    A value is a dataclass whose fields are options (`markerseek.core.option`), or are annotated as options; so an
-    option is declared once for all commands.
+    A value is a struct whose fields are options (`markerseek.core.Help`), or a dataclass whose fields are annotated as
+    options of commands; so an option is declared once for all commands.
     """
     hints = get_type_hints(command, include_extras=True)
-    values: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    values: dict[str, Any] = {name: kind for name, kind in hints.items() if _is_value(kind)}
     options: list[Parameter] = []
     for name, parameter in signature(command).parameters.items():
         if name in values:
@@ -102,6 +104,11 @@ def with_values(command: Callable[..., None]) -> Callable[..., None]:
     return with_options
 
 
+def _is_value(kind: object) -> bool:
+    """Whether a command takes options for the fields of this class."""
+    return isinstance(kind, type) and (issubclass(kind, msgspec.Struct) or is_dataclass(kind))
+
+
 def _value(kind: type[Any], given: dict[str, Any]) -> Any:
     """A value of the options that are its fields, which are taken away; a field that is refused is named as typed."""
     names = [each.name for each in _options(kind)]
@@ -116,8 +123,8 @@ def _value(kind: type[Any], given: dict[str, Any]) -> Any:
 
 def _options(kind: type[Any]) -> list[Parameter]:
     """The parameters of a command for the fields of a value."""
-    if options := options_of(kind):
-        found = {each.name: (each.default, _annotated(each)) for each in options}
+    if issubclass(kind, msgspec.Struct):
+        found = {each.name: (each.default, _annotated(each)) for each in options_of(kind)}
     else:
         hints = get_type_hints(kind, include_extras=True)
         found = {each.name: (each.default, hints[each.name]) for each in fields(kind)}

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec import structs
 from rich.markup import escape
 
 from markerseek import drivers, registration, rigs
@@ -93,8 +94,8 @@ class SessionRequest:
 
 def require_no_session(place: SessionPlace, plan: registration.SessionPlan, simulation: SceneOptions) -> None:
     """Refuse options of a session where there is none."""
-    usual = {**asdict(SessionPlace()), **asdict(registration.SessionPlan()), **asdict(SceneOptions())}
-    given = {**asdict(place), **asdict(plan), **asdict(simulation)}
+    usual = {**asdict(SessionPlace()), **structs.asdict(registration.SessionPlan()), **structs.asdict(SceneOptions())}
+    given = {**asdict(place), **structs.asdict(plan), **structs.asdict(simulation)}
     for name, value in given.items():
         if value != usual[name]:
             option = name.strip("_").replace("_", "-")

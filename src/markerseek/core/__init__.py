@@ -53,7 +53,7 @@ from markerseek.core.events import (
 from markerseek.core.image import MAX_PAIRS, LinearArray, PaImage, ScanGeometry, StereoImages, StereoPair
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerCandidate, MarkerPosition, marker_candidates, marker_position
-from markerseek.core.options import Option, arguments_of, as_text, option, options_of
+from markerseek.core.options import Help, Option, arguments_of, as_text, options_of
 from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
 from markerseek.core.plan import (
     MAX_PACE,
@@ -157,6 +157,7 @@ __all__ = [
     "Frame",
     "FrameHeader",
     "GuidedStage",
+    "Help",
     "Int16",
     "Int32",
     "Int64",
@@ -236,7 +237,6 @@ __all__ = [
     "marker_candidates",
     "marker_position",
     "needs_package",
-    "option",
     "options_of",
     "require_fields",
     "require_pace",

@@ -8,9 +8,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated
+
+import msgspec
 
 from markerseek.core.checks import Within, is_finite, require_fields, require_range
 from markerseek.core.errors import ConfigError
@@ -36,8 +37,7 @@ INSIDE = 0.025
 """Least probability of a prior that lies within the search range."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AnglePrior:
+class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
     """Where the marker is expected: a normal distribution, or a table (`of_table`).
 
     Attributes
@@ -175,8 +175,7 @@ class AnglePrior:
         return low_deg, high_deg
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PriorEvidence:
+class PriorEvidence(msgspec.Struct, frozen=True, kw_only=True):
     """What a search has seen of the prior that it was given.
 
     Attributes

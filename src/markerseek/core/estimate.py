@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from typing import Annotated, Literal, TypeAlias
+
+import msgspec
 
 from markerseek.core.checks import Within, require_fields
 from markerseek.core.interval import Interval
@@ -21,8 +22,7 @@ FALSE_FOUND = 1e-3
 """Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Floor:
+class Floor(msgspec.Struct, frozen=True, kw_only=True):
     """Noise floor: an intensity that is not above ``level`` is no evidence of a marker.
 
     Attributes
@@ -40,8 +40,7 @@ class Floor:
     background: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OtherSource:
+class OtherSource(msgspec.Struct, frozen=True, kw_only=True):
     """A source beside the one answered: clutter, a repeat of the sound, or a second marker.
 
     Attributes
@@ -61,8 +60,7 @@ class OtherSource:
     depth_m: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerMotion:
+class MarkerMotion(msgspec.Struct, frozen=True, kw_only=True):
     """What a search has seen of the marker's motion, and what it has left room for.
 
     Attributes
@@ -89,8 +87,7 @@ _SCATTERED_MM = 0.2
 """Displacement along the turn, as a standard deviation, from which the samples are said to scatter."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """What every answer of a search states; which answer it is, says its class.
 
     Attributes
@@ -133,8 +130,7 @@ class Answer:
     motion: MarkerMotion | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Found(Answer):
+class Found(Answer, frozen=True, kw_only=True):
     """A marker was found at this angle."""
 
     sigma_deg: float
@@ -145,19 +141,17 @@ class Found(Answer):
 
     def as_unsure(self, doubt: Doubt, reason: str) -> Unsure:
         """Return the same angle, no longer claimed."""
-        kept = {each.name: getattr(self, each.name) for each in fields(Answer)}
+        kept = {name: getattr(self, name) for name in Answer.__struct_fields__}
         return Unsure(doubt=doubt, reason=reason, **kept)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NotFound(Answer):
+class NotFound(Answer, frozen=True, kw_only=True):
     """No intensity is above the noise; ``mean_deg`` is the angle that the method would have given."""
 
     reason: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ambiguous(Answer):
+class Ambiguous(Answer, frozen=True, kw_only=True):
     """Two sources about as strong, or one source whose angle is one of several.
 
     ``modes_deg`` lists the angles; ``mean_deg``, ``sigma_deg`` and ``interval95_deg`` are those of the strongest
@@ -167,8 +161,7 @@ class Ambiguous(Answer):
     modes_deg: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AtBound(Answer):
+class AtBound(Answer, frozen=True, kw_only=True):
     """The intensity still rises at an end of the range: the marker lies there or beyond.
 
     ``sigma_deg`` and ``interval95_deg`` are those of the marker, which may lie beyond.
@@ -177,8 +170,7 @@ class AtBound(Answer):
     side: Literal["low", "high"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unsure(Answer):
+class Unsure(Answer, frozen=True, kw_only=True):
     """There is a marker, but it is not known that this source is it, or its angle is not known well enough.
 
     ``doubt`` says which of the two; with "width" the source is the marker.
@@ -195,8 +187,7 @@ class Unsure(Answer):
 Estimate: TypeAlias = Found | NotFound | Ambiguous | AtBound | Unsure
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerCurve:
+class MarkerCurve(msgspec.Struct, frozen=True, kw_only=True):
     """The intensity curve of a marker that was found.
 
     Attributes

@@ -7,18 +7,19 @@ Where a person turns the probe, `Turning` follows `Asked` until it is there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
+
+import msgspec
 
 from markerseek.core.angle_prior import PriorEvidence
 from markerseek.core.estimate import Estimate
 from markerseek.core.interval import Interval
 from markerseek.core.reading import Frame, Sample
 from markerseek.core.sweep import Sweep
+from markerseek.core.values import EqualWithout
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Started:
+class Started(msgspec.Struct, frozen=True, kw_only=True):
     """The search begins: angle of the probe, and the angles that may be searched."""
 
     start_deg: float
@@ -29,8 +30,7 @@ Role: TypeAlias = Literal["dark", "search", "confirmation"]
 """Purpose of an acquisition: a dark frame, one that the policy asked for, or the confirmation after the search."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class Asked(EqualWithout, frozen=True, kw_only=True):
     """One acquisition is about to be made: a move to an angle, then a permit to fire there; or a sweep.
 
     Attributes
@@ -47,15 +47,16 @@ class Asked:
         record.
     """
 
+    # A run without a record asks for the same, and has no belief.
+    left_out: ClassVar[str] = "belief"
     role: Role
     index: int
     angle_deg: float
     sweep: Sweep | None = None
-    belief: AngleBelief | None = field(default=None, compare=False)
+    belief: AngleBelief | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Turning:
+class Turning(msgspec.Struct, frozen=True, kw_only=True):
     """A person is asked to turn the probe, or turns it.
 
     Attributes
@@ -70,8 +71,7 @@ class Turning:
     angle_deg: float | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measured:
+class Measured(msgspec.Struct, frozen=True, kw_only=True):
     """One acquisition was made.
 
     Attributes
@@ -89,8 +89,7 @@ class Measured:
     sample: Sample
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Swept:
+class Swept(msgspec.Struct, frozen=True, kw_only=True):
     """A sweep is over, and the probe is at rest.
 
     Attributes
@@ -105,8 +104,7 @@ class Swept:
     pulses: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Refused:
+class Refused(EqualWithout, frozen=True, kw_only=True):
     """An acquisition was refused and will be tried again; that of one pulse of a sweep is left out.
 
     Attributes
@@ -119,13 +117,13 @@ class Refused:
         What the receiver sent; None if it sent nothing.
     """
 
+    left_out: ClassVar[str] = "frame"
     angle_deg: float
     reason: str
-    frame: Frame | None = field(default=None, compare=False)
+    frame: Frame | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Searched:
+class Searched(msgspec.Struct, frozen=True, kw_only=True):
     """What a search of a recording took and said, before the other angles of the recording were taken.
 
     Attributes
@@ -140,8 +138,7 @@ class Searched:
     acquisitions: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finished:
+class Finished(EqualWithout, frozen=True, kw_only=True):
     """The search is over.
 
     Attributes
@@ -166,6 +163,7 @@ class Finished:
         As in `Asked`.
     """
 
+    left_out: ClassVar[str] = "belief"
     estimate: Estimate
     confirmation: Sample | None
     acquisitions: int
@@ -174,11 +172,10 @@ class Finished:
     known_s: float | None = None
     searched: Searched | None = None
     near: PriorEvidence | None = None
-    belief: AngleBelief | None = field(default=None, compare=False)
+    belief: AngleBelief | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Failed:
+class Failed(msgspec.Struct, frozen=True, kw_only=True):
     """The run ends with an error and without an angle; the error is raised next."""
 
     error: Exception
@@ -188,8 +185,7 @@ class Failed:
 Event: TypeAlias = Started | Asked | Turning | Measured | Swept | Refused | Finished | Failed
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AngleBelief:
+class AngleBelief(msgspec.Struct, frozen=True, kw_only=True):
     """Where the marker is, as far as a search knows: for pictures; no decision is made from it."""
 
     estimate: Estimate

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+import msgspec
+
 from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
 from markerseek.core.shapes import CHECKED, Float32, Float64, UInt8
@@ -41,8 +43,7 @@ class PaImage:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScanGeometry:
+class ScanGeometry(msgspec.Struct, frozen=True, kw_only=True):
     """Positions of the pixels of an image, the same for B-mode and photoacoustic images.
 
     Lateral positions count along the array from its centre, depths from its face. Row and column numbers may be
@@ -107,8 +108,7 @@ class ScanGeometry:
         return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinearArray:
+class LinearArray(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Evenly spaced elements in a row, whose centre is the lateral position 0.
 
     Attributes

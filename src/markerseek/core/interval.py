@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import SupportsFloat
+
+import msgspec
 
 from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
+class Interval(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Angles from ``low_deg`` to ``high_deg``, both included.
 
     Attributes

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from markerseek.core.estimate import Ambiguous, Estimate, Found, Unsure
 from markerseek.core.plan import RigFacts
 from markerseek.core.reading import Sample
@@ -31,8 +33,7 @@ UNKNOWN_COHERENCE = 0.6
 """Coherence that is assumed where a frame gives none: that of a wide stained spot."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerPosition:
+class MarkerPosition(msgspec.Struct, frozen=True, kw_only=True):
     """Where the marker is.
 
     Attributes
@@ -65,8 +66,7 @@ class MarkerPosition:
         return np.asarray(axes.T @ np.diag(np.square(self.sigma_m)) @ axes)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerCandidate:
+class MarkerCandidate(msgspec.Struct, frozen=True, kw_only=True):
     """A source that may be the marker.
 
     Attributes

@@ -1,19 +1,18 @@
-"""Options from the fields of a dataclass: only the field defines name, type, default and documentation of its option.
+"""Options from the fields of a struct: only the field defines name, type, default and documentation of its option.
 
 The command line, the page, links and network messages offer the same options.
 """
 
 from __future__ import annotations
 
-import ast
-import inspect
-import sys
 import types
 import typing
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
 from typing import Any
+
+import msgspec
+from msgspec import structs
 
 from markerseek.core.angle_prior import AnglePrior
 from markerseek.core.errors import ConfigError
@@ -34,7 +33,7 @@ class Option:
     least: int | None
     """Smallest value allowed; None: no limit."""
     help: str
-    """The field's documentation, on one line."""
+    """Documentation of the field."""
 
     @property
     def flag(self) -> str:
@@ -59,50 +58,35 @@ _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 _IN_WORDS: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
-def option(default: Any, *, shown: str | None = None, least: int | None = None) -> Any:
-    """A field of a dataclass that is also an option; the arguments are those of `Option`."""
-    return field(default=default, metadata={_OPTION: (shown, least)})
+@dataclass(frozen=True, slots=True)
+class Help:
+    """Makes a field an option, as its annotation: ``Annotated[bool, Help("Simulate noise and clutter alone.")]``."""
+
+    text: str
+    """Documentation of the field, and help of the option."""
+    shown: str | None = None
+    """As of `Option`."""
+    least: int | None = None
+    """As of `Option`."""
 
 
-_OPTION = "option"
-
-
-def options_of(kind: type[Any]) -> tuple[Option, ...]:
-    """The options among the fields of a dataclass, in their order; those of a parent class come last."""
-    chosen = [each for each in fields(kind) if _OPTION in each.metadata]
-    if not chosen:
-        return ()
-    types_, documented = typing.get_type_hints(kind), documentation(kind)
-    return tuple(
-        Option(
-            name=each.name,
-            kind=_required(types_[each.name]),
-            default=each.default,
-            shown=each.metadata[_OPTION][0],
-            least=each.metadata[_OPTION][1],
-            help=documented[each.name],
-        )
-        for each in sorted(chosen, key=lambda each: each.name not in kind.__annotations__)
-    )
-
-
-def documentation(kind: type[Any]) -> dict[str, str]:
-    """The documentation of each field of a dataclass: the text below it in the source, on one line."""
-    found: dict[str, str] = {}
-    for owner in reversed([each for each in kind.__mro__ if is_dataclass(each)]):
-        for before, after in pairwise(_body(owner.__module__, owner.__name__)):
-            match before, after:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                    found[name] = " ".join(text.split())
-    return found
-
-
-# Read once, although a command line asks for its options often.
 @cache
-def _body(module: str, name: str) -> list[ast.stmt]:
-    """Statements of a class in a module. `inspect.getsource` of the class would read the file twice."""
-    body = ast.parse(inspect.getsource(sys.modules[module])).body
-    return next(each.body for each in body if isinstance(each, ast.ClassDef) and each.name == name)
+def options_of(kind: type[msgspec.Struct]) -> tuple[Option, ...]:
+    """Return the options among the fields of a struct, in their order; those of a parent class come last."""
+    found = []
+    for each in sorted(structs.fields(kind), key=lambda each: each.name not in kind.__annotations__):
+        for help_ in getattr(each.type, "__metadata__", ()):
+            if isinstance(help_, Help):
+                option = Option(
+                    name=each.name,
+                    kind=_required(typing.get_args(each.type)[0]),
+                    default=each.default,
+                    shown=help_.shown,
+                    least=help_.least,
+                    help=help_.text,
+                )
+                found.append(option)
+    return tuple(found)
 
 
 def _required(kind: Any) -> Any:
@@ -112,8 +96,8 @@ def _required(kind: Any) -> Any:
     return kind
 
 
-def arguments_of(settings: Any) -> list[str]:
-    """The options of these settings that differ from their defaults, as they are typed: ``--seed=3``."""
+def arguments_of(settings: msgspec.Struct) -> list[str]:
+    """Return the options of these settings that differ from their defaults, as they are typed: ``--seed=3``."""
     given = [(each, getattr(settings, each.name)) for each in options_of(type(settings))]
     return [
         each.flag if value is True else f"{each.flag}={as_text(value)}"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+import msgspec
 
 from markerseek.core.checks import is_finite, require_range
 from markerseek.core.errors import ConfigError
@@ -14,8 +15,7 @@ SWEEP_READING_S = 0.15
 _TURN_S = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Permit:
+class Permit(msgspec.Struct, frozen=True, kw_only=True):
     """Permits a number of pulses at one angle, until a moment, once.
 
     Attributes
@@ -56,8 +56,7 @@ class Permit:
         return 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweepPermit(Permit):
+class SweepPermit(Permit, frozen=True, kw_only=True):
     """Permits single pulses while the probe turns from ``angle_deg`` to ``to_deg``, until a moment, once.
 
     The target of the stage is the end of the permit, so the stage stops there by itself even if the search dies.

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Annotated, Literal, TypeAlias
+
+import msgspec
 
 from markerseek.core.angle_prior import AnglePrior
 from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
 from markerseek.core.errors import ConfigError
 from markerseek.core.estimate import MarkerCurve
 from markerseek.core.interval import Interval
-from markerseek.core.options import arguments_of, option
+from markerseek.core.options import Help, arguments_of
 from markerseek.core.reading import MAX_ACQUISITIONS
+from markerseek.core.values import repr_without
 
 _FARTHEST_DEG = 360.0
 """Largest angle of a range that is searched, as of a bank: in a far larger one, no grid of angles has an end."""
@@ -22,8 +24,7 @@ MAX_DARK_FRAMES = 100
 """Most dark frames before a search."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerance:
+class Tolerance(msgspec.Struct, frozen=True, kw_only=True):
     """How far the 95 % interval of a marker that is found may reach from its angle.
 
     Attributes
@@ -53,8 +54,7 @@ class Tolerance:
         return self.deg if radius_m is None else math.degrees(1e-3 * self.mm / radius_m)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ByHand:
+class ByHand(msgspec.Struct, frozen=True, kw_only=True):
     """How a person turns the probe, on a rig without a motor.
 
     Attributes
@@ -88,8 +88,7 @@ class ByHand:
         return self.reach_deg + self.drift_deg
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunPlan:
+class RunPlan(msgspec.Struct, frozen=True, kw_only=True):
     """How a search on a rig begins and ends, whatever its policy.
 
     Raises
@@ -98,8 +97,7 @@ class RunPlan:
         If the number of dark frames cannot be used.
     """
 
-    stay: bool = option(False)
-    """Do not turn to the marker at the end, and confirm nothing."""
+    stay: Annotated[bool, Help("Do not turn to the marker at the end, and confirm nothing.")] = False
     dark_frames: int = 0
     """Acquisitions without laser before the first, from which the policy learns the noise."""
     closing_dark: bool = False
@@ -111,13 +109,12 @@ class RunPlan:
             raise ConfigError(f"dark_frames is {self.dark_frames}, it must lie between 0 and {MAX_DARK_FRAMES}")
 
 
-@dataclass(frozen=True, kw_only=True)
-class SearchPlan(RunPlan):
+class SearchPlan(RunPlan, frozen=True, kw_only=True):
     """Settings of a search: what a person chooses, and what follows from the rig.
 
-    The fields with `option` are what a person chooses: on the command line, on the page, over ROS 2 or OpenIGTLink, in
-    a study. Their documentation is the help there. `markerseek.runs.plan_on` fills in what follows from the rig, and a
-    journal holds the whole. The range of angles belongs to the rig (`RigFacts.search`).
+    The fields with `Help` are what a person chooses: on the command line, on the page, over ROS 2 or OpenIGTLink, in a
+    study. `markerseek.runs.plan_on` fills in what follows from the rig, and a journal holds the whole. The range of
+    angles belongs to the rig (`RigFacts.search`).
 
     Raises
     ------
@@ -125,25 +122,46 @@ class SearchPlan(RunPlan):
         If a number cannot be used; `markerseek.search.require_plan` asks whether the method exists, and can do this.
     """
 
-    method: str = option("posterior")
-    """How to search; an unknown name lists the methods."""
-    acquisitions: int | None = option(None, least=2, shown="that of the method")
-    """Most acquisitions. An odd number is reduced by one where a method makes two per iteration."""
-    tolerance_mm: float = option(1.0)
-    """How well the angle of a marker that is found must be known: 95 % within this length at the marker, to either
-    side, in mm."""
-    tolerance_deg: float = option(1.0)
-    """The same in degrees, where the marker's distance from the axis is not known."""
-    sweep: bool = option(False)
-    """Turn the probe while the laser fires, one frame a pulse: an answer in seconds (posterior only)."""
-    others: float | None = option(None, shown="0.05")
-    """Prior probability of a second source as strong; a smaller one takes fewer acquisitions, with 0 the search looks
-    for no second source (posterior only)."""
-    near: AnglePrior | None = option(None)  # noqa: RUF009  as the others: it makes a field
-    """Where the marker is expected, as ANGLE±SIGMA in degrees: the search begins there, and takes the whole range where
-    the samples contradict it (posterior only)."""
-    as_published: bool = option(False)
-    """The paper's form of the method, which always answers."""
+    method: Annotated[str, Help("How to search; an unknown name lists the methods.")] = "posterior"
+    acquisitions: Annotated[
+        int | None,
+        Help(
+            "Most acquisitions. An odd number is reduced by one where a method makes two per iteration.",
+            least=2,
+            shown="that of the method",
+        ),
+    ] = None
+    tolerance_mm: Annotated[
+        float,
+        Help(
+            "How well the angle of a marker that is found must be known: 95 % within this length at the marker, "
+            "to either side, in mm."
+        ),
+    ] = 1.0
+    tolerance_deg: Annotated[
+        float,
+        Help("The same in degrees, where the marker's distance from the axis is not known."),
+    ] = 1.0
+    sweep: Annotated[
+        bool,
+        Help("Turn the probe while the laser fires, one frame a pulse: an answer in seconds (posterior only)."),
+    ] = False
+    others: Annotated[
+        float | None,
+        Help(
+            "Prior probability of a second source as strong; a smaller one takes fewer acquisitions, with 0 the "
+            "search looks for no second source (posterior only).",
+            shown="0.05",
+        ),
+    ] = None
+    near: Annotated[
+        AnglePrior | None,
+        Help(
+            "Where the marker is expected, as ANGLE±SIGMA in degrees: the search begins there, and takes the "
+            "whole range where the samples contradict it (posterior only)."
+        ),
+    ] = None
+    as_published: Annotated[bool, Help("The paper's form of the method, which always answers.")] = False
 
     early_end: bool = True
     """Whether a weighted average ends once its peak is recorded and passed, and a posterior once its angle is known
@@ -216,8 +234,7 @@ def counted(number: int, thing: str, things: str | None = None) -> str:
     return f"{number} {thing if number == 1 else things or f'{thing}s'}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RigFacts:
+class RigFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Facts about a rig, which journals, banks and results store.
 
     Attributes
@@ -264,8 +281,7 @@ class RigFacts:
     fingerprint: str
     search: Interval
     face_radius_m: float | None = None
-    # Left out of repr: whoever prints a rig would know the answer before the search.
-    truth_deg: float | None = field(default=None, repr=False)
+    truth_deg: float | None = None
     reference_deg: float | None = None
     seed: int | None = None
     probe: str | None = None
@@ -283,6 +299,10 @@ class RigFacts:
                 raise ConfigError(f"{name} is {angle_deg} deg, it must be a finite number")
         for end_deg in (self.search.low_deg, self.search.high_deg):
             require_range("search: an end", end_deg, low=-_FARTHEST_DEG, high=_FARTHEST_DEG, unit="deg")
+
+    def __repr__(self) -> str:
+        # Whoever prints a rig would know the answer before the search.
+        return repr_without(self, "truth_deg")
 
     @property
     def rig_name(self) -> str:
@@ -303,8 +323,7 @@ MAX_PACE = 100.0
 """Slowest simulation, in real seconds for a virtual one: a search of five minutes takes a working day."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneOptions:
+class SceneOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Settings of a simulated rig, but for its markers, in place of those of its rig file.
 
     None leaves the file's value.
@@ -315,20 +334,31 @@ class SceneOptions:
         If a number cannot be used.
     """
 
-    seed: int | None = option(None, shown=str(USUAL_SEED), least=0)
-    """Seed of the simulation: the same seed gives the same search."""
-    snr_db: float | None = option(None, shown="40")
-    """Peak SNR of the simulated image with the probe on the marker, in dB."""
-    tissue: str | None = option(None)
-    """Simulated material, instead of the rig's; an unknown name lists them all."""
-    readout_s: float | None = option(None, shown="10")
-    """Seconds to read one acquisition of a simulated rig, instead of the rig's."""
-    breathing_mm: float | None = option(None, shown="0")
-    """Breathing of the simulated tissue: it moves by this to either side of its middle, in mm."""
-    breathing_period_s: float | None = option(None, shown="4")
-    """Seconds from breath to breath of the simulated tissue."""
-    pace: float = option(0.0)
-    """Real seconds per virtual second: 0 does not wait, 1 is real time."""
+    seed: Annotated[
+        int | None,
+        Help("Seed of the simulation: the same seed gives the same search.", shown=str(USUAL_SEED), least=0),
+    ] = None
+    snr_db: Annotated[
+        float | None,
+        Help("Peak SNR of the simulated image with the probe on the marker, in dB.", shown="40"),
+    ] = None
+    tissue: Annotated[
+        str | None,
+        Help("Simulated material, instead of the rig's; an unknown name lists them all."),
+    ] = None
+    readout_s: Annotated[
+        float | None,
+        Help("Seconds to read one acquisition of a simulated rig, instead of the rig's.", shown="10"),
+    ] = None
+    breathing_mm: Annotated[
+        float | None,
+        Help("Breathing of the simulated tissue: it moves by this to either side of its middle, in mm.", shown="0"),
+    ] = None
+    breathing_period_s: Annotated[
+        float | None,
+        Help("Seconds from breath to breath of the simulated tissue.", shown="4"),
+    ] = None
+    pace: Annotated[float, Help("Real seconds per virtual second: 0 does not wait, 1 is real time.")] = 0.0
 
     def __post_init__(self) -> None:
         if self.seed is not None and not (is_whole(self.seed) and 0 <= self.seed < 2**63):
@@ -340,8 +370,7 @@ class SceneOptions:
         return [each.replace("=", " ") for each in arguments_of(self)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SimulationOptions(SceneOptions):
+class SimulationOptions(SceneOptions, frozen=True, kw_only=True):
     """Settings of a simulated rig in place of those of its rig file (`markerseek.sim.with_options`).
 
     None leaves the file's value.
@@ -352,18 +381,20 @@ class SimulationOptions(SceneOptions):
         If they contradict each other, or a number cannot be used.
     """
 
-    marker_deg: float | None = option(None, shown="drawn at random")
-    """Angle of the simulated marker, in degrees."""
-    second_marker_deg: float | None = option(None)
-    """Angle of a second simulated marker, as strong, elsewhere along the array."""
-    no_marker: bool = option(False)
-    """Simulate noise and clutter alone."""
+    marker_deg: Annotated[
+        float | None,
+        Help("Angle of the simulated marker, in degrees.", shown="drawn at random"),
+    ] = None
+    second_marker_deg: Annotated[
+        float | None,
+        Help("Angle of a second simulated marker, as strong, elsewhere along the array."),
+    ] = None
+    no_marker: Annotated[bool, Help("Simulate noise and clutter alone.")] = False
 
     def __post_init__(self) -> None:
         if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):
             raise ConfigError("--no-marker contradicts --marker-deg and --second-marker-deg; leave it or them out")
-        # A class with slots is another one than that which super() would look for.
-        SceneOptions.__post_init__(self)
+        super().__post_init__()
 
 
 def require_pace(pace: float) -> None:

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
+
+import msgspec
 
 from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
 from markerseek.core.errors import ConfigError, ReadingError
 from markerseek.core.shapes import CHECKED, Int16
 from markerseek.core.sweep import SweepTiming
+from markerseek.core.values import EqualWithout, repr_without
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
+else:
+    from markerseek.core.shapes import np
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameHeader:
+class FrameHeader(msgspec.Struct, frozen=True, kw_only=True):
     """Time, angle and permit of a frame.
 
     Attributes
@@ -54,8 +57,7 @@ NO_HEADER = FrameHeader(sequence=0, token="", pulses=0, commanded_deg=0.0, start
 
 
 # eq=False: comparing arrays gives an array, so that == of two frames would raise.
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ChannelFrame:
+class ChannelFrame(msgspec.Struct, frozen=True, kw_only=True, eq=False, tag=True):
     """Channel data of one acquisition, before beamforming.
 
     Attributes
@@ -83,8 +85,7 @@ class ChannelFrame:
             raise ConfigError(f"channel frame: sampling_hz is {self.sampling_hz} Hz, it must be positive and finite")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadingFrame:
+class ReadingFrame(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """A frame that another program has already reduced to one intensity (a row of a CSV).
 
     Attributes
@@ -114,8 +115,7 @@ _BYTES = 4
 """Bytes of one intensity, float32."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arrival:
+class Arrival(msgspec.Struct, frozen=True, kw_only=True):
     """A peak of the image that is above the noise and coherent.
 
     Attributes
@@ -137,15 +137,14 @@ class Arrival:
     coherence: float | None
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            low, high = _POSSIBLE[each.name]
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            low, high = _POSSIBLE[name]
             if value is not None and not (is_finite(value) and low <= value <= high):
-                raise ConfigError(f"arrival: {each.name} is {value}, it must lie between {low:g} and {high:g}")
+                raise ConfigError(f"arrival: {name} is {value}, it must lie between {low:g} and {high:g}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpotEnergy:
+class SpotEnergy(msgspec.Struct, frozen=True, kw_only=True):
     """Energy of the image about its largest peak, noise subtracted, and its centroid.
 
     The peak of a stained spot is speckle: which of its grains add up there changes with the angle. Their energy does
@@ -170,8 +169,7 @@ class SpotEnergy:
         require_fields(self, "spot energy")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LocalMaxima:
+class LocalMaxima(msgspec.Struct, frozen=True, kw_only=True):
     """Largest envelope in each block of an image, to look up later how strong the image was at a given place.
 
     The image is divided into equal blocks, about 2 mm wide and deep. Those at the far ends may hold less of the image.
@@ -291,8 +289,7 @@ MIN_INTENSITY, MAX_INTENSITY = 1e-60, 1e60
 """Intensities outside are refused as damaged: squares and ratios of those inside neither vanish nor overflow."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True, kw_only=True):
     """The features of one frame; all but the intensity may be unknown (None).
 
     Attributes
@@ -347,8 +344,7 @@ class Reading:
     saturated_fraction: float | None = None
     dead_channels: tuple[int, ...] = ()
     arrivals: tuple[Arrival, ...] = ()
-    # Left out of repr: a thousand numbers would hide the others.
-    local_maxima: LocalMaxima | None = field(default=None, repr=False)
+    local_maxima: LocalMaxima | None = None
 
     def __post_init__(self) -> None:
         # The guard checks this again, because a reader from elsewhere may return a class of its own.
@@ -364,6 +360,10 @@ class Reading:
             low, high = _POSSIBLE[name]
             if value is not None and not low <= value <= high:
                 raise ReadingError(f"{name} is {value!r}, it must lie between {low:g} and {high:g}")
+
+    def __repr__(self) -> str:
+        # A thousand numbers would hide the others.
+        return repr_without(self, "local_maxima")
 
 
 _POSSIBLE: dict[str, tuple[float, float]] = {
@@ -381,13 +381,14 @@ _POSSIBLE: dict[str, tuple[float, float]] = {
 """Limits of the features of a frame, and of its arrivals."""
 
 _OPTIONAL = tuple(
-    name for name in Reading.__slots__ if name not in ("intensity", "spot", "dead_channels", "arrivals", "local_maxima")
+    name
+    for name in Reading.__struct_fields__
+    if name not in ("intensity", "spot", "dead_channels", "arrivals", "local_maxima")
 )
 """Features that may be unknown."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sample:
+class Sample(EqualWithout, frozen=True, kw_only=True):
     """One acquisition as a policy receives it.
 
     Attributes
@@ -411,13 +412,17 @@ class Sample:
         If ``angle_sigma_deg`` is negative or no number.
     """
 
+    # Channel data are large, and samples of a replay must equal those of the run.
+    left_out: ClassVar[str] = "frame"
     angle_deg: float
     reading: Reading
     dark: bool = False
     angle_sigma_deg: Annotated[float, Within(0, 10, "deg")] = 0.0
     sweep: SweepTiming | None = None
-    # Left out of repr and ==: channel data are large, and samples of a replay must equal those of the run.
-    frame: Frame | None = field(default=None, repr=False, compare=False)
+    frame: Frame | None = None
 
     def __post_init__(self) -> None:
         require_fields(self, "sample")
+
+    def __repr__(self) -> str:
+        return repr_without(self, self.left_out)

@@ -18,11 +18,21 @@ if TYPE_CHECKING or CHECKED:
 else:
 
     class _AnyArray:
-        """Array of any type and shape; the brackets are ignored."""
+        """Array of any type and shape: of what stands in the brackets, the class of the array alone counts."""
 
-        def __class_getitem__(cls, _shape: object) -> Any:
-            return Any
+        def __class_getitem__(cls, described: tuple[Any, str]) -> Any:
+            return described[0]
+
+    class _NumPy:
+        """NumPy in annotations, which is imported when the first of them is evaluated: a frame is decoded."""
+
+        @property
+        def ndarray(self) -> Any:
+            import numpy as np
+
+            return np.ndarray
 
     Bool = Complex128 = Float32 = Float64 = Int16 = Int32 = Int64 = UInt8 = _AnyArray
+    np = _NumPy()
 
 __all__ = ["CHECKED", "Bool", "Complex128", "Float32", "Float64", "Int16", "Int32", "Int64", "UInt8"]

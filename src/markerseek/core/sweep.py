@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
+
+import msgspec
 
 from markerseek.core.checks import Within, is_finite, is_whole, require_fields
 from markerseek.core.errors import ConfigError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sweep:
+class Sweep(msgspec.Struct, frozen=True, kw_only=True):
     """One turn of the probe in light.
 
     Attributes
@@ -52,8 +52,7 @@ class Sweep:
         return self.to_deg if self.back_deg is None else self.back_deg
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweepTiming:
+class SweepTiming(msgspec.Struct, frozen=True, kw_only=True):
     """What a sample of a sweep shares with the other samples of its sweep.
 
     Its true angle is ``angle_deg + speed_deg_s * delay + play + e``. The delay is the same in all samples of all sweeps
@@ -91,8 +90,7 @@ class SweepTiming:
         require_fields(self, "sweep timing")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StageReading:
+class StageReading(msgspec.Struct, frozen=True, kw_only=True):
     """Where a stage was that turns, read between two moments of the rig's clock.
 
     Attributes
@@ -113,8 +111,7 @@ class StageReading:
         return (self.asked_s + self.answered_s) / 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pulse:
+class Pulse(msgspec.Struct, frozen=True, kw_only=True):
     """One pulse of a sweep, as the laser or its trigger box stamped it.
 
     Attributes

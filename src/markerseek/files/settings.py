@@ -1,11 +1,10 @@
-"""Reads settings, as TOML has them, into dataclasses and structs whose fields have the same names.
+"""Reads settings, as TOML has them, into structs whose fields have the same names.
 
 An unknown key is an error that names the nearest known one: a misspelt limit must not fall back to its default.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import datetime as dt
 import difflib
 import re
@@ -74,7 +73,7 @@ def setting_from(value: object, hint: typing.Any, *, name: str) -> typing.Any:
     """
     value = _with_none(value)
     try:
-        made = msgspec.convert(value, hint)
+        return msgspec.convert(value, hint)
     except msgspec.ValidationError as problem:
         refused = problem.__cause__
         if isinstance(refused, ConfigError):
@@ -82,8 +81,6 @@ def setting_from(value: object, hint: typing.Any, *, name: str) -> typing.Any:
             raise refused from refused.__cause__
         _, _, place = str(problem).rpartition(" - at `$")
         raise _refusal(value, hint, re.findall(r"\w+", place), name=name) from problem
-    _require_known(value, made, name=name)
-    return made
 
 
 def _with_none(value: object) -> object:
@@ -102,19 +99,19 @@ def _refusal(value: object, hint: typing.Any, place: Sequence[str], *, name: str
     """
     step, deeper = place[0] if place else "", place[1:]
     members = typing.get_args(hint) if _is_union(hint) else (hint,)
-    kind = next((each for each in members if _fields(each) is not None), None)
+    kind = next((each for each in members if _keys_of(each) is not None), None)
     if kind is not None and isinstance(value, Mapping):
         prefix = f"{name}." if name else ""
         for key in value:
             require_key(key, kind, prefix=prefix)
         if step in value:
-            return _refusal(value[step], typing.get_type_hints(kind)[step], deeper, name=prefix + step)
-        for key, needed in (_fields(kind) or {}).items():
-            if needed and key not in value:
-                return ConfigError(f"the key {prefix}{key} is missing; add it")
+            return _refusal(value[step], _hints_of(kind)[step], deeper, name=prefix + step)
+        for each in msgspec.structs.fields(kind):
+            if each.required and each.name not in value:
+                return ConfigError(f"the key {prefix}{each.name} is missing; add it")
     row = next((each for each in members if typing.get_origin(each) in (tuple, list)), None)
     if row is not None and isinstance(value, list):
-        hints = _hints_of(row, len(value))
+        hints = _row_hints(row, len(value))
         if len(value) != len(hints):
             return ConfigError(f"{name} has {len(value)} values, it must have {len(hints)}")
         if step.isdecimal() and int(step) < len(value):
@@ -124,39 +121,30 @@ def _refusal(value: object, hint: typing.Any, place: Sequence[str], *, name: str
     return ConfigError(f"{name or 'the file'} is {found}, it must be {_in_words(hint)}")
 
 
-def _hints_of(row: typing.Any, count: int) -> tuple[typing.Any, ...]:
-    """Return the type of each value of a list, which has so many if its type leaves their number open."""
+def _row_hints(row: typing.Any, count: int) -> tuple[typing.Any, ...]:
+    """Return the types of a list's values; ``count`` of them where the type of the list leaves the number open."""
     hints = typing.get_args(row)
     return hints[:1] * count if typing.get_origin(row) is list or hints[-1] is Ellipsis else hints
-
-
-def _require_known(value: object, made: object, *, name: str) -> None:
-    """Refuse keys that msgspec leaves out of what it makes: it forbids those of structs alone."""
-    if isinstance(value, Mapping) and _fields(type(made)) is not None:
-        prefix = f"{name}." if name else ""
-        for key, each in value.items():
-            require_key(key, type(made), prefix=prefix)
-            _require_known(each, getattr(made, key), name=prefix + key)
-    elif isinstance(value, list) and isinstance(made, tuple):
-        for index, (each, its) in enumerate(zip(value, made, strict=True)):
-            _require_known(each, its, name=f"{name}[{index}]")
 
 
 def _is_union(hint: typing.Any) -> bool:
     return typing.get_origin(hint) in (types.UnionType, typing.Union)
 
 
-def _fields(kind: typing.Any) -> dict[str, bool] | None:
-    """Keys of settings, and whether they are required; None of a type that has none."""
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
-        return {
-            each.name: each.default is dataclasses.MISSING and each.default_factory is dataclasses.MISSING
-            for each in dataclasses.fields(kind)
-        }
+def _keys_of(kind: typing.Any) -> tuple[str, ...] | None:
+    """Return the keys of settings, None of a type that has none."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        tag = {} if kind.__struct_config__.tag is None else {str(kind.__struct_config__.tag_field): False}
-        return tag | {each.name: each.required for each in msgspec.structs.fields(kind)}
+        config = kind.__struct_config__
+        return kind.__struct_fields__ if config.tag is None else (str(config.tag_field), *kind.__struct_fields__)
     return None
+
+
+def _hints_of(kind: typing.Any) -> dict[str, typing.Any]:
+    """Return the type of each key of settings; the tag of a struct has one value."""
+    hints = typing.get_type_hints(kind)
+    if kind.__struct_config__.tag is not None:
+        hints[str(kind.__struct_config__.tag_field)] = typing.Literal[kind.__struct_config__.tag]
+    return hints
 
 
 _KINDS: dict[type, str] = {
@@ -185,12 +173,12 @@ def _in_words(hint: typing.Any) -> str:
         return " or ".join(map(_in_words, typing.get_args(hint)))
     if typing.get_origin(hint) is typing.Literal:
         return f"one of: {', '.join(map(str, typing.get_args(hint)))}"
-    return "a table" if _fields(hint) is not None else _KINDS.get(typing.get_origin(hint) or hint, "something else")
+    return "a table" if _keys_of(hint) is not None else _KINDS.get(typing.get_origin(hint) or hint, "something else")
 
 
 def require_key(key: str, kind: type, *, prefix: str = "") -> str:
     """The key, if the settings have a field of that name."""
-    return nearest_key(key, _fields(kind) or (), prefix=prefix)
+    return nearest_key(key, _keys_of(kind) or (), prefix=prefix)
 
 
 def nearest_key(key: str, names: Collection[str], *, prefix: str = "") -> str:

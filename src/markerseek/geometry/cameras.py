@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, require_range
@@ -22,8 +23,7 @@ _TRIANGULATION_STEPS = 20
 """Most Gauss-Newton steps of a triangulation; two or three are usual."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Camera:
+class Camera(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Intrinsics of one camera."""
 
     focal_px: tuple[float, float]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -92,10 +92,10 @@ class Admission:
         """
         if not (is_finite(reading.intensity) and reading.intensity >= 0):
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
-        for feature in fields(Reading):
-            checked = feature.name in ("dead_channels", "arrivals", "local_maxima", "spot")  # when they were made
-            if not checked and (value := getattr(reading, feature.name)) is not None and not is_finite(value):
-                raise AcquisitionError(f"{feature.name} is {value}, it must be finite; take it again")
+        for name in Reading.__struct_fields__:
+            checked = name in ("dead_channels", "arrivals", "local_maxima", "spot")  # when they were made
+            if not checked and (value := getattr(reading, name)) is not None and not is_finite(value):
+                raise AcquisitionError(f"{name} is {value}, it must be finite; take it again")
         sigma = reading.noise_sigma
         if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:
             why = f"the noise is {sigma:.3g} and was {usual_sigma:.3g} at first in this run, by more than a factor of"

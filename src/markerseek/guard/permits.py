@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
 
 import msgspec
+from msgspec.structs import replace
 
 from markerseek.core import ConfigError, LaserError, LimitError, Permit, SweepPermit, is_finite, is_whole, require_range
 

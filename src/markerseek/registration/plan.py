@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
-from markerseek.core import ConfigError, SearchPlan, is_finite, is_whole, option, require_range
+import msgspec
+
+from markerseek.core import ConfigError, Help, SearchPlan, is_finite, is_whole, require_range
 
 REGISTRATION_TOLERANCE_MM = 0.3
 """Tolerance of searches for a registration: with the usual 1 mm markers are twice as far off along the turn, for two
@@ -18,11 +20,10 @@ USUAL_TRE_MM = 1.0
 reach."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SessionPlan:
+class SessionPlan(msgspec.Struct, frozen=True, kw_only=True):
     """Settings of a session.
 
-    The fields with `option` are what a person chooses; their documentation is the help there.
+    The fields with `Help` are what a person chooses.
 
     Raises
     ------
@@ -30,24 +31,44 @@ class SessionPlan:
         If a number cannot be used.
     """
 
-    sweep: bool = option(False)
-    """Search each marker by sweeps: an answer in seconds."""
-    tre_mm: float | None = option(None, shown="1, or that of the session that is continued")
-    """Expected error at the target at which the session ends, in mm."""
-    markers: int | None = option(None, shown="as many as it takes")
-    """Number of markers after which the session ends, whatever the error: 3 to 12."""
-    again: bool = option(False)
-    """Measure the first marker again at the end, to see whether it has moved."""
-    wait_s: float = option(300.0)
-    """Longest wait for a spot, in seconds."""
-    idle_s: float | None = option(None, shown="never")
-    """Time in the dark after which the session looks for a spot although nobody has said that it is set, in seconds."""
-    light_while_waiting: bool = option(False)
-    """Fire once a second while the session waits, until the cameras see a spot, instead of waiting in the dark until
-    somebody says that the spot is set."""
-    no_frames: bool = option(False)
-    """Keep the samples of each search only, without the receiver's frames, of which a marker has some 50 MB: its answer
-    can then not be computed again from its frames."""
+    sweep: Annotated[bool, Help("Search each marker by sweeps: an answer in seconds.")] = False
+    tre_mm: Annotated[
+        float | None,
+        Help(
+            "Expected error at the target at which the session ends, in mm.",
+            shown="1, or that of the session that is continued",
+        ),
+    ] = None
+    markers: Annotated[
+        int | None,
+        Help(
+            "Number of markers after which the session ends, whatever the error: 3 to 12.", shown="as many as it takes"
+        ),
+    ] = None
+    again: Annotated[bool, Help("Measure the first marker again at the end, to see whether it has moved.")] = False
+    wait_s: Annotated[float, Help("Longest wait for a spot, in seconds.")] = 300.0
+    idle_s: Annotated[
+        float | None,
+        Help(
+            "Time in the dark after which the session looks for a spot although nobody has said that it is set, "
+            "in seconds.",
+            shown="never",
+        ),
+    ] = None
+    light_while_waiting: Annotated[
+        bool,
+        Help(
+            "Fire once a second while the session waits, until the cameras see a spot, instead of waiting in the "
+            "dark until somebody says that the spot is set."
+        ),
+    ] = False
+    no_frames: Annotated[
+        bool,
+        Help(
+            "Keep the samples of each search only, without the receiver's frames, of which a marker has some 50 "
+            "MB: its answer can then not be computed again from its frames."
+        ),
+    ] = False
 
     target_trus_m: tuple[float, float, float] | None = None
     """Point of the expected error, in the TRUS frame; None: 20 mm under the middle of the points, or that of the

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -104,8 +105,7 @@ def reach_of(rig: Rig) -> Reach:
     return Reach(angles=rig.limits.search, lateral_m=lateral_m)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class Place(msgspec.Struct, frozen=True, kw_only=True):
     """A place for the next spot."""
 
     left_px: tuple[float, float]
@@ -117,8 +117,7 @@ class Place:
     """Expected TRE at the target with a marker there; None before there is a registration."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Prediction:
+class Prediction(msgspec.Struct, frozen=True, kw_only=True):
     """Prediction for a spot from the markers so far."""
 
     prior: AnglePrior

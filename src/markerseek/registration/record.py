@@ -246,22 +246,29 @@ class _NumberedSteps(LineReader):
 
     def next(self) -> RecordedStep | None:
         _require_there(self.path, self.descriptor, self.end)
+        if self._number == 0:
+            return self._next_begun()
         found = self._next_line()
         if found is None:
             return None
         line, _ = found
         number = self._number
         self._number += 1
-        if number == 0:
-            if line.session > VERSION:
-                raise RecordError(
-                    f"{self.path}: it was written by a newer markerseek: the record has version {line.session}, this "
-                    f"one reads up to {VERSION}; install a newer one"
-                )
-            return _decoded(self.path, line.begun, number)
         if line.number != number:
             raise RecordError(f"{self.path}: entry {number} is missing, entry {line.number} follows; it is damaged")
         return _decoded(self.path, line.body, number)
+
+    def _next_begun(self) -> RecordedStep | None:
+        first = self._next_first()
+        if first is None:
+            return None
+        self._number += 1
+        if first.session > VERSION:
+            raise RecordError(
+                f"{self.path}: it was written by a newer markerseek: the record has version {first.session}, this "
+                f"one reads up to {VERSION}; install a newer one"
+            )
+        return _decoded(self.path, first.begun, 0)
 
 
 class _ReadSteps(_NumberedSteps):

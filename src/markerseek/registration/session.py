@@ -259,7 +259,7 @@ class RegistrationSession:
         search = self._plan.search
         # A spot out of reach is not worth a minute: the next one is lit elsewhere.
         acquisitions = MOST_AT_REST if search.sweep and search.acquisitions is None else search.acquisitions
-        return replace(search, prior=self._curve, near=near, stay=True, acquisitions=acquisitions)
+        return structs.replace(search, prior=self._curve, near=near, stay=True, acquisitions=acquisitions)
 
     def _state(self) -> Registered:
         """Registration from all markers."""

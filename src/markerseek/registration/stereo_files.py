@@ -9,11 +9,11 @@ import configparser
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypeAlias
 
+import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -55,8 +55,7 @@ _COEFFICIENTS = (4, 5, 8, 12, 14)
 """Numbers of coefficients that OpenCV's models of distortion have."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StereoSettings:
+class StereoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Keys of the TOML file."""
 
     left: Camera

@@ -121,7 +121,7 @@ class SessionView:
         """Return the plan of who continues the session, with its goal and target where the plan names none."""
         if self.begun is None:
             return plan
-        return replace(
+        return structs.replace(
             plan,
             tre_mm=1e3 * self.goal_m if plan.tre_mm is None else plan.tre_mm,
             target_trus_m=self.target_trus_m if plan.target_trus_m is None else plan.target_trus_m,

@@ -127,7 +127,7 @@ def _preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None)
         preset = structs.replace(preset, sound_speed_m_s=facts.sound_speed_m_s)
     if facts.pitch_m is not None and isinstance(bank, FrameBank):
         elements = bank.frame(0).samples.shape[0]
-        preset = structs.replace(preset, array=replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
+        preset = structs.replace(preset, array=structs.replace(preset.array, elements=elements, pitch_m=facts.pitch_m))
     return preset
 
 

@@ -7,10 +7,10 @@ The paper's offline analysis (section 2.5) interpolates instead, which can be ch
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -118,9 +118,9 @@ class ReplayReceiver:
         if isinstance(self._bank, FrameBank):
             if permit.pulses == 0:
                 self._dark += 1
-                return replace(self._bank.dark_frame(self._dark - 1), header=header)
+                return structs.replace(self._bank.dark_frame(self._dark - 1), header=header)
             # The header of the new acquisition, which the guard compares with the permit, and the recorded energy.
             frame = self._bank.frame(self._bank.angles_deg.index(angle_deg))
-            return replace(frame, header=replace(header, energy=frame.header.energy))
+            return structs.replace(frame, header=structs.replace(header, energy=frame.header.energy))
         intensity = float(np.interp(angle_deg, self._bank.angles_deg, self._bank.intensities))
         return ReadingFrame(header=header, intensity=intensity)

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias
 
 import msgspec
+from msgspec.structs import replace
 
 from markerseek._closing import Closing
 from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, Stage

@@ -229,7 +229,7 @@ def simulated(
     if scene.second is None:
         return rig
     description = f"{rig.facts.description}, a second marker at {scene.second.angle_deg:.2f} deg"
-    return replace(rig, facts=replace(rig.facts, description=description))
+    return replace(rig, facts=structs.replace(rig.facts, description=description))
 
 
 def _number(value: SupportsFloat | None) -> float | None:
@@ -256,7 +256,7 @@ class MovableMarker:
         scene = marker_scene(self.settings, self.rng, angle_deg=angle_deg, radius_m=radius_m, lateral_m=lateral_m)
         others = () if self.beside is None else self.beside(scene, self.rng)
         self.world.replace_absorbers((*scene.absorbers, *others))
-        self.rig = replace(self.rig, facts=replace(self.rig.facts, truth_deg=angle_deg))
+        self.rig = replace(self.rig, facts=structs.replace(self.rig.facts, truth_deg=angle_deg))
         return self.rig
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import NO_HEADER, AcquisitionError, PaImage, Reading, ReadingFrame, RecordError, Sample
 from markerseek.records.banks import BankFacts, FrameBank, IntensityBank
@@ -40,7 +41,7 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | 
     if isinstance(bank, IntensityBank):
         times_s = bank.started_s or (math.nan,) * len(bank.angles_deg)
         for angle_deg, intensity, time_s in zip(bank.angles_deg, bank.intensities, times_s, strict=True):
-            header = replace(NO_HEADER, commanded_deg=angle_deg, started_s=time_s, ended_s=time_s)
+            header = structs.replace(NO_HEADER, commanded_deg=angle_deg, started_s=time_s, ended_s=time_s)
             row = ReadingFrame(header=header, intensity=intensity)
             yield Sample(angle_deg=angle_deg, reading=Reading(intensity=intensity), frame=row)
         return
@@ -77,7 +78,7 @@ def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | No
     if intensities_stored(bank, probe=probe):
         return Curve(angle_deg=np.array(bank.angles_deg), intensity=np.array(bank.intensities))
     # The curve needs no frames, and all of them may not fit into memory.
-    return curve_of([replace(each, frame=None) for each in bank_samples(bank, probe=probe) if not each.dark])
+    return curve_of([structs.replace(each, frame=None) for each in bank_samples(bank, probe=probe) if not each.dark])
 
 
 def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> float | None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     AngleBelief,
@@ -143,8 +144,8 @@ class _Beliefs:
             return event
         belief = self._belief()
         # The answer of a run takes into account that its confirmation may have failed, which a policy need not know.
-        return replace(
-            event, belief=replace(belief, estimate=event.estimate) if isinstance(event, Finished) else belief
+        return structs.replace(
+            event, belief=structs.replace(belief, estimate=event.estimate) if isinstance(event, Finished) else belief
         )
 
     @property

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 
 import msgspec
+from msgspec.structs import replace
 
 from markerseek.core import AnyPolicy, ConfigError, Estimate, Measured, Reader, ReadingFrame, RecordError
 from markerseek.drivers import BenchSettings
-from markerseek.records.journal import Configuration, Entry, RecordedRun, since_started
+from markerseek.records.journal import Configuration, Entry, RecordedRun, RunView, since_started
 from markerseek.rigs import (
     BenchRecipe,
     Recipe,
@@ -21,7 +21,7 @@ from markerseek.rigs import (
 )
 from markerseek.runs.journalled import is_scan
 from markerseek.runs.resume import tell_recorded
-from markerseek.scan import Tally, apply_confirmation
+from markerseek.scan import apply_confirmation
 from markerseek.search import build_sweeping
 from markerseek.signals import ImageReader, IntensityReader, ProbePreset
 
@@ -118,15 +118,17 @@ def answer_again(recorded: RecordedRun, *, read_frames: bool) -> Estimate:
 
     ``read_frames``: whether samples whose frame was kept are read from it again.
     """
-    policy, entries = rebuild_policy(recorded.configuration), since_started(recorded.entries)
+    policy = rebuild_policy(recorded.configuration)
+    entries = since_started(recorded.entries)
     if read_frames:
         reader = rebuild_reader(recorded.configuration)
         entries = tuple(_read_again(entry, reader) for entry in entries)
     tell_recorded(policy, entries)
-    tally, estimate = Tally.of(entry.event for entry in entries), policy.estimate()
-    if tally.confirmation is None or not tally.confirmed:
-        return estimate
-    return apply_confirmation(estimate, tally.confirmation, tally.lit[:-1])
+    estimate = policy.estimate()
+    view = RunView.of(recorded.configuration)
+    for entry in entries:
+        view = view.add_entry(entry)
+    return estimate if view.confirmation is None else apply_confirmation(estimate, view.confirmation, view.samples)
 
 
 def _read_again(entry: Entry, reader: Reader) -> Entry:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
+
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -193,7 +194,7 @@ def _recall(rig: Rig, entries: Sequence[Entry]) -> None:
     for entry in entries:
         if isinstance(entry.event, Measured) and (frame := entry.event.sample.frame) is not None:
             # A restarted receiver counts from 1 again.
-            again = replace(frame, header=replace(frame.header, sequence=0))
+            again = structs.replace(frame, header=structs.replace(frame.header, sequence=0))
             rig.scanner.guard.recall(again, entry.event.sample.reading)
 
 

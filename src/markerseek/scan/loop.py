@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Generator, Iterable
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+
+from msgspec import structs
 
 from markerseek.core import (
     MAX_ACQUISITIONS,
@@ -103,7 +105,7 @@ class Tally:
                     self.steps += role == "search" and sample.sweep is None
                     self.confirmed = role == "confirmation"
                     self.confirmation = sample if self.confirmed else self.confirmation
-                    self.lit.append(replace(sample, frame=None))
+                    self.lit.append(structs.replace(sample, frame=None))
                     self.turn(sample.angle_deg)
             case Swept(angle_deg=angle_deg):
                 self.sweep_from_deg, self.confirmed = None, False
@@ -284,7 +286,7 @@ def _planned(asked: float | Sweep, policy: AnyPolicy, limits: Limits, tally: Tal
     begin_deg = tally.place_deg if asked.from_deg is None else asked.from_deg
     assert begin_deg is not None  # noqa: S101 - the run has started
     # Always stated: a run that is resumed goes on from another angle.
-    return replace(asked, from_deg=limits.search.nearest(begin_deg))
+    return structs.replace(asked, from_deg=limits.search.nearest(begin_deg))
 
 
 def _require_order(scanner: Scanner, policy: AnyPolicy) -> None:

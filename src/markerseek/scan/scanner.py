@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Protocol, cast
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -347,7 +347,9 @@ class Scanner:
         _LOG.debug("frame %s", frame.header)
         # A second readback after the frame: the guard refuses one during which the probe moved.
         after_deg = self.angle_deg
-        frame = replace(frame, header=replace(frame.header, angle_before_deg=before_deg, angle_after_deg=after_deg))
+        frame = structs.replace(
+            frame, header=structs.replace(frame.header, angle_before_deg=before_deg, angle_after_deg=after_deg)
+        )
         # Kept until it is admitted, so that `Refused` can carry it into the journal.
         self._refused_frame = frame
         self.guard.admit_frame(frame, permit=permit, now_s=self.clock.now_s())
@@ -413,15 +415,15 @@ def divided_reading(reading: Reading, energy: float) -> Reading:
     maxima = reading.local_maxima
     if maxima is not None:
         scaled = np.frombuffer(maxima.intensities, "<f4") / np.float32(energy)
-        maxima = replace(maxima, intensities=scaled.astype("<f4").tobytes())
+        maxima = structs.replace(maxima, intensities=scaled.astype("<f4").tobytes())
     spot = reading.spot
     if spot is not None:
-        spot = replace(spot, amplitude=spot.amplitude / energy)
-    return replace(
+        spot = structs.replace(spot, amplitude=spot.amplitude / energy)
+    return structs.replace(
         reading,
         intensity=reading.intensity / energy,
         noise_sigma=None if reading.noise_sigma is None else reading.noise_sigma / energy,
-        arrivals=tuple(replace(each, intensity=each.intensity / energy) for each in reading.arrivals),
+        arrivals=tuple(structs.replace(each, intensity=each.intensity / energy) for each in reading.arrivals),
         spot=spot,
         local_maxima=maxima,
     )

@@ -10,7 +10,9 @@ import logging
 import math
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -417,7 +419,7 @@ class SweepInProgress:
         latest_s = now_s + CLOCKS_S + max(0.0, -laser.stamp_delay_s)
         latest_s += 4 * math.hypot(laser.delay_sigma_s, STAMP_SIGMA_S)
         for stamped in pulses:
-            pulse = replace(
+            pulse = structs.replace(
                 stamped,
                 at_s=stamped.at_s + laser.stamp_delay_s,
                 sigma_s=max(stamped.sigma_s, STAMP_SIGMA_S),
@@ -480,14 +482,14 @@ class SweepInProgress:
         turned = self._turning_s is not None and pulse.at_s >= self._turning_s
         forward = -self._permit.forward if turned else self._permit.forward
         backlash_deg = self._devices.stage.play_deg(forward)
-        header = replace(
+        header = structs.replace(
             frame.header,
             angle_before_deg=stamped.lower.angle_deg,
             angle_after_deg=stamped.upper.angle_deg,
             energy=frame.header.energy if pulse.energy is None else pulse.energy,
         )
         return SweptFrame(
-            frame=replace(frame, header=header),
+            frame=structs.replace(frame, header=header),
             # The probe lags behind the encoder by the backlash.
             angle_deg=stamped.angle_deg - forward * backlash_deg,
             angle_sigma_deg=stamped.sigma_deg,

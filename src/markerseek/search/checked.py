@@ -13,10 +13,10 @@ What passes is `Found` with the method's own angle, and with the noise that was 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from msgspec.structs import replace
 
 from markerseek.core import PAPER_RANGE, AtBound, Estimate, Interval, NotFound, Sample, Tolerance
 from markerseek.search.curve import curve_of

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from msgspec.structs import replace
 
 from markerseek.core import Found, Interval, Sample, Tolerance
 from markerseek.search.background import FLAT_SHARE

@@ -31,6 +31,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import FALSE_FOUND, Floor, Sample
 from markerseek.search.background import Background, background_of, background_sigma
@@ -67,7 +68,9 @@ class SearchNoise:
         """Floor in the intensities as they are measured: of a sloping background, that in the middle of the angles."""
         if self.background is None or self.floor.level is None:
             return self.floor
-        return replace(self.floor, level=self.floor.level + self.background.level, background=self.background.level)
+        return structs.replace(
+            self.floor, level=self.floor.level + self.background.level, background=self.background.level
+        )
 
     @property
     def level_or_zero(self) -> float:
@@ -159,7 +162,7 @@ def above_background(lit: Sequence[Sample], background: Background | None) -> Se
         return lit
     rest = [max(0.0, each.reading.intensity - background.at(each.angle_deg)) for each in lit]
     return [
-        replace(sample, reading=replace(sample.reading, intensity=intensity))
+        structs.replace(sample, reading=structs.replace(sample.reading, intensity=intensity))
         for sample, intensity in zip(lit, rest, strict=True)
     ]
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, SupportsFloat, TypeAlias
+
+from msgspec.structs import replace
 
 from markerseek.core import (
     MAX_ACQUISITIONS,

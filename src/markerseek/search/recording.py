@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
 
 from markerseek.core import Estimate, Found, Policy, PriorEvidence, Sample, Searched, estimate_of
 

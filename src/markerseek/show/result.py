@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Self
 
+from msgspec import structs
+
 from markerseek._version import __version__
 from markerseek.core import (
     FALSE_FOUND,
@@ -206,7 +208,7 @@ class SearchResult:
             return None
         points = self.run.points[: searched.acquisitions]
         way_deg = [self.run.start_deg, *(point.angle_deg for point in points)]
-        end = replace(
+        end = structs.replace(
             self._end,
             estimate=searched.estimate,
             acquisitions=searched.acquisitions,

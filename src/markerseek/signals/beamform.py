@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -49,6 +50,12 @@ def path_delay(preset: ProbePreset) -> tuple[float, float]:
     return preset.sampling_hz / preset.sound_speed_m_s, preset.trigger_offset_s * preset.sampling_hz
 
 
+@lru_cache(maxsize=8)
+def elements_m(array: LinearArray) -> Float64[np.ndarray, " elements"]:
+    """Return the centre of each element along the array, made once, because every frame asks for it ten times."""
+    return array.lateral_m
+
+
 def half_aperture_m(
     preset: ProbePreset, depth_m: Float64[np.ndarray, " depth"], *, at_least: float = 0.5
 ) -> Float64[np.ndarray, " depth"]:
@@ -68,7 +75,7 @@ def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray
     if len(depth_m) == 0 or not (np.all(np.diff(depth_m) > 0) and depth_m[0] > 0 and depth_m[-1] < np.inf):
         raise ConfigError("depth_m must hold at least one depth, all positive, finite and rising")
     array = preset.array
-    lateral = array.lateral_m[0] + np.arange(array.elements) * array.pitch_m
+    lateral = elements_m(array)[0] + np.arange(array.elements) * array.pitch_m
     per_metre, origin = path_delay(preset)
     table = delay_table(
         array,
@@ -99,7 +106,7 @@ def beamform_at(
     """Image on any columns, otherwise as `beamform`, which takes less time per pixel."""
     image = np.empty((len(depth_m), len(lateral_m)), np.float32)
     aperture = half_aperture_m(preset, depth_m)
-    beams(signals, preset.array.lateral_m, lateral_m, depth_m, path_delay(preset), aperture, image)
+    beams(signals, elements_m(preset.array), lateral_m, depth_m, path_delay(preset), aperture, image)
     return image
 
 

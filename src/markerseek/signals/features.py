@@ -15,7 +15,7 @@ import numpy as np
 from markerseek.core import Float32, Float64, Int16, Int64
 from markerseek.signals import _kernel as kernel
 from markerseek.signals._kernel import PAD
-from markerseek.signals.beamform import beamform_at, half_aperture_m, path_delay
+from markerseek.signals.beamform import beamform_at, elements_m, half_aperture_m, path_delay
 from markerseek.signals.filtering import ENVELOPE_MARGIN, envelope
 from markerseek.signals.pickup import clipped
 from markerseek.signals.presets import ProbePreset
@@ -98,7 +98,7 @@ def coherent_energies(
     aperture = half_aperture_m(preset, depth.ravel(), at_least=MIN_CHANNELS / 2).reshape(depth.shape)
     energy, used = np.empty(len(depth_m)), np.empty(len(depth_m), np.int64)
     kernel.coherent_energies(
-        signals, preset.array.lateral_m, lateral_m, depth, path_delay(preset), aperture, energy, used
+        signals, elements_m(preset.array), lateral_m, depth, path_delay(preset), aperture, energy, used
     )
     return energy, used
 
@@ -150,7 +150,7 @@ def saturated_channels(
     samples: Int16[np.ndarray, "channels samples"], preset: ProbePreset, *, lateral_m: float, depth_m: float
 ) -> tuple[tuple[int, ...], int]:
     """Channels of the aperture that touch full scale when a point's sound arrives, and the number of channels there."""
-    offset = np.abs(preset.array.lateral_m - lateral_m)
+    offset = np.abs(elements_m(preset.array) - lateral_m)
     aperture = float(half_aperture_m(preset, np.array([depth_m]))[0])
     per_metre, origin = path_delay(preset)
     middle = np.rint(np.hypot(offset, depth_m) * per_metre + origin).astype(np.int64)

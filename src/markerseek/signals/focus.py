@@ -18,7 +18,7 @@ import numpy as np
 
 from markerseek.core import Float32
 from markerseek.signals._kernel import PAD, aligned_energies
-from markerseek.signals.beamform import half_aperture_m, path_delay
+from markerseek.signals.beamform import elements_m, half_aperture_m, path_delay
 from markerseek.signals.features import MIN_CHANNELS
 from markerseek.signals.presets import ProbePreset
 
@@ -65,7 +65,7 @@ def focused_coherence(
         of_sum, of_channels, used = np.empty(points), np.empty(points), np.empty(points, np.int64)
         aligned_energies(
             signals,
-            preset.array.lateral_m,
+            elements_m(preset.array),
             np.tile(places_m, len(speeds)),
             np.repeat(per_metre / speeds, len(places_m)),
             (depth_m * per_metre, origin),

@@ -6,7 +6,6 @@ Element size and angular response are not among them: one-way delay-and-sum need
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Annotated, TypeAlias
 
 import msgspec
@@ -119,7 +118,7 @@ class ProbeKeys(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         keys |= {"sampling_hz": sampling_hz, "name": name}
         given = {key: value for key, value in keys.items() if value is not None}
         of_array = {key: given.pop(key) for key in ("elements", "pitch_m") if key in given}
-        return structs.replace(preset, array=replace(preset.array, **of_array), **given)
+        return structs.replace(preset, array=structs.replace(preset.array, **of_array), **given)
 
 
 def is_own(preset: ProbePreset) -> bool:

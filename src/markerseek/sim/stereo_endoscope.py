@@ -14,6 +14,7 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     MAX_PAIRS,
@@ -469,4 +470,4 @@ def _sides(cameras: StereoCameras) -> tuple[tuple[Side, Camera], ...]:
 def _refocused(camera: Camera, error: float) -> Camera:
     """The true camera, if its calibration states focal lengths that are too large by this share."""
     x_px, y_px = camera.focal_px
-    return replace(camera, focal_px=(x_px / (1 + error), y_px / (1 + error)))
+    return structs.replace(camera, focal_px=(x_px / (1 + error), y_px / (1 + error)))

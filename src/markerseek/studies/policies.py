@@ -10,11 +10,11 @@ from __future__ import annotations
 import importlib
 import logging
 import traceback
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 import markerseek
 from markerseek.core import (
@@ -125,8 +125,7 @@ def study_policy(**keys: object) -> StudyPolicy:
         nearest_key(key, (*OF_PLAN, *OF_STUDY), prefix="policies.")
     if "method" not in keys:
         raise ConfigError("the key policies.method is missing; add it")
-    # Replaced by itself: msgspec leaves defaults out of a dataclass without slots.
-    plan = replace(settings_from({key: keys[key] for key in keys if key in OF_PLAN}, SearchPlan, name="policies"))
+    plan = settings_from({key: keys[key] for key in keys if key in OF_PLAN}, SearchPlan, name="policies")
     own = {key: keys[key] for key in keys if key in OF_STUDY}
     return settings_from({"plan": plan, **own}, StudyPolicy, name="policies")
 

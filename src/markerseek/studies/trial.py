@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from typing import Literal, NamedTuple, TypeAlias
 
 import msgspec
@@ -21,16 +22,15 @@ from markerseek.core import (
     Found,
     MarkerCurve,
     MarkerseekError,
-    Measured,
-    Refused,
-    RunPlan,
     Sample,
     SearchError,
+    SearchPlan,
     Unsure,
     described,
     estimate_of,
 )
-from markerseek.scan import Scanner, run
+from markerseek.records.journal import RunView
+from markerseek.scan import run
 from markerseek.show import AnswerName, answer_name
 from markerseek.studies.policies import StudyPolicy, build_policy, is_own, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
@@ -155,7 +155,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         high_deg=None if stated is None else float(stated.interval95_deg.high_deg),
         marks_deg=tuple(float(each.mean_deg) for each in at_marks),
         acquisitions=finished.acquisitions,
-        refused=found.refused,
+        refused=found.view.refused,
         travel_deg=finished.travel_deg,
         elapsed_s=finished.elapsed_s,
         known_s=finished.known_s,
@@ -236,43 +236,43 @@ def run_row(study: Study, row: int) -> Row:
 class SearchTrace(NamedTuple):
     """One search."""
 
-    samples: list[Sample]
-    """Samples of the search in order, without dark frames and confirmations."""
-    finished: Finished
+    view: RunView
+    """The run at its end."""
     answers: dict[int, Estimate]
     """Answers by number of acquisitions."""
-    refused: int
-    """Frames that were refused."""
+
+    @property
+    def samples(self) -> list[Sample]:
+        """Samples of the search in order, without dark frames and confirmations."""
+        return [point.sample for point in self.view.points if point.role == "search"]
+
+    @property
+    def finished(self) -> Finished:
+        """The end of the run."""
+        if self.view.finished is None:
+            raise SearchError("the run ended without an answer")
+        return self.view.finished
 
 
-def searched(
-    policy: AnyPolicy, scanner: Scanner, *, stay: bool = True, dark_frames: int = 0, counts: Collection[int] = ()
-) -> SearchTrace:
+def searched(policy: AnyPolicy, rig: rigs.Rig, plan: SearchPlan, *, counts: Collection[int] = ()) -> SearchTrace:
     """Run a search on a rig.
 
     The angles of a bracket search, and of a posterior without an early end, do not depend on its length: its answers on
     the way are those of shorter searches.
 
-    ``stay``: whether to leave out the last move to the angle found, and the confirmation there. ``dark_frames``:
-    acquisitions without laser before the first. ``counts``: numbers of acquisitions after which the answer is kept.
-    Raises `MarkerseekError` whatever ended the run.
+    ``plan``: how the search begins and ends; its other settings are those of the policy. ``counts``: numbers of
+    acquisitions after which the answer is kept. Raises `MarkerseekError` whatever ended the run.
     """
-    samples: list[Sample] = []
     answers: dict[int, Estimate] = {}
-    refused = 0
-    for event in run(policy, scanner, RunPlan(stay=stay, dark_frames=dark_frames)):
+    view = RunView(plan=plan, facts=rig.facts)
+    for event in run(policy, rig.scanner, plan):
         # When acquisition n is asked for, the policy holds n − 1 samples.
         if isinstance(event, Asked) and event.role == "search" and event.index - 1 in counts:
             answers[event.index - 1] = estimate_of(policy)
-        elif isinstance(event, Refused):
-            refused += 1
-        elif isinstance(event, Measured) and event.role == "search":
-            samples.append(event.sample)
-        elif isinstance(event, Finished):
-            if event.acquisitions in counts:
-                answers[event.acquisitions] = event.estimate
-            return SearchTrace(samples, event, answers, refused)
-    raise SearchError("the run ended without an answer")
+        elif isinstance(event, Finished) and event.acquisitions in counts:
+            answers[event.acquisitions] = event.estimate
+        view = view.add(event, clock_s=rig.scanner.clock.now_s())
+    return SearchTrace(view, answers)
 
 
 def _search(
@@ -295,8 +295,9 @@ def _search(
         sweep_from_end=devices is not None and devices.in_bursts,
     )
     dark_frames = 0 if settings.plan.as_published or settings.plan.sweep else rig.dark_frames
+    plan = replace(settings.plan, stay=study.stay, dark_frames=dark_frames)
     try:
-        return searched(policy, rig.scanner, stay=study.stay, dark_frames=dark_frames, counts=study.marks)
+        return searched(policy, rig, plan, counts=study.marks)
     except Exception as problem:
         if not is_own(settings.plan.method):
             raise

@@ -9,6 +9,8 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from msgspec import structs
+
 from markerseek.core import PAPER_RANGE, Estimate, Found, Interval, Policy, Reading, Sample, SearchError
 from markerseek.testing.devices import refused
 
@@ -167,7 +169,7 @@ class PolicyContract:
 def _sample(angle_deg: float, intensity: float) -> Sample:
     reading = Reading(intensity=0.0)
     # Past the reading's own check, which a class from elsewhere does not have.
-    object.__setattr__(reading, "intensity", intensity)
+    structs.force_setattr(reading, "intensity", intensity)
     return Sample(angle_deg=angle_deg, reading=reading)
 
 

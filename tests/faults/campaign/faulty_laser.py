@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from markerseek.core import DeviceTimeoutError, LaserError, Permit, Pulse, SweepPermit
 from markerseek.sim import SimulatedLaser, VirtualClock

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import AcquisitionError, ChannelFrame, Frame, Permit, Reader, Reading, ReadingFrame, SweepPermit
 from markerseek.sim import SimulatedReceiver, VirtualClock
@@ -114,18 +114,22 @@ class FaultyReceiver(Faulty):
             if self._until == 0 and self.has("trigger lost"):
                 self._shift -= 1
                 continue
-            frame = replace(each, header=replace(each.header, sequence=each.header.sequence + self._shift))
+            frame = structs.replace(
+                each, header=structs.replace(each.header, sequence=each.header.sequence + self._shift)
+            )
             handed_over.append(self._faulty_frame(frame, self._last))
             if self._until == 0 and self.has("trigger doubled"):
                 self._shift += 1
-                handed_over.append(replace(each, header=replace(frame.header, sequence=frame.header.sequence + 1)))
+                handed_over.append(
+                    structs.replace(each, header=structs.replace(frame.header, sequence=frame.header.sequence + 1))
+                )
             self._last = frame
         return handed_over
 
     def read(self, frame: Frame) -> Reading:
         reading = self._reader.read(frame)
         if (full := self.has("saturated")) is not None:
-            return replace(reading, saturated_fraction=full.amount)
+            return structs.replace(reading, saturated_fraction=full.amount)
         self._unread -= 1
         pulses = frame.header.pulses
         # In a run with sweeps not in the first frame of as many pulses: that is a noisy rig.
@@ -133,12 +137,12 @@ class FaultyReceiver(Faulty):
         if not early and (burst := self.has("burst")) is not None:
             sigma = (reading.noise_sigma or 0.0) * burst.amount
             noise = sigma * float(self._rng.uniform(4, 6))
-            return replace(reading, intensity=max(reading.intensity, noise), noise_sigma=sigma)
+            return structs.replace(reading, intensity=max(reading.intensity, noise), noise_sigma=sigma)
         self._quiet.add(pulses)
         if self.has("garbled feature"):
             # past the reading's own check: the guard's is tried
-            reading = replace(reading)
-            object.__setattr__(reading, "noise_sigma", math.nan)
+            reading = structs.replace(reading)
+            structs.force_setattr(reading, "noise_sigma", math.nan)
             return reading
         return reading
 
@@ -148,37 +152,39 @@ class FaultyReceiver(Faulty):
             return last
         if last is not None and self.has("same data"):
             self._held = last.intensity if self._held is None else self._held
-            return replace(frame, intensity=self._held)
+            return structs.replace(frame, intensity=self._held)
         self._held = None
         if last is not None and (mixed := self.has("mixed triggers")) is not None:
             intensity = (1 - mixed.amount) * frame.intensity + mixed.amount * last.intensity
-            return replace(frame, intensity=intensity)
+            return structs.replace(frame, intensity=intensity)
         if last is not None and self.has("one behind"):
-            return replace(frame, intensity=last.intensity)
+            return structs.replace(frame, intensity=last.intensity)
         for name, intensity in (("dead", 0.0), ("NaN", math.nan), ("infinite", math.inf), ("negative", -1.0)):
             if self.has(name):
-                return replace(frame, intensity=intensity)
+                return structs.replace(frame, intensity=intensity)
         if (gain := self.has("gain drops")) is not None:
-            return replace(frame, intensity=frame.intensity * gain.amount)
+            return structs.replace(frame, intensity=frame.intensity * gain.amount)
         if (times := self.has("garbage at times", silently=True)) is not None and self.chance(times.amount):
             self.act(times)
-            return replace(frame, intensity=math.nan)
+            return structs.replace(frame, intensity=math.nan)
         if self.has("other kind"):
             return ChannelFrame(header=header, samples=np.arange(8, dtype=np.int16).reshape(2, 4), sampling_hz=4e7)
-        return replace(frame, header=self._faulty_header(frame))
+        return structs.replace(frame, header=self._faulty_header(frame))
 
     def _faulty_header(self, frame: ReadingFrame) -> Any:
         header = frame.header
         if self.has("other token"):
-            return replace(header, token=f"{header.token}0")
+            return structs.replace(header, token=f"{header.token}0")
         if header.sequence > 1 and self.has("out of order"):
-            return replace(header, sequence=header.sequence - 1)
+            return structs.replace(header, sequence=header.sequence - 1)
         if (pulses := self.has("other pulses")) is not None:
-            return replace(header, pulses=header.pulses + max(1, round(pulses.amount)))
+            return structs.replace(header, pulses=header.pulses + max(1, round(pulses.amount)))
         if (angle := self.has("other angle")) is not None:
-            return replace(header, commanded_deg=header.commanded_deg + angle.amount)
+            return structs.replace(header, commanded_deg=header.commanded_deg + angle.amount)
         if (old := self.has("old frames")) is not None:
-            return replace(header, started_s=header.started_s - old.amount, ended_s=header.ended_s - old.amount)
+            return structs.replace(header, started_s=header.started_s - old.amount, ended_s=header.ended_s - old.amount)
         if (future := self.has("frames of the future")) is not None:
-            return replace(header, started_s=header.started_s + future.amount, ended_s=header.ended_s + future.amount)
+            return structs.replace(
+                header, started_s=header.started_s + future.amount, ended_s=header.ended_s + future.amount
+            )
         return header

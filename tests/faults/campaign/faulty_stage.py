@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import DeviceTimeoutError, MoveError, StageReading
 from markerseek.scan.sweeping import SLOWEST
@@ -141,7 +142,7 @@ class FaultyStage(Faulty):
         self._notice(reading)
         if (late := self.has("late readings")) is not None:
             self._clock.wait(late.amount)
-            reading = replace(reading, answered_s=self._clock.now_s())
+            reading = structs.replace(reading, answered_s=self._clock.now_s())
         return replace(reading, angle_deg=self._told_deg(reading.angle_deg))
 
     def _notice(self, reading: StageReading) -> None:

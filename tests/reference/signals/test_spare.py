@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -93,7 +92,7 @@ def test_before_it_the_source_is_smeared_and_at_half_its_depth():
 
 def test_lines_may_be_denser_than_elements():
     line_m = 0.2e-3 * (np.arange(200) - 99.5)
-    preset = structs.replace(PRESET, array=replace(PRESET.array, elements=200, pitch_m=0.2e-3))
+    preset = structs.replace(PRESET, array=structs.replace(PRESET.array, elements=200, pitch_m=0.2e-3))
     found = SpareReader(preset).findings(machine(channels_of(45e-3, 3e-3), line_m=line_m)).strongest
     assert abs(found.lateral_m - 3e-3) < 0.05e-3
     assert abs(found.depth_m - 45e-3) < 0.05e-3

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import force_setattr, replace
 
 from markerseek.core import Reading
 
@@ -12,5 +13,5 @@ def damaged(reading: Reading | None = None, **values: Any) -> Reading:
     """A copy of a reading with these values, set past its own check."""
     made = replace(reading or Reading(intensity=1.0))
     for name, value in values.items():
-        object.__setattr__(made, name, value)
+        force_setattr(made, name, value)
     return made

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.core import (
     Doubt,
@@ -94,7 +93,9 @@ def test_strong_frames_of_the_same_source_count_by_the_square_of_their_intensity
 def test_an_incoherent_source_is_uneven_and_its_place_less_certain() -> None:
     sigmas = []
     for coherence in (1.0, 0.97, 0.6, None):
-        samples = [replace(each, reading=replace(each.reading, coherence=coherence)) for each in SAMPLES]
+        samples = [
+            structs.replace(each, reading=structs.replace(each.reading, coherence=coherence)) for each in SAMPLES
+        ]
         marker = marker_position(FOUND, samples, FACTS)
         assert marker is not None
         sigmas.append(marker.sigma_m[1:])
@@ -116,8 +117,8 @@ def test_the_covariance_lies_along_turn_axis_and_depth() -> None:
 
 def test_without_a_centroid_or_sound_speed_the_peak_is_taken() -> None:
     for facts, samples in (
-        (replace(FACTS, sound_speed_m_s=None), SAMPLES[2:]),
-        (FACTS, [replace(SAMPLES[2], reading=replace(SAMPLES[2].reading, centroid_s=None))]),
+        (structs.replace(FACTS, sound_speed_m_s=None), SAMPLES[2:]),
+        (FACTS, [structs.replace(SAMPLES[2], reading=structs.replace(SAMPLES[2].reading, centroid_s=None))]),
     ):
         marker = marker_position(FOUND, samples, facts)
         assert marker is not None
@@ -125,6 +126,6 @@ def test_without_a_centroid_or_sound_speed_the_peak_is_taken() -> None:
 
 
 def test_without_face_radius_or_positions_there_is_none() -> None:
-    assert marker_position(FOUND, SAMPLES, replace(FACTS, face_radius_m=None)) is None
+    assert marker_position(FOUND, SAMPLES, structs.replace(FACTS, face_radius_m=None)) is None
     assert marker_position(FOUND, [Sample(angle_deg=1.0, reading=Reading(intensity=5.0))], FACTS) is None
     assert marker_position(FOUND, [], FACTS) is None

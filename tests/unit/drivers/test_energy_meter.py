@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +83,7 @@ def test_an_unsteady_laser_on_the_emulated_bench_with_a_light_meter_gives_the_an
 ) -> None:
     _, steady = found_on(tmp_path / "steady", STEADY, KEYS)
     events, measured = found_on(tmp_path / "measured", UNSTEADY, KEYS)
-    _, unmeasured = found_on(tmp_path / "unmeasured", UNSTEADY, changed_keys(KEYS, energy_from=None))
+    _, unmeasured = found_on(tmp_path / "unmeasured", UNSTEADY, structs.replace(KEYS, energy_from=None))
     energies = [event.sample.frame.header.energy for event in events if event.sample.frame is not None]
     assert energies[0] is None  # the dark frame
     assert 0.01 < np.std([energy for energy in energies if energy is not None]) < 0.1
@@ -121,14 +120,14 @@ def pickup_in(frame: Frame, energy: float) -> ChannelFrame:
     assert isinstance(frame, ChannelFrame)
     samples = frame.samples.astype(float) + np.linspace(-20, 20, frame.samples.shape[0])[:, None]
     samples[:, :40] += 1200 * energy * np.cos(np.arange(40)) * np.exp(-np.arange(40) / 10)
-    return replace(frame, samples=np.rint(samples).astype(np.int16))
+    return structs.replace(frame, samples=np.rint(samples).astype(np.int16))
 
 
 def test_the_pick_up_in_the_channels_measures_the_energy() -> None:
     """Energies that differ by 30 %, from a window of 1 µs; a dark frame has none."""
     rig = rigs.simulated(seed=4, settings=SimulatedSettings(noise=NoiseSettings(peak_snr_db=40.0)))
     energies = [1.0, 0.7, 1.3, 0.9]
-    keys = changed_keys(KEYS, energy_from="pickup", pickup_us=(0.0, 1.0), usual_energy=None)
+    keys = structs.replace(KEYS, energy_from="pickup", pickup_us=(0.0, 1.0), usual_energy=None)
     receiver = WithPickup(rig.receiver, [*energies, *energies])
     unscaled = metered(keys, rig.laser, receiver, full_scale=FULL_SCALE)
     assert isinstance(unscaled, EnergyMeter)
@@ -137,7 +136,7 @@ def test_the_pick_up_in_the_channels_measures_the_energy() -> None:
     usual = unscaled.usual
     assert usual is not None
     scaled = metered(
-        changed_keys(keys, usual_energy=usual / np.mean(energies)), rig.laser, receiver, full_scale=FULL_SCALE
+        structs.replace(keys, usual_energy=usual / np.mean(energies)), rig.laser, receiver, full_scale=FULL_SCALE
     )
     assert [energy_of(rig, scaled, pulses=16) for _ in energies] == pytest.approx(energies, rel=0.01)
     assert energy_of(rig, scaled, pulses=0) is None
@@ -160,7 +159,7 @@ FRAME = ChannelFrame(
 
 def test_noise_alone_has_no_pick_up_and_one_that_is_clipped_is_refused() -> None:
     assert pickup_amplitude(FRAME, window_us=(0.0, 1.0), full_scale=FULL_SCALE) < 1.5
-    clipped = replace(FRAME, samples=np.where(np.arange(1000) < 3, 2047, FRAME.samples).astype(np.int16))
+    clipped = structs.replace(FRAME, samples=np.where(np.arange(1000) < 3, 2047, FRAME.samples).astype(np.int16))
     with pytest.raises(AcquisitionError, match="the pick-up reaches 2047 counts"):
         pickup_amplitude(clipped, window_us=(0.0, 1.0), full_scale=FULL_SCALE)
     with pytest.raises(ConfigError, match="must lie between the trigger and the last 256"):
@@ -185,7 +184,7 @@ def test_keys_that_do_not_fit_are_refused(keys: dict[str, object], message: str)
     ("keys", "message"),
     [
         (KEYS, "energy_from is photodiode, which needs laser.driver laserbox"),
-        (changed_keys(KEYS, energy_from="metadata", energy_field="Energy"), "which needs receiver.driver plus"),
+        (structs.replace(KEYS, energy_from="metadata", energy_field="Energy"), "which needs receiver.driver plus"),
     ],
 )
 def test_a_rig_without_such_a_meter_is_refused(keys: LaserBoxSettings, message: str) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -381,7 +380,7 @@ def old_readings(bench: Bench, age_s: float) -> None:
 
     def aged() -> StageReading:
         reading = read()
-        return replace(reading, angle_deg=float(np.interp(reading.at_s - age_s, times_s, angles_deg)))
+        return structs.replace(reading, angle_deg=float(np.interp(reading.at_s - age_s, times_s, angles_deg)))
 
     bench.stage.read_sweep = aged  # type: ignore[method-assign]
 
@@ -459,7 +458,9 @@ class Behind(SimulatedReceiver):
         behind = []
         for frame in super()._swept(now_s):
             assert isinstance(frame, ReadingFrame)
-            behind.append(replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before))
+            behind.append(
+                structs.replace(frame, intensity=1.01 * frame.intensity if self.before is None else self.before)
+            )
             self.before = frame.intensity
         return behind
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -40,9 +40,11 @@ HEADER = FrameHeader(
 )
 SAMPLES = np.arange(128 * 8, dtype=np.int16).reshape(128, 8)
 FRAME = ChannelFrame(header=HEADER, samples=SAMPLES, sampling_hz=40e6)
-BEFORE = replace(FRAME, header=replace(HEADER, sequence=3, token="permit-6"), samples=SAMPLES + np.int16(1))
+BEFORE = structs.replace(
+    FRAME, header=structs.replace(HEADER, sequence=3, token="permit-6"), samples=SAMPLES + np.int16(1)
+)
 INTENSITY = ReadingFrame(header=HEADER, intensity=5.0)
-INTENSITY_BEFORE = replace(INTENSITY, header=BEFORE.header, intensity=6.0)
+INTENSITY_BEFORE = structs.replace(INTENSITY, header=BEFORE.header, intensity=6.0)
 READING = Reading(intensity=10.0)
 
 
@@ -102,12 +104,12 @@ def test_the_answer_to_the_permit_is_admitted() -> None:
 )
 def test_a_frame_that_is_not_the_answer_is_refused_by_name(changes: dict[str, float], message: str) -> None:
     with pytest.raises(AcquisitionError) as refusal:
-        admit(replace(FRAME, header=replace(HEADER, **changes)))
+        admit(structs.replace(FRAME, header=structs.replace(HEADER, **changes)))
     assert str(refusal.value) == message
 
 
 def test_the_probe_may_move_by_the_limit() -> None:
-    admit(replace(FRAME, header=replace(HEADER, angle_after_deg=3.0625)))
+    admit(structs.replace(FRAME, header=structs.replace(HEADER, angle_after_deg=3.0625)))
 
 
 @pytest.mark.parametrize(
@@ -128,7 +130,7 @@ def test_the_probe_may_move_by_the_limit() -> None:
 def test_a_frame_is_of_its_own_time(
     issued_s: float, started_s: float, ended_s: float, now_s: float, fresh: bool
 ) -> None:
-    frame = replace(FRAME, header=replace(HEADER, started_s=started_s, ended_s=ended_s))
+    frame = structs.replace(FRAME, header=structs.replace(HEADER, started_s=started_s, ended_s=ended_s))
     if fresh:
         admit(frame, issued_s=issued_s, now_s=now_s)
     else:
@@ -143,9 +145,9 @@ def test_a_frame_is_of_its_own_time(
 @pytest.mark.parametrize(
     ("previous", "was"),
     [
-        (replace(BEFORE, samples=SAMPLES[:, :7]), "of shape (128, 7) at 4e+07 Hz"),
-        (replace(BEFORE, samples=SAMPLES[:127]), "of shape (127, 8) at 4e+07 Hz"),
-        (replace(BEFORE, sampling_hz=20e6), "of shape (128, 8) at 2e+07 Hz"),
+        (structs.replace(BEFORE, samples=SAMPLES[:, :7]), "of shape (128, 7) at 4e+07 Hz"),
+        (structs.replace(BEFORE, samples=SAMPLES[:127]), "of shape (127, 8) at 4e+07 Hz"),
+        (structs.replace(BEFORE, sampling_hz=20e6), "of shape (128, 8) at 2e+07 Hz"),
         (INTENSITY_BEFORE, "a number"),
     ],
 )
@@ -158,13 +160,13 @@ def test_a_frame_keeps_its_shape_within_a_run(previous: Frame, was: str) -> None
 @pytest.mark.parametrize(
     ("frame", "previous"),
     [
-        (FRAME, replace(BEFORE, samples=SAMPLES.copy())),
-        (replace(FRAME, samples=np.full((128, 8), 3, np.int16)), None),
-        (replace(FRAME, samples=np.zeros((128, 8), np.int16)), BEFORE),
-        (replace(FRAME, samples=np.zeros((0, 8), np.int16)), None),
-        (INTENSITY, replace(INTENSITY_BEFORE, intensity=5.0)),
-        (replace(INTENSITY, intensity=0.0), None),
-        (replace(INTENSITY, intensity=0.0), INTENSITY_BEFORE),
+        (FRAME, structs.replace(BEFORE, samples=SAMPLES.copy())),
+        (structs.replace(FRAME, samples=np.full((128, 8), 3, np.int16)), None),
+        (structs.replace(FRAME, samples=np.zeros((128, 8), np.int16)), BEFORE),
+        (structs.replace(FRAME, samples=np.zeros((0, 8), np.int16)), None),
+        (INTENSITY, structs.replace(INTENSITY_BEFORE, intensity=5.0)),
+        (structs.replace(INTENSITY, intensity=0.0), None),
+        (structs.replace(INTENSITY, intensity=0.0), INTENSITY_BEFORE),
     ],
 )
 def test_old_data_under_a_new_header_are_refused_unless_they_were_recorded(frame: Frame, previous: Frame) -> None:
@@ -177,8 +179,10 @@ def test_old_data_under_a_new_header_are_refused_unless_they_were_recorded(frame
 def test_data_that_differ_in_one_sample_are_new() -> None:
     nearly = np.zeros((128, 8), np.int16)
     nearly[127, 7] = 1
-    admit(replace(FRAME, samples=nearly), previous=None)
-    admit(replace(FRAME, samples=nearly), previous=replace(BEFORE, samples=np.zeros((128, 8), np.int16)))
+    admit(structs.replace(FRAME, samples=nearly), previous=None)
+    admit(
+        structs.replace(FRAME, samples=nearly), previous=structs.replace(BEFORE, samples=np.zeros((128, 8), np.int16))
+    )
 
 
 @pytest.mark.parametrize("intensity", [-1.0, -1e-300])
@@ -295,7 +299,7 @@ MAX_NOISE = math.sqrt(2 * math.log(460_000 / 1e-6))
     ],
 )
 def test_a_dark_frame_holds_no_more_than_noise_reaches(changes: dict[str, float], believed: bool) -> None:
-    reading = replace(DARK, **changes)  # type: ignore[arg-type]
+    reading = structs.replace(DARK, **changes)  # type: ignore[arg-type]
     said = Admission(dark_alarm=1e-6).source_in_dark(reading)
     assert (said is None) == believed
     assert Admission().source_in_dark(reading) is None
@@ -356,7 +360,7 @@ def test_a_frame_without_any_permit_is_refused() -> None:
 
 
 def test_a_reading_of_channels_is_judged_by_its_frame() -> None:
-    channels = replace(FRAME, samples=np.zeros((4, 2), np.int16))
+    channels = structs.replace(FRAME, samples=np.zeros((4, 2), np.int16))
     with pytest.raises(AcquisitionError, match="1 of 4 channels are dead"):
         armed().admit_reading(Reading(intensity=1.0, dead_channels=(2,)), frame=channels)
 
@@ -366,7 +370,7 @@ def test_a_reading_is_admitted_by_the_rules_given() -> None:
     permit = made.issue(angle_deg=0.0, pulses=16, now_s=0.0)
     answer = admitted(made, permit, sequence=1, intensity=1.0, started_s=0.0)
     made.admit_reading(Reading(intensity=1.0, saturated_fraction=0.5), frame=answer)
-    for bad in (replace(Reading(intensity=1.0), saturated_fraction=0.75), damaged(intensity=math.nan)):
+    for bad in (structs.replace(Reading(intensity=1.0), saturated_fraction=0.75), damaged(intensity=math.nan)):
         with pytest.raises(AcquisitionError):
             made.admit_reading(bad, frame=answer)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from markerseek.core import ConfigError, Interval, LaserError, LimitError, MoveError, Permit
 from markerseek.guard import FiringLimits, Guard, Limits, State

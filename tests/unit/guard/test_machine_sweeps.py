@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
+from msgspec import structs
 
 from markerseek.core import (
     SWEEP_READING_S,
@@ -22,8 +22,8 @@ from markerseek.core import (
 from markerseek.guard import FiringLimits, Guard, Permits, State
 from tests.unit.guard.guards import WANTED, armed
 
-BACK = replace(WANTED, angle_deg=30.0, to_deg=-30.0)
-THERE_AND_BACK = replace(WANTED, angle_deg=28.0, back_deg=26.0)
+BACK = structs.replace(WANTED, angle_deg=30.0, to_deg=-30.0)
+THERE_AND_BACK = structs.replace(WANTED, angle_deg=28.0, back_deg=26.0)
 
 
 def sweeping(wanted: SweepPermit = WANTED, *, now_s: float = 10.0) -> tuple[Guard, SweepPermit]:
@@ -52,7 +52,7 @@ def sweeping(wanted: SweepPermit = WANTED, *, now_s: float = 10.0) -> tuple[Guar
 )
 def test_a_permit_that_bounds_nothing_is_refused(changes: dict[str, float], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        replace(WANTED, **changes)
+        structs.replace(WANTED, **changes)
 
 
 def test_a_sweep_permit_says_what_a_frame_of_it_is() -> None:
@@ -60,24 +60,24 @@ def test_a_sweep_permit_says_what_a_frame_of_it_is() -> None:
     assert (WANTED.pulses_in_frame, WANTED.commanded_deg) == (1, 30.0)
     assert WANTED.turned_deg == pytest.approx(12.0 * SWEEP_READING_S)
     assert WANTED.pulses_in_1_s == 20
-    assert replace(WANTED, pulses=7).pulses_in_1_s == 7
+    assert structs.replace(WANTED, pulses=7).pulses_in_1_s == 7
 
 
 def test_a_sweep_permit_is_issued_with_a_token_and_its_expiry_and_counted() -> None:
     permits = Permits(FiringLimits(lifetime_s=5.0, pulses_per_sweep=100))
     first = permits.issue_sweep(WANTED, now_s=10.0)
-    assert first == replace(WANTED, token="permit-1", expires_s=15.0)
+    assert first == structs.replace(WANTED, token="permit-1", expires_s=15.0)
     assert permits.pulses_permitted == 100
     permits.redeem(first, now_s=15.0)
     with pytest.raises(LimitError) as refusal:
-        permits.issue_sweep(replace(WANTED, pulses=101), now_s=10.0)
+        permits.issue_sweep(structs.replace(WANTED, pulses=101), now_s=10.0)
     assert str(refusal.value) == "101 pulses under one permit; the limit is 100: ask for fewer"
     with pytest.raises(LaserError, match="is not open"):
         permits.redeem(first, now_s=15.0)
 
 
 def test_a_sweep_may_have_more_pulses_than_one_acquisition() -> None:
-    assert Permits(FiringLimits()).issue_sweep(replace(WANTED, pulses=10_000), now_s=0.0).pulses == 10_000
+    assert Permits(FiringLimits()).issue_sweep(structs.replace(WANTED, pulses=10_000), now_s=0.0).pulses == 10_000
 
 
 def test_the_rate_of_a_sweep_counts_when_it_begins_and_when_it_ends() -> None:
@@ -102,7 +102,7 @@ def test_the_rate_of_a_sweep_counts_when_it_begins_and_when_it_ends() -> None:
 def test_a_sweep_beyond_the_search_range_is_refused_and_changes_nothing(to_deg: float, back_deg: float | None) -> None:
     made = armed()
     with pytest.raises(LimitError, match="outside the search range"):
-        made.issue_sweep(replace(WANTED, to_deg=to_deg, back_deg=back_deg), now_s=0.0)
+        made.issue_sweep(structs.replace(WANTED, to_deg=to_deg, back_deg=back_deg), now_s=0.0)
     assert made.pulses_permitted == 0
     assert made.state is State.ARMED
 
@@ -173,7 +173,7 @@ def test_the_limits_themselves_are_allowed(angle_deg: float) -> None:
     made = armed(arrival_deg=0.125)
     before_deg = {30.125: 29.5, 28.375: 26.75, 29.875: 30.0, -30.125: -30.0}[angle_deg]
     from_deg = min(before_deg, 0.0) if angle_deg < 0 else before_deg
-    permit = made.issue_sweep(replace(WANTED, angle_deg=min(from_deg, 29.5)), now_s=0.0)
+    permit = made.issue_sweep(structs.replace(WANTED, angle_deg=min(from_deg, 29.5)), now_s=0.0)
     made.redeem(permit, angle_deg=permit.angle_deg, now_s=0.0)
     if before_deg == 30.0:
         made.read_sweep(before_deg, now_s=0.0625)
@@ -198,7 +198,7 @@ def test_a_probe_that_rests_where_it_turns_is_lit_for_a_second() -> None:
 
 @pytest.mark.parametrize("mirrored", [1, -1])
 def test_a_sweep_that_turns_back_is_slow_only_where_it_turns_and_goes_the_other_way_from_there(mirrored: int) -> None:
-    wanted = replace(
+    wanted = structs.replace(
         THERE_AND_BACK,
         angle_deg=mirrored * 28.0,
         to_deg=mirrored * 30.0,
@@ -244,7 +244,7 @@ def test_it_may_turn_within_the_arrival_of_the_angle_where_it_turns(at_deg: floa
 
 
 def test_a_permit_that_does_not_turn_back_is_never_slow_and_lit() -> None:
-    made, _ = sweeping(replace(WANTED, angle_deg=28.0), now_s=0.0)
+    made, _ = sweeping(structs.replace(WANTED, angle_deg=28.0), now_s=0.0)
     assert read(made, 29.0, 30.0, 30.0, 29.95) == [True, True, False, False]
     with pytest.raises(MoveError):
         made.read_sweep(29.5, now_s=0.625)
@@ -317,7 +317,7 @@ def frame_of(permit: SweepPermit, **changes: object) -> ReadingFrame:
         angle_before_deg=-20.0,
         angle_after_deg=-18.21,
     )
-    return ReadingFrame(header=replace(header, **changes), intensity=1.0)  # type: ignore[arg-type]
+    return ReadingFrame(header=structs.replace(header, **changes), intensity=1.0)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -340,8 +340,8 @@ def test_a_frame_of_a_sweep_is_one_pulse_between_two_readings(changes: dict[str,
 def test_the_noise_of_one_pulse_is_not_compared_with_that_of_an_average() -> None:
     made, permit = sweeping()
     single = frame_of(permit)
-    average = replace(single, header=replace(single.header, pulses=16))
-    dark = replace(single, header=replace(single.header, pulses=0))
+    average = structs.replace(single, header=structs.replace(single.header, pulses=16))
+    dark = structs.replace(single, header=structs.replace(single.header, pulses=0))
     for frame, sigma in ((dark, 1.0), (single, 4.0), (average, 1.0), (single, 4.0), (average, 1.9)):
         made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=frame)
     with pytest.raises(AcquisitionError, match="was 4 at first"):

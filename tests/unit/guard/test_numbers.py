@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.core import (
     AcquisitionError,
@@ -200,7 +201,7 @@ def test_a_reading_is_made_of_numbers(name: str, value: Any) -> None:
         return  # not known
     reading = Reading(intensity=1.0)
     # Past the type check of the tests, which a reader outside of the package does not have.
-    object.__setattr__(reading, name, value)
+    structs.force_setattr(reading, name, value)
     with pytest.raises(AcquisitionError) as refusal:
         Admission().admit_reading(reading, frame=FRAME, usual_sigma=None)
     assert str(refusal.value) == f"{name} is {value}, it must be finite; take it again"
@@ -209,7 +210,7 @@ def test_a_reading_is_made_of_numbers(name: str, value: Any) -> None:
 @no_number
 def test_an_intensity_is_a_number(value: Any) -> None:
     reading = Reading(intensity=1.0)
-    object.__setattr__(reading, "intensity", value)
+    structs.force_setattr(reading, "intensity", value)
     with pytest.raises(AcquisitionError) as refusal:
         Admission().admit_reading(reading, frame=FRAME, usual_sigma=None)
     assert str(refusal.value) == f"intensity is {value}: it must be finite and at least 0; take it again"

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import ConfigError, Interval, LaserError, LimitError
 from markerseek.guard import FiringLimits, Lease, Limits, Permits
@@ -68,7 +68,12 @@ def test_a_permit_that_was_replaced_voided_or_altered_is_void() -> None:
     permits = Permits(FiringLimits())
     first = permits.issue(angle_deg=0.0, pulses=16, now_s=0.0)
     second = permits.issue(angle_deg=0.0, pulses=16, now_s=0.0)
-    for other in (first, replace(second, pulses=17), replace(second, angle_deg=1.0), replace(second, expires_s=99.0)):
+    for other in (
+        first,
+        structs.replace(second, pulses=17),
+        structs.replace(second, angle_deg=1.0),
+        structs.replace(second, expires_s=99.0),
+    ):
         with pytest.raises(LaserError, match="is not open"):
             permits.redeem(other, now_s=0.0)
     permits.redeem(second, now_s=0.0)

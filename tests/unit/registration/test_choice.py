@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from benchmarks.registration.forged_markers import ForgedScene
 from markerseek.core import MarkerPosition
@@ -65,7 +66,7 @@ def test_three_markers_stay_open_where_two_sets_have_the_same_form() -> None:
         for number, spot in enumerate(scene.wide(3), start=1):
             own = scene.candidate(spot, 0.5)
             x, y, z = own.position.position_m
-            deeper = replace(own, position=replace(own.position, position_m=(x, y, z + 8e-3)))
+            deeper = structs.replace(own, position=structs.replace(own.position, position_m=(x, y, z + 8e-3)))
             markers.append(scene.seen(str(number), spot, [own, deeper]))
         choice = choose(markers)
         assert not choice.decided
@@ -107,7 +108,7 @@ def test_sigmas_that_are_too_small_are_said_and_not_accepted() -> None:
     markers = scene.markers(scene.wide(4))
     x, y, z = markers[0].candidates[0].position.position_m
     moved = MarkerPosition(position_m=(x + 6e-3, y, z), sigma_m=(1e-5, 1e-5, 1e-5))
-    markers[0] = replace(markers[0], candidates=(replace(markers[0].candidates[0], position=moved),))
+    markers[0] = replace(markers[0], candidates=(structs.replace(markers[0].candidates[0], position=moved),))
     # Three others fit: which of four is wrong, three cannot say for certain.
     choice = choose(markers)
     assert choice.left_out == ("1",) or not choice.decided

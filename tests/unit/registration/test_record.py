@@ -11,11 +11,11 @@ import sys
 import threading
 import zlib
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from markerseek.core import MarkerCandidate, MarkerPosition, RecordError
 from markerseek.records.journal import is_journal, line_of, read_journal

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Generator
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +46,8 @@ class FaultyRoom:
     def __init__(self, *, settings: EndoscopeSettings = SOUND, **faults: Any) -> None:
         self._movable = movable(seed=1, settings=SimulatedSettings())
         self.rig = self._movable.rig
-        lens = replace(STEREO.left, centre_px=(159.5, 127.5), size_px=(320, 256))
-        self.stereo: StereoSettings = replace(STEREO, left=lens, right=lens)
+        lens = structs.replace(STEREO.left, centre_px=(159.5, 127.5), size_px=(320, 256))
+        self.stereo: StereoSettings = structs.replace(STEREO, left=lens, right=lens)
         self._endoscopes = [
             FaultyEndoscope(
                 cameras=self.stereo.cameras,

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from markerseek.geometry import StereoCameras, triangulate
 from markerseek.registration import PointPair, register_pairs
@@ -32,7 +33,7 @@ def test_a_wrong_value_of_the_probe_displaces_its_points_as_said(number: int, wr
 
 
 def with_focal(cameras: StereoCameras, factor: float) -> StereoCameras:
-    lens = replace(cameras.left, focal_px=tuple(factor * each for each in cameras.left.focal_px))
+    lens = structs.replace(cameras.left, focal_px=tuple(factor * each for each in cameras.left.focal_px))
     return replace(cameras, left=lens, right=lens)
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from markerseek import rigs
 from markerseek.core import (
@@ -151,14 +151,14 @@ STRONG = Reading(intensity=100.0, noise_sigma=1.0, lateral_m=0.010, depth_m=0.05
     ("before", "now", "said"),
     [
         (STRONG, STRONG, None),
-        (STRONG, replace(STRONG, intensity=115.0), None),
-        (STRONG, replace(STRONG, intensity=120.0), "intensity"),
-        (STRONG, replace(STRONG, intensity=80.0), "intensity"),
-        (STRONG, replace(STRONG, lateral_m=0.0116), "lateral_m"),
-        (STRONG, replace(STRONG, depth_m=0.0484), "depth_m"),
-        (STRONG, replace(STRONG, depth_m=None), None),
-        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=6.0, depth_m=0.02), None),
-        (replace(STRONG, intensity=5.0), replace(STRONG, intensity=14.0), "intensity"),
+        (STRONG, structs.replace(STRONG, intensity=115.0), None),
+        (STRONG, structs.replace(STRONG, intensity=120.0), "intensity"),
+        (STRONG, structs.replace(STRONG, intensity=80.0), "intensity"),
+        (STRONG, structs.replace(STRONG, lateral_m=0.0116), "lateral_m"),
+        (STRONG, structs.replace(STRONG, depth_m=0.0484), "depth_m"),
+        (STRONG, structs.replace(STRONG, depth_m=None), None),
+        (structs.replace(STRONG, intensity=5.0), structs.replace(STRONG, intensity=6.0, depth_m=0.02), None),
+        (structs.replace(STRONG, intensity=5.0), structs.replace(STRONG, intensity=14.0), "intensity"),
         (Reading(intensity=100.0), Reading(intensity=91.0), None),
         (Reading(intensity=100.0), Reading(intensity=89.0), "intensity"),
     ],
@@ -242,7 +242,7 @@ def test_a_receiver_that_repeats_a_frame_of_before_is_refused(tmp_path: Path) ->
 
     def stuck(permit: object) -> object:
         frame = acquire(permit)  # type: ignore[arg-type]
-        return replace(frame, intensity=last.intensity) if next(calls) == 0 else frame  # type: ignore[union-attr]
+        return structs.replace(frame, intensity=last.intensity) if next(calls) == 0 else frame  # type: ignore[union-attr]
 
     rig.scanner._receiver.acquire = stuck  # type: ignore[assignment, method-assign]
     policy, _, _ = begin_method("golden-section")

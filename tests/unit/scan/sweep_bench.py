@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -202,7 +202,7 @@ class Running(SimulatedStage):
 
     def read_sweep(self) -> StageReading:
         reading = super().read_sweep()
-        return replace(reading, angle_deg=reading.angle_deg + max(0.0, reading.angle_deg - 30.0))
+        return structs.replace(reading, angle_deg=reading.angle_deg + max(0.0, reading.angle_deg - 30.0))
 
 
 class Ahead(SimulatedLaser):
@@ -210,14 +210,14 @@ class Ahead(SimulatedLaser):
 
     def pulses(self) -> Sequence[Pulse]:
         jump_s = 0.2 if self._fired > 30 else 0.0
-        return [replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
+        return [structs.replace(pulse, at_s=pulse.at_s + jump_s) for pulse in super().pulses()]
 
 
 class Hasty(SimulatedLaser):
     """Fires 1.5 times as fast as permitted."""
 
     def begin_sweep(self, permit: SweepPermit) -> None:
-        super().begin_sweep(replace(permit, period_s=permit.period_s / 1.5))
+        super().begin_sweep(structs.replace(permit, period_s=permit.period_s / 1.5))
 
 
 class Pausing(SimulatedLaser):
@@ -243,7 +243,9 @@ class Losing(SimulatedReceiver):
                 self.sequence -= 1
                 continue
             late = self.triggers > 30
-            kept.append(replace(frame, header=replace(frame.header, sequence=frame.header.sequence - late)))
+            kept.append(
+                structs.replace(frame, header=structs.replace(frame.header, sequence=frame.header.sequence - late))
+            )
         return kept
 
     def begin_sweep(self, permit: SweepPermit) -> None:

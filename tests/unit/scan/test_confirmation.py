@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
+from msgspec import structs
 
 from markerseek.core import (
     PAPER_RANGE,
@@ -27,13 +26,16 @@ from markerseek.show import SearchResult
 from tests.unit.scan.scan_bench import FOUND, Bench, Tour, scanner
 
 RIG = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
-CHECKED = replace(FOUND, floor=Floor(level=40.0, source="dark frames"))
+CHECKED = structs.replace(FOUND, floor=Floor(level=40.0, source="dark frames"))
 STRONGEST = Reading(intensity=1274.0, noise_sigma=10.0, lateral_m=2e-3, depth_m=30e-3)
-SAMPLES = [Sample(angle_deg=2.0, reading=replace(STRONGEST, intensity=300.0)), Sample(angle_deg=4.1, reading=STRONGEST)]
+SAMPLES = [
+    Sample(angle_deg=2.0, reading=structs.replace(STRONGEST, intensity=300.0)),
+    Sample(angle_deg=4.1, reading=STRONGEST),
+]
 
 
 def confirmed_by(**changes: float) -> Found | Unsure:
-    answer = apply_confirmation(CHECKED, Sample(angle_deg=4.0, reading=replace(STRONGEST, **changes)), SAMPLES)
+    answer = apply_confirmation(CHECKED, Sample(angle_deg=4.0, reading=structs.replace(STRONGEST, **changes)), SAMPLES)
     assert isinstance(answer, Found | Unsure)
     return answer
 
@@ -65,15 +67,15 @@ def test_an_acquisition_as_expected_confirms(changes: dict[str, float]) -> None:
 
 
 def test_noise_is_allowed_for_but_what_is_below_the_floor_never_confirms() -> None:
-    noisy = replace(STRONGEST, intensity=60.0, noise_sigma=10.0)
+    noisy = structs.replace(STRONGEST, intensity=60.0, noise_sigma=10.0)
     samples = [Sample(angle_deg=4.1, reading=noisy)]
     for intensity, kind in ((41.0, Found), (39.0, Unsure)):
-        now = Sample(angle_deg=4.0, reading=replace(noisy, intensity=intensity, lateral_m=9e-3))
+        now = Sample(angle_deg=4.0, reading=structs.replace(noisy, intensity=intensity, lateral_m=9e-3))
         assert isinstance(apply_confirmation(CHECKED, now, samples), kind)  # too weak for its position to be compared
 
 
 def test_the_paper_s_form_keeps_its_answer_and_other_answers_stay() -> None:
-    weak = Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=1.0))
+    weak = Sample(angle_deg=4.0, reading=structs.replace(STRONGEST, intensity=1.0))
     assert apply_confirmation(FOUND, weak, SAMPLES) == FOUND
     unsure = apply_confirmation(CHECKED, weak, SAMPLES)
     assert apply_confirmation(unsure, weak, SAMPLES) == unsure
@@ -85,7 +87,9 @@ class Fading(Bench):
     def acquire(self, permit):  # type: ignore[no-untyped-def]
         frame = super().acquire(permit)
         return (
-            replace(frame, intensity=51.0) if self.sequence == 4 else replace(frame, intensity=1274.0 - self.sequence)
+            structs.replace(frame, intensity=51.0)
+            if self.sequence == 4
+            else structs.replace(frame, intensity=1274.0 - self.sequence)
         )
 
 
@@ -142,20 +146,22 @@ def test_after_a_weak_confirmation_the_search_goes_on_and_is_confirmed_again() -
 def test_a_long_pulse_that_arrives_twice_has_not_moved() -> None:
     """The later of two arrivals is the stronger now, and the one of before is still there."""
     before = Arrival(lateral_m=2e-3, depth_m=30e-3, arrival_s=20e-6, intensity=1200.0, coherence=0.9)
-    later = replace(before, depth_m=31.7e-3, intensity=1270.0)
-    seen = replace(STRONGEST, depth_m=31.7e-3)
+    later = structs.replace(before, depth_m=31.7e-3, intensity=1270.0)
+    seen = structs.replace(STRONGEST, depth_m=31.7e-3)
     for arrivals, kind in (
         ((later,), Unsure),
         ((later, before), Found),
-        ((later, replace(before, intensity=500.0)), Unsure),
+        ((later, structs.replace(before, intensity=500.0)), Unsure),
     ):
-        now = Sample(angle_deg=4.0, reading=replace(seen, arrivals=arrivals))
+        now = Sample(angle_deg=4.0, reading=structs.replace(seen, arrivals=arrivals))
         assert isinstance(apply_confirmation(CHECKED, now, SAMPLES), kind)
 
 
 def test_what_else_an_answer_says_is_kept_when_it_is_not_confirmed() -> None:
     other = OtherSource(angle_deg=9.0, sigma_deg=0.2, relative_db=-12.0, lateral_m=1e-3, depth_m=40e-3)
-    found = replace(CHECKED, others=(other,), surveyed=0.995)
-    answer = apply_confirmation(found, Sample(angle_deg=4.0, reading=replace(STRONGEST, intensity=51.0)), SAMPLES)
+    found = structs.replace(CHECKED, others=(other,), surveyed=0.995)
+    answer = apply_confirmation(
+        found, Sample(angle_deg=4.0, reading=structs.replace(STRONGEST, intensity=51.0)), SAMPLES
+    )
     assert isinstance(answer, Unsure)
     assert (answer.others, answer.surveyed) == ((other,), 0.995)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -163,7 +162,7 @@ def test_a_delay_that_was_measured_is_taken_out() -> None:
 @pytest.mark.parametrize("jitter_s", [1e-3, 3e-3])
 def test_a_fast_laser_whose_stamps_jitter_is_no_fault_and_says_how_far_it_is_off(jitter_s: float) -> None:
     bench = SweepBench(rate_hz=100.0, light={"stamp_jitter_s": jitter_s}, motion=FAST)
-    samples, flashes = samples_of(bench, replace(TO_END, speed_deg_s=25.0)), bench.flashes()
+    samples, flashes = samples_of(bench, structs.replace(TO_END, speed_deg_s=25.0)), bench.flashes()
     assert len(samples) == len(flashes) > 300
     # At full speed, where the chords between two readings are straight.
     off = [
@@ -260,7 +259,7 @@ def test_a_run_asks_once_and_hands_out_a_sample_for_each_pulse() -> None:
     events = list(bench.run(policy))
     asked = [event for event in events if isinstance(event, Asked)]
     assert [(each.index, each.angle_deg) for each in asked] == [(1, 35.0)]
-    assert asked[0].sweep == replace(TO_END, from_deg=asked[0].sweep and asked[0].sweep.from_deg)
+    assert asked[0].sweep == structs.replace(TO_END, from_deg=asked[0].sweep and asked[0].sweep.from_deg)
     measured = [event for event in events if isinstance(event, Measured)]
     assert [event.index for event in measured] == list(range(1, len(bench.flashes()) + 1))
     assert [event.sample for event in measured] == policy.samples
@@ -315,7 +314,7 @@ def test_the_probe_turns_without_light_while_its_frames_are_read_if_there_is_tim
     readout_s: float, there_deg: float, lasts_s: float
 ) -> None:
     bench = SweepBench(readout_s=readout_s)
-    events = list(bench.run(Sweeps(replace(TO_END, wait_deg=-5.0))))
+    events = list(bench.run(Sweeps(structs.replace(TO_END, wait_deg=-5.0))))
     (swept,) = (event for event in events if isinstance(event, Swept))
     assert swept.angle_deg == pytest.approx(there_deg, abs=0.02)
     assert bench.scanner.guard.state is State.DISARMED
@@ -336,7 +335,7 @@ def test_an_obstacle_on_the_way_to_where_it_waits_is_a_fault() -> None:
     bench = SweepBench(readout_s=10.0)
     bench.stage.move_to = lambda _: 30.0  # type: ignore[method-assign]
     with pytest.raises(MoveError, match="sent to -5"):
-        list(bench.run(Sweeps(replace(TO_END, wait_deg=-5.0))))
+        list(bench.run(Sweeps(structs.replace(TO_END, wait_deg=-5.0))))
     assert bench.scanner.guard.state is State.FAULT
 
 

@@ -22,7 +22,7 @@ EXACT = EndoscopeSettings(calibration_sigma_px=0.0, spot_sigma_px=0.0, frames=10
 
 def small(cameras: StereoCameras) -> StereoCameras:
     """Images of 320 x 256 pixels, in which a spot is found sooner; the base gives disparities as in large ones."""
-    lens = replace(cameras.left, centre_px=(159.5, 127.5), size_px=(320, 256))
+    lens = structs.replace(cameras.left, centre_px=(159.5, 127.5), size_px=(320, 256))
     return replace(cameras, left=lens, right=lens)
 
 

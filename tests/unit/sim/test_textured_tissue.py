@@ -29,7 +29,7 @@ SMALL_PX = (640, 512)
 
 def small() -> StereoCameras:
     cameras = endoscope(focal_px=550.0)
-    lens = replace(cameras.left, centre_px=(319.5, 255.5), size_px=SMALL_PX)
+    lens = structs.replace(cameras.left, centre_px=(319.5, 255.5), size_px=SMALL_PX)
     return replace(cameras, left=lens, right=lens)
 
 

@@ -31,13 +31,13 @@ method = "weighted-average"
 
 MODULE = """
 import numpy as np
+from msgspec.structs import replace
 from markerseek.search import WeightedAverage
 
 class Numpys(WeightedAverage):
     def estimate(self):
         found = super().estimate()
-        object.__setattr__(found, "mean_deg", np.float64(found.mean_deg))
-        return found
+        return replace(found, mean_deg=np.float64(found.mean_deg))
 
 class Failing(WeightedAverage):
     def _next_deg(self):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -163,7 +162,7 @@ def test_rows_keep_marks_and_intervals_and_are_read_back(tmp_path: Path) -> None
     # a bracket after four acquisitions is that of a search of four
     short = structs.replace(
         DRAWN,
-        policies=(structs.replace(TERNARY, plan=dataclasses.replace(TERNARY.plan, acquisitions=4)),),
+        policies=(structs.replace(TERNARY, plan=structs.replace(TERNARY.plan, acquisitions=4)),),
         marks=(),
     )
     for trial in range(3):

@@ -5,11 +5,12 @@ from __future__ import annotations
 import base64
 import gc
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.bridges.run_images import PicturedEntry
 from markerseek.core import NO_HEADER, ChannelFrame, Measured, PaImage, Sample, UInt8
@@ -113,7 +114,7 @@ def picture_of(sample: Sample, image: PaImage) -> Picture:
     reading = sample.reading
     brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
     together, geometry = _rows_together(image), image.geometry
-    pooled = replace(
+    pooled = structs.replace(
         geometry,
         first_depth_m=geometry.position_m(row=(together - 1) / 2, column=0)[1],
         depth_step_m=together * geometry.depth_step_m,

@@ -11,6 +11,8 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from msgspec import structs
+
 from markerseek.bridges.followed import RegistrationSource
 from markerseek.bridges.run_images import PicturedEntry, since_fired_s
 from markerseek.core import Measured
@@ -50,9 +52,9 @@ class SampleTopics:
         ``configuration``: published as JSON, and kept for subscribers that come later.
         """
         self._view = RunView.of(configuration)
-        known = configuration.flat()
+        known = structs.asdict(configuration)
         # Settings of a rig hold ports and programs of this computer, which nobody on a network needs.
-        known.pop("recipe")
+        del known["recipe"]
         message = messages.text({**known, "picture_range_db": RANGE_DB})
         self._node.publish(topics.BANK, message)
 

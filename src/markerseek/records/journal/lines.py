@@ -12,11 +12,12 @@ import os
 import re
 import zlib
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
 from markerseek.core import Measured, RecordError, Sample
-from markerseek.records.journal.entries import Configuration, Entry, decode, encode, json_values, require_finite
+from markerseek.records.journal.entries import Configuration, Entry, Line, as_json, decode, encode
 from markerseek.records.journal.file import MAGIC, MAGIC_1
 
 VERSION = 2
@@ -56,16 +57,9 @@ def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
 _NOTHING = msgspec.Raw(b"null")
 
 
-class Line(msgspec.Struct, frozen=True, kw_only=True):
-    """An entry, or line 0: the configuration, or what a session registers, and the version of the format."""
+class FirstLine(msgspec.Struct, frozen=True, kw_only=True):
+    """Line 0: the configuration, or what a session registers, and the version of the format."""
 
-    number: int = 0
-    block: int = 0
-    block_crc: str = ""
-    kind: str = ""
-    written: str = ""
-    clock_s: float = 0.0
-    body: msgspec.Raw = _NOTHING
     configuration: msgspec.Raw = _NOTHING
     begun: msgspec.Raw = _NOTHING
     record: int = 0
@@ -76,35 +70,28 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
     """Version of the format in files of version 1."""
 
 
+_Kind = TypeVar("_Kind", Line, FirstLine)
+
+
 def first_line(configuration: Configuration) -> bytes:
     """Line 0."""
-    as_json = msgspec.json.encode(json_values(configuration, what="the configuration"))
+    encoded = as_json(configuration, what="the configuration")
     try:
         # msgspec checks value ranges only on decoding, and a written journal must be readable.
-        msgspec.json.decode(as_json, type=Configuration)
+        msgspec.json.decode(encoded, type=Configuration)
     except msgspec.ValidationError as problem:
         raise RecordError(f"the configuration cannot be recorded: {problem}") from problem
-    return line_of({"record": VERSION, "configuration": msgspec.Raw(as_json)})
+    return line_of({"record": VERSION, "configuration": msgspec.Raw(encoded)})
 
 
 def entry_line(entry: Entry) -> bytes:
     """Bytes of an entry; `RecordError` if JSON cannot hold it exactly."""
-    encoded = encode(entry.event)
-    block = encoded.samples or b""
-    if len(block) > MAX_FRAME_BYTES:
+    line, samples = encode(entry)
+    if line.block > MAX_FRAME_BYTES:
         raise RecordError(
-            f"entry {entry.number}: a frame of {len(block)} bytes, at most {MAX_FRAME_BYTES} are recorded"
+            f"entry {entry.number}: a frame of {line.block} bytes, at most {MAX_FRAME_BYTES} are recorded"
         )
-    line = {
-        "number": entry.number,
-        "block": len(block),
-        "block_crc": f"{zlib.crc32(block):08x}",
-        "kind": encoded.kind,
-        "written": entry.written,
-        "clock_s": require_finite(float(entry.clock_s), what="the rig's clock"),
-        "body": msgspec.Raw(encoded.body),
-    }
-    return b"".join((line_of(line), block, b"\n" if block else b""))
+    return b"".join((line_of(line), samples, b"\n" if line.block else b""))
 
 
 def line_of(value: object) -> bytes:
@@ -129,8 +116,17 @@ class LineReader:
         self.descriptor = descriptor
         self._number = 0
 
-    def _next_line(self) -> tuple[Line, bytes] | None:
-        """The next line and its frame, once both agree with their checksums; None if they are missing."""
+    def _next_first(self) -> FirstLine | None:
+        """Return the first line, once it agrees with its checksum; None if it is missing."""
+        line = self._next_bytes()
+        if line is None:
+            return None
+        found = self._decoded(line[_PREFIX_BYTES:], FirstLine)
+        self.end += len(line)
+        return found
+
+    def _next_bytes(self) -> bytes | None:
+        """Return the next line, once it agrees with its checksum; None if it is missing."""
         line = b""
         while b"\n" not in line[-_PIECE_BYTES:]:
             piece = os.pread(self.descriptor, _PIECE_BYTES, self.end + len(line))
@@ -145,7 +141,14 @@ class LineReader:
         if not self._agrees(line):
             self._require_changed(line, "its line does not agree with its checksum")
             return None
-        found = self._decoded(line[_PREFIX_BYTES:])
+        return line
+
+    def _next_line(self) -> tuple[Line, bytes] | None:
+        """Return the next entry and its samples, once both agree with their checksums; None if they are missing."""
+        line = self._next_bytes()
+        if line is None:
+            return None
+        found = self._decoded(line[_PREFIX_BYTES:], Line)
         if not 0 <= found.block <= MAX_FRAME_BYTES:
             raise RecordError(f"{self._here} has a frame of {found.block} bytes; it is foreign")
         size = found.block + (found.block > 0)
@@ -161,9 +164,9 @@ class LineReader:
         self.end += len(line) + size
         return found, data[:-1]
 
-    def _decoded(self, rest: bytes) -> Line:
+    def _decoded(self, rest: bytes, kind: type[_Kind]) -> _Kind:
         try:
-            return msgspec.json.decode(b"{" + rest, type=Line)
+            return msgspec.json.decode(b"{" + rest, type=kind)
         except (msgspec.MsgspecError, ValueError, RecursionError) as problem:
             raise RecordError(f"{self._here} cannot be read: {problem}; it is foreign") from problem
 
@@ -203,7 +206,7 @@ class EntryReader(LineReader):
         line, frame = found
         number = self._number
         try:
-            event = decode(line.kind, bytes(line.body), frame or None, confirmation=self._confirmation)
+            event = decode(line, frame, confirmation=self._confirmation)
         except RecordError as problem:
             raise RecordError(f"{self.path}: entry {number} is {problem}") from problem
         if self.version > 1 and line.number != number:
@@ -226,12 +229,11 @@ class EntryReader(LineReader):
                 f"{self.path}: it does not begin as a journal does, so that it is another kind of file, or damaged, "
                 "or from before the first release; check the name ('markerseek replay' searches recorded scans)"
             )
-        found = self._next_line_1() if self.version == 1 else self._next_line()
-        if found is None:
+        first = self._next_first_1() if self.version == 1 else self._next_first()
+        if first is None:
             raise UnfinishedError(
                 f"{self.path}: it ends in its first line: its run was never begun; begin a new search"
             )
-        first, _ = found
         if first.session:
             raise RecordError(
                 f"{self.path}: it is the record of a registration session; name the journal of a search in its folder"
@@ -255,6 +257,16 @@ class EntryReader(LineReader):
 
     def _next_line_1(self) -> tuple[Line, bytes] | None:
         """`_next_line` of a file of version 1."""
+        found = self._next_bytes_1()
+        return None if found is None else (self._decoded(found[0], Line), found[1])
+
+    def _next_first_1(self) -> FirstLine | None:
+        """`_next_first` of a file of version 1."""
+        found = self._next_bytes_1()
+        return None if found is None else self._decoded(found[0], FirstLine)
+
+    def _next_bytes_1(self) -> tuple[bytes, bytes] | None:
+        """Return the next line of a file of version 1 without its prefix, and the samples behind it."""
         prefix = os.pread(self.descriptor, _PREFIX_1_BYTES, self.end)
         if len(prefix) < _PREFIX_1_BYTES:
             return None
@@ -269,7 +281,7 @@ class EntryReader(LineReader):
         if zlib.crc32(data[: rest_bytes + frame_bytes], check) != own or data[-1:] != b"\n":
             raise RecordError(f"{self._here}: it does not agree with its checksum; it is damaged")
         self.end += _PREFIX_1_BYTES + size
-        return self._decoded(data[:rest_bytes]), data[rest_bytes : rest_bytes + frame_bytes]
+        return data[:rest_bytes], data[rest_bytes : rest_bytes + frame_bytes]
 
     @property
     def _here(self) -> str:

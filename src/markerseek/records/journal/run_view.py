@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
+from msgspec import structs
+
 from markerseek.core import (
     AngleBelief,
     Asked,
@@ -263,7 +265,7 @@ class RunView:
 
     def without_frames(self) -> RunView:
         """Return the view without the frames of its acquisitions, of which each has half a megabyte."""
-        points = tuple(replace(point, sample=replace(point.sample, frame=None)) for point in self.points)
+        points = tuple(replace(point, sample=structs.replace(point.sample, frame=None)) for point in self.points)
         event = None if self.event is None else without_frame(self.event)
         finished = event if isinstance(event, Finished) else self.finished
         return replace(self, points=points, event=event, finished=finished)

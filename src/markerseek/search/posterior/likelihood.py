@@ -19,11 +19,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
 
 import numpy as np
+from msgspec.structs import replace
 
 from markerseek._compiled import compiled
 from markerseek.core import MIN_INTENSITY, Float64, Sample, SweepTiming

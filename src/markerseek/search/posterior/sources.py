@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import Arrival, Float64, Interval, OtherSource, Reading, Sample
 from markerseek.search.background import FLAT_SHARE
@@ -149,7 +150,9 @@ def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tup
         (here if mine else elsewhere).append(arrival)
     if here:
         arrival = max(here, key=lambda each: each.intensity)
-        return replace(sample, reading=_of_arrival(reading, arrival, source, angle_deg=angle_deg), frame=None), True
+        return structs.replace(
+            sample, reading=_of_arrival(reading, arrival, source, angle_deg=angle_deg), frame=None
+        ), True
     looked_up = None
     if reading.local_maxima is not None:
         looked_up = reading.local_maxima.near(
@@ -182,7 +185,7 @@ def as_upper_limit(sample: Sample) -> Sample:
 
 def _without_position(sample: Sample, *, intensity: float, noise_sigma: float | None, cells: int) -> Sample:
     """A sample of this intensity without a position in the image."""
-    reading = replace(
+    reading = structs.replace(
         sample.reading,
         intensity=intensity,
         noise_sigma=noise_sigma,
@@ -196,7 +199,7 @@ def _without_position(sample: Sample, *, intensity: float, noise_sigma: float | 
         focused_coherence=None,
         spot=None,
     )
-    return replace(sample, reading=reading, frame=None)
+    return structs.replace(sample, reading=reading, frame=None)
 
 
 def _arrivals(reading: Reading) -> Iterator[Arrival]:
@@ -236,7 +239,7 @@ def _of_arrival(reading: Reading, arrival: Arrival, source: Source, *, angle_deg
         within_m=source.reach_m,
     )
     largest = arrival.intensity >= reading.intensity
-    return replace(
+    return structs.replace(
         reading,
         intensity=arrival.intensity,
         cells=reading.cells if around is None else around[1],

@@ -27,10 +27,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import AnglePrior, Estimate, Found, Interval, PriorEvidence, Sample, Sweep, Unsure
 from markerseek.search.policy import check_sample
@@ -154,7 +155,7 @@ def _in_direction(samples: Sequence[Sample], sign: int) -> list[Sample]:
 def _by_themselves(samples: Sequence[Sample]) -> list[Sample]:
     """Return samples of sweeps without the errors that they share with others, which a comparison is to show."""
     return [
-        replace(sample, sweep=replace(sample.sweep, delay_sigma_s=0.0, play_sigma_deg=0.0))
+        structs.replace(sample, sweep=structs.replace(sample.sweep, delay_sigma_s=0.0, play_sigma_deg=0.0))
         for sample in samples
         if sample.sweep is not None
     ]

@@ -118,15 +118,24 @@ class PaperSearch:
 
 
 def paper_search(
-    policy: Policy, rig: Rig, *, truth_deg: float, counts: Sequence[int] = (), stay: bool = True, **what: Any
+    policy: Policy,
+    rig: Rig,
+    *,
+    method: PaperMethod,
+    truth_deg: float,
+    counts: Sequence[int] = (),
+    stay: bool = True,
+    **what: Any,
 ) -> PaperSearch:
     """Search on a rig.
 
-    ``counts``: numbers of acquisitions after which the answer is kept; empty: at the end. ``what``: the first fields.
+    ``counts``: numbers of acquisitions after which the answer is kept; empty: at the end. ``what``: the other fields.
     """
-    found = searched(policy, rig.scanner, stay=stay, counts=counts)
+    plan = SearchPlan(method=BUILT[method], as_published=True, stay=stay)
+    found = searched(policy, rig, plan, counts=counts)
     answers = found.answers or {len(found.samples): found.finished.estimate}
     return PaperSearch(
+        method=method,
         truth_deg=truth_deg,
         track_deg=tuple(sample.angle_deg for sample in found.samples),
         answers_deg={count: each.mean_deg for count, each in answers.items()},

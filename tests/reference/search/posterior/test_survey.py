@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from markerseek.core import PAPER_RANGE, Floor, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise

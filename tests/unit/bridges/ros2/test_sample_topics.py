@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -87,15 +86,15 @@ def test_each_frame_of_a_sweep_has_its_own_angle_and_stamp(kind, stamps_s):
     rig = rigs.simulated(seed=1)
     sample = rig.scanner.measure(5.0)
     configuration = configuration_of(rig, SearchPlan(method="posterior", sweep_speed_deg_s=8.6))
-    configuration = structs.replace(configuration, facts=replace(configuration.facts, kind=kind))
+    configuration = structs.replace(configuration, facts=structs.replace(configuration.facts, kind=kind))
     node = Node()
     shown = SampleTopics(node=node, publishes_angle=True)
     shown.begin(configuration)
     # Two pulses that come together: they were fired 0.25 and 0.2 s before.
     for index, (angle_deg, fired_s) in enumerate([(5.0, 99.75), (5.4, 99.8)], start=1):
-        frame = replace(sample.frame, header=replace(sample.frame.header, started_s=fired_s))
+        frame = structs.replace(sample.frame, header=structs.replace(sample.frame.header, started_s=fired_s))
         timing = SweepTiming(number=1, speed_deg_s=8.6)
-        pulse = replace(sample, angle_deg=angle_deg, frame=frame, sweep=timing)
+        pulse = structs.replace(sample, angle_deg=angle_deg, frame=frame, sweep=timing)
         event = Measured(role="search", index=index, sample=pulse)
         shown.publish(pictured_entry(configuration, event, number=index, clock_s=100.0))
     joints = node.sent[topics.MEASURED_JS]

@@ -12,6 +12,7 @@ import pacfish
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks import BankFacts, FrameBank, TableFormat, read_bank, whole_bank
@@ -111,8 +112,8 @@ def test_unknown_times_stay_unknown(tmp_path):
     with whole_bank(path, facts=BankFacts(clock_zero_unix_s=None)) as writer:
         for seed, started_s in enumerate((1.0, math.nan, math.inf)):
             frame = sample(float(seed), seed=seed).frame
-            frame = replace(frame, header=replace(frame.header, started_s=started_s))
-            writer.add(replace(sample(float(seed)), frame=frame))
+            frame = structs.replace(frame, header=structs.replace(frame.header, started_s=started_s))
+            writer.add(structs.replace(sample(float(seed)), frame=frame))
     bank = read_bank(path)
     assert isinstance(bank, FrameBank)
     np.testing.assert_array_equal(bank.started_s, (1.0, np.nan, np.nan))

@@ -13,6 +13,7 @@ import pacfish
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ChannelFrame, ConfigError, Permit, RecordError
@@ -303,7 +304,7 @@ def test_a_writer_refuses_what_it_cannot_keep(tmp_path):
 
 def invalid(**changes):
     taken = sample(1.0, seed=1)
-    return replace(taken, **changes)
+    return structs.replace(taken, **changes)
 
 
 @pytest.mark.parametrize(
@@ -336,11 +337,11 @@ def test_an_unknown_intensity_is_kept_with_a_frame_and_refused_without_one(tmp_p
     unknown = damaged(intensity=math.nan)
     with whole_bank(tmp_path / "a.hdf5", facts=FACTS) as writer:
         for angle in (0.0, 2.0, 3.0):
-            writer.add(replace(sample(angle), reading=unknown))
+            writer.add(structs.replace(sample(angle), reading=unknown))
     assert read_bank(tmp_path / "a.hdf5").intensities == ()
     with (
         pytest.raises(RecordError, match="the intensity at 0 deg is nan"),
         whole_bank(tmp_path / "b.hdf5", facts=FACTS) as writer,
     ):
-        writer.add(replace(sample(0.0, frame=False), reading=unknown))
+        writer.add(structs.replace(sample(0.0, frame=False), reading=unknown))
     assert not (tmp_path / "b.hdf5").exists()

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import signal
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from markerseek import rigs
 from markerseek.acoustics import Probe
@@ -44,7 +43,17 @@ from markerseek.core import (
     Turning,
     Unsure,
 )
-from markerseek.records.journal import Checked, Configuration, Entry, Interrupted, Journal, JournalEvent, Resuming
+from markerseek.records.journal import (
+    Checked,
+    Configuration,
+    Entry,
+    Interrupted,
+    Journal,
+    JournalEvent,
+    Resuming,
+    encode,
+)
+from markerseek.records.journal.entries import Line
 from markerseek.records.journal.lines import entry_line
 from markerseek.rigs import Rig
 from markerseek.sim import ReceiverSettings, SimulatedSettings
@@ -52,12 +61,14 @@ from markerseek.sim import ReceiverSettings, SimulatedSettings
 
 def changed(configuration: Configuration, **changes: Any) -> Configuration:
     """With other values of its plan, its facts, or its own fields, by their names."""
-    plan = {field.name: changes.pop(field.name) for field in dataclasses.fields(SearchPlan) if field.name in changes}
-    facts = {field.name: changes.pop(field.name) for field in dataclasses.fields(RigFacts) if field.name in changes}
+    plan = {
+        field.name: changes.pop(field.name) for field in msgspec.structs.fields(SearchPlan) if field.name in changes
+    }
+    facts = {field.name: changes.pop(field.name) for field in msgspec.structs.fields(RigFacts) if field.name in changes}
     return msgspec.structs.replace(
         configuration,
-        plan=dataclasses.replace(configuration.plan, **plan),
-        facts=dataclasses.replace(configuration.facts, **facts),
+        plan=msgspec.structs.replace(configuration.plan, **plan),
+        facts=msgspec.structs.replace(configuration.facts, **facts),
         **changes,
     )
 
@@ -283,3 +294,8 @@ def reading_sample(sequence: int, *, angle_deg: float) -> Sample:
 
 
 REFUSED = Refused(angle_deg=1 / 3, reason='channel 7 says "nothing", 5 % off', frame=frame(2))
+
+
+def stored(event: JournalEvent) -> tuple[Line, bytes | memoryview]:
+    """The event as the first entry of a journal."""
+    return encode(Entry(number=1, written="", clock_s=0.0, event=event))

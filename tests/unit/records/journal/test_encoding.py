@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -11,9 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import Asked, ChannelFrame, Measured, RecordError, Refused, Sample
-from markerseek.records.journal import Journal, JournalEvent, decode, encode, read_journal
+from markerseek.records.journal import Journal, JournalEvent, decode, read_journal
+from markerseek.records.journal.entries import Line
 from tests.unit.records.journal.synthetic_journals import (
     EVENTS,
     FULL_READING,
@@ -21,6 +22,7 @@ from tests.unit.records.journal.synthetic_journals import (
     configuration,
     counts,
     frame,
+    stored,
     whole_run,
 )
 
@@ -60,34 +62,34 @@ def test_samples_lie_in_the_file_as_little_endian_integers_that_any_program_can_
 def test_any_bytes_are_a_row_or_a_record_error(body: bytes) -> None:
     for kind in ("started", "asked", "measured", "refused", "finished", "failed", "resuming", "checked", "other"):
         try:
-            event = decode(kind, body, None, confirmation=None)
+            event = decode(Line(kind=kind, body=msgspec.Raw(body)), b"", confirmation=None)
         except RecordError:
             continue
-        assert encode(event).kind == kind
+        assert stored(event)[0].kind == kind
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 def test_a_number_that_is_not_finite_is_refused_by_its_name(number: float) -> None:
-    header = replace(HEADER, angle_before_deg=number)
+    header = structs.replace(HEADER, angle_before_deg=number)
     channels = ChannelFrame(header=header, samples=np.ones((2, 3), np.int16), sampling_hz=40e6)
     for event, name in (
         (Asked(role="search", index=1, angle_deg=number), "angle_deg"),
-        (replace(EVENTS["Ambiguous"], travel_deg=number), "travel_deg"),
+        (structs.replace(EVENTS["Ambiguous"], travel_deg=number), "travel_deg"),
         (
             Measured(role="search", index=1, sample=Sample(angle_deg=0.0, reading=FULL_READING, frame=channels)),
             "before",
         ),
     ):
         with pytest.raises(RecordError, match=rf"{name}.*not finite and cannot be recorded"):
-            encode(event)
+            stored(event)
 
 
 def test_a_refused_frame_whose_numbers_are_why_it_was_refused_is_left_out() -> None:
     whole = frame(1)
-    broken = replace(whole, header=replace(whole.header, angle_before_deg=math.nan))
-    row = encode(Refused(angle_deg=1.0, reason="not finite", frame=broken))
-    assert decode(row.kind, row.body, row.samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
-    assert row.samples is None
+    broken = structs.replace(whole, header=structs.replace(whole.header, angle_before_deg=math.nan))
+    line, samples = stored(Refused(angle_deg=1.0, reason="not finite", frame=broken))
+    assert decode(line, samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
+    assert samples == b""
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from markerseek.core import Asked, RecordError, Started
 from markerseek.guard import State
 from markerseek.records.banks import read_bank
 from markerseek.records.journal import Journal, read_journal, salvage
+from markerseek.records.journal.lines import first_line
 from markerseek.runs import journal_summary
 from markerseek.runs.journalled import journalled
 from tests.unit.records.journal.synthetic_journals import RANGE, configuration, write
@@ -42,14 +43,21 @@ def holding(data: bytes) -> Callable[[Path], object]:
 
 def begun(rest: bytes) -> Callable[[Path], object]:
     """A file with a line 0 whose checksum agrees, as a foreign program may write it."""
-    return holding(b'{"crc":"%08x",' % zlib.crc32(rest) + rest)
+    return holding(line_with(rest))
+
+
+def line_with(rest: bytes) -> bytes:
+    return b'{"crc":"%08x",' % zlib.crc32(rest) + rest
 
 
 NO_JOURNALS: dict[str, tuple[Callable[[Path], object], str]] = {
     "empty": (holding(b""), "no journal of a run"),
     "text": (holding(b"not a database, and as long as one" * 99), "another kind of file"),
     "lengths": (holding(b'{"number":       0,"bytes":' + b" 1" * 99), "it does not begin as an entry does"),
-    "huge": (begun(b'"block":99999999999}\n'), "has a frame of 99999999999 bytes"),
+    "huge": (
+        holding(first_line(configuration()) + line_with(b'"number":1,"block":99999999999}\n')),
+        "entry 1 has a frame of 99999999999 bytes",
+    ),
     "other": (begun(b'"record":2,"configuration":{}}\n'), "cannot be read"),
     "number": (begun(b'"record":2,"configuration":0}\n'), "cannot be read"),
     "tolerance": (begun(b'"record":2,"configuration":{"plan":{"tolerance":3}}}\n'), "cannot be read"),

@@ -7,12 +7,12 @@ import os
 import re
 import shutil
 import zlib
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from markerseek.core import ChannelFrame, Failed, Measured, RecordError, Refused
 from markerseek.records.journal import (

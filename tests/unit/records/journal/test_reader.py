@@ -177,7 +177,7 @@ def test_the_command_prints_what_journal_show_does(shell: Shell, tmp_path: Path)
     done = subprocess.run([*FOLLOW, str(path)], capture_output=True, check=True)
     first, *lines = map(json.loads, done.stdout.splitlines())
     assert lines == json.loads(shown)["entries"]
-    assert first["configuration"]["method"] == "golden-section"
+    assert first["configuration"]["plan"]["method"] == "golden-section"
 
 
 def test_events_without_a_journal_go_to_a_file_that_is_followed_as_one(shell: Shell, tmp_path: Path) -> None:

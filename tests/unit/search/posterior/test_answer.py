@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from markerseek.core import PAPER_RANGE, Floor, Found, Reading, Sample, Tolerance
+from markerseek.core import PAPER_RANGE, Floor, Found, MarkerMotion, Reading, Sample, Tolerance
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.answer import (
     Analysis,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from markerseek.core import Ambiguous, Found, LocalMaxima, Reading, Sample, SweepTiming
 from markerseek.search.curve import log_curve
@@ -57,12 +56,12 @@ def test_a_weak_pulse_among_hundreds_of_a_sweep_is_no_dip():
     heights = 50 / (1 + (angles_deg / 4) ** 2) * (1 + 0.1 * np.random.default_rng(2).standard_normal(angles_deg.size))
     heights[60] *= 0.5
     at_rest = samples(angles_deg.tolist(), heights.tolist(), frames=True)
-    swept = [replace(each, sweep=SweepTiming(number=1, speed_deg_s=12.5)) for each in at_rest]
+    swept = [structs.replace(each, sweep=SweepTiming(number=1, speed_deg_s=12.5)) for each in at_rest]
     assert dip_deg(swept, sigma=1.0, level=6.0) is None
     assert asymmetric_sample(swept, centre_deg=0.0, sigma=1.0, level=6.0) is None
     # A dip that all pulses about it show is one.
     two = [
-        replace(each, reading=replace(each.reading, intensity=height))
+        structs.replace(each, reading=structs.replace(each.reading, intensity=height))
         for each, height in zip(swept, (heights * (1 - 0.8 * np.exp(-((angles_deg / 3) ** 2)))).tolist(), strict=True)
     ]
     assert dip_deg(two, sigma=1.0, level=6.0) == pytest.approx(0.0, abs=0.5)

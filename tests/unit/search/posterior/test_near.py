@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import partial
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy import stats
 
 from markerseek import find_marker, rigs, simulated

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.optimize import curve_fit
 from scipy.stats import norm
 
@@ -119,13 +119,13 @@ def test_pulses_without_light_go_and_no_others_do() -> None:
     bright = [index for index, sample in enumerate(samples) if sample.reading.intensity > 20.0]
     inside, edge = bright[3], len(samples) // 2 - 1
     for index in (inside, edge):
-        samples[index] = replace(samples[index], reading=Reading(intensity=3.0, noise_sigma=1.0, cells=CELLS))
+        samples[index] = structs.replace(samples[index], reading=Reading(intensity=3.0, noise_sigma=1.0, cells=CELLS))
     kept = with_light(samples)
     # Beside the curve all pulses are at the noise, and there none is known to be without light.
     assert kept == [*samples[:inside], *samples[inside + 1 :]]
-    unknown = [replace(sample, reading=Reading(intensity=sample.reading.intensity)) for sample in samples]
+    unknown = [structs.replace(sample, reading=Reading(intensity=sample.reading.intensity)) for sample in samples]
     assert with_light(unknown) == unknown
-    at_rest = [replace(sample, sweep=None) for sample in samples]
+    at_rest = [structs.replace(sample, sweep=None) for sample in samples]
     assert with_light(at_rest) == at_rest
 
 
@@ -442,7 +442,9 @@ def test_one_way_that_is_late_looks_like_a_delay_and_widens_the_interval_by_its_
 
 def test_a_burst_of_a_rig_that_knows_its_delay_is_no_wider() -> None:
     samples = burst()
-    known = [replace(each, sweep=replace(each.sweep, delay_sigma_s=1e-3)) for each in samples if each.sweep]
+    known = [
+        structs.replace(each, sweep=structs.replace(each.sweep, delay_sigma_s=1e-3)) for each in samples if each.sweep
+    ]
     assert order_in(known).way_sigma_deg < 1e-3 < order_in(samples).way_sigma_deg
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from markerseek import rigs
-from markerseek.core import PAPER_RANGE, Reading, Sample
+from markerseek.core import PAPER_RANGE, Reading, Sample, SearchPlan
 from markerseek.sim import StageMotion
 from markerseek.studies.paper.methods import QuantisedPolicy, policy_of
 from markerseek.studies.trial import SearchTrace, searched
@@ -17,7 +17,7 @@ def test_a_long_search_contains_the_shorter_ones(name: str) -> None:
     def ended(acquisitions: int, *counts: int) -> SearchTrace:
         rig = rigs.simulated(seed=5, marker_deg=-7.0)
         policy = policy_of(name, acquisitions=acquisitions)  # type: ignore[arg-type]
-        return searched(policy, rig.scanner, counts=counts)
+        return searched(policy, rig, SearchPlan(method="ternary", stay=True), counts=counts)
 
     counts = (2, 8, 12)
     answers = ended(12, *counts).answers
