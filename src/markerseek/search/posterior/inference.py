@@ -532,7 +532,7 @@ def _of_each_width(shapes: Shapes, grid: Grid, best: Marginals) -> Int64[np.ndar
     return np.asarray(np.sort(grid.members[order[first]]))
 
 
-MOTION_DOUBT = 0.02
+MOTION_DOUBT = 0.05
 """Probability that the marker moves from which its displacements are integrated out."""
 
 SCATTERING = 0.06
