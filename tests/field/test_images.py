@@ -206,7 +206,7 @@ def test_a14_the_region_that_holds_the_rectangle_gives_the_scale(shell: Shell, t
     code, _, err = shell("tooltip", path)
     assert code == 2
     assert "image regions of several scales" in err
-    assert "--roi" in err
+    assert "name a rectangle that lies in one of them" in err
     report = answer(shell, path, "--pixel-mm", PIXEL_MM)
     assert (report["half_range_deg"], report["pixel_size"]) == (HALF_DEG, "as given")
 

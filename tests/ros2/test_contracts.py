@@ -18,7 +18,7 @@ import rclpy
 from markerseek import rigs
 from markerseek.bridges.ros2 import Serving, StageNode
 from markerseek.core import Laser, Receiver, Stage
-from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver, SystemClock
+from markerseek.drivers import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings, SystemClock
 from markerseek.ros import RosNode, topics
 from markerseek.testing import LaserContract, ReceiverContract, StageContract
 from tests.ros2.number_stage import NumberStage
@@ -105,7 +105,7 @@ class _Acquisition(_OverRos):
         world = rigs.simulated(seed=1)
         server, node = self.nodes()
         served = acquisition_of(world, node=server, guard=armed_guard(world))
-        settings = RosReceiver(sampling_hz=world.imaging.preset.sampling_hz)
+        settings = Ros2ReceiverSettings(sampling_hz=world.imaging.preset.sampling_hz)
         return Ros2Acquisition(node=node, clock=self.clock(served.step), settings=settings)
 
 

@@ -15,7 +15,7 @@ from tests.ros2.ros_processes import MARKERSEEK, Client, Start, call
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
 from markerseek.core import ConfigError, NotConnectedError, Permit
-from markerseek.drivers import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver, SystemClock
+from markerseek.drivers import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings, SystemClock
 from markerseek.guard import Limits
 from markerseek.ros import RosNode, topics
 
@@ -96,7 +96,7 @@ def test_item_9_a_stage_node_that_is_killed_or_frozen_is_noticed_within_two_seco
 def test_item_9_an_acquisition_node_that_is_killed_is_noticed_within_two_seconds(start: Start, node: RosNode) -> None:
     nodes = start(*MARKERSEEK, "ros2", "sim", "--pace", "1")
     clock = SystemClock()
-    acquisition = Ros2Acquisition(node=node, clock=clock, settings=RosReceiver())
+    acquisition = Ros2Acquisition(node=node, clock=clock, settings=Ros2ReceiverSettings())
     permit = Permit(token="1", angle_deg=0.0, pulses=16, expires_s=clock.now_s() + 5.0)
     acquisition.arm(permit)
     nodes.send_signal(signal.SIGKILL)

@@ -231,6 +231,6 @@ def test_a_folder_that_cannot_take_pictures_is_refused_before_anything_is_measur
     taken.write_text("", encoding="utf-8")
     code, out, said = shell("search", "--plot", "--out", taken, "--journal", tmp_path / "run.journal")
     assert code == 2
-    assert "no picture can be written there: it is a file, not a folder; name another --out" in said
+    assert "no picture can be written there: it is a file; choose another folder" in said
     assert not out
     assert not (tmp_path / "run.journal").exists()

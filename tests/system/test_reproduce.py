@@ -134,4 +134,4 @@ def test_an_out_that_cannot_be_written_is_met_with_a_sentence(shell: Shell, tmp_
     blocked.write_text("")
     code, _, err = shell("reproduce", "fig5", "--markers", 10, "--workers", 1, "--out", blocked)
     assert code == 2
-    assert "name another --out" in err
+    assert "choose another folder" in err

@@ -113,7 +113,7 @@ def _in_order(path: Path, read: list[_File]) -> list[_File]:
     note(
         path,
         f"its images are taken in the order of their InstanceNumber, which is not that of their names{gaps}; the angle "
-        "of each by its name: --angles FILE",
+        "of each can be stated by its name",
     )
     return sorted(read, key=lambda each: each.instance or 0)
 
@@ -129,7 +129,7 @@ def read_image_sequence(
     sequence = open_sequence(path)
     count, (rows, columns, _) = len(sequence.frame_fields), sequence.shape
     if sequence.kind != "BRIGHTNESS":
-        raise RecordError(f"{path}: it holds {sequence.kind} and no B-mode images; see 'markerseek bank info'")
+        raise RecordError(f"{path}: it holds {sequence.kind} and no B-mode images; read it as a bank")
     if count > MAX_IMAGES or count * rows * columns > MAX_PIXELS:
         raise RecordError(
             f"{path}: {count} images of {columns} × {rows}, at most {MAX_IMAGES} images or {MAX_PIXELS} pixels are "
@@ -191,7 +191,7 @@ def _file(path: Path, roi: tuple[int, int, int, int] | None, pixel_m: tuple[floa
         return _File(path=path, frames=frames, size_m=pixel_m, instance=None if held is None else held.instance)
     size_m = _region_size_m(path, held.regions, roi) or held.spacing_m
     if size_m is not None and not all(0 < size < 0.01 for size in size_m):
-        raise RecordError(f"{path}: a pixel of {list(size_m)} m, 0 to 10 mm are possible; name --pixel-mm instead")
+        raise RecordError(f"{path}: a pixel of {list(size_m)} m, 0 to 10 mm are possible; state its size")
     return _File(path=path, frames=frames, size_m=size_m, instance=held.instance)
 
 
@@ -208,7 +208,7 @@ def _region_size_m(
     if sizes and not np.allclose(sizes, sizes[0], rtol=1e-3, atol=0):
         raise RecordError(
             f"{path}: it has image regions of several scales, {' and '.join(map(_size, sizes))}; name a rectangle that "
-            "lies in one of them (--roi), or the size of a pixel"
+            "lies in one of them, or the size of a pixel"
         )
     return sizes[0] if sizes else None
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from typing import Any, Self, TypeAlias
 from urllib.parse import urlencode
 
+import msgspec
 from msgspec import structs
 
 from markerseek.core import (
@@ -27,8 +27,7 @@ OPTIONS = {each.name: each for each in (*options_of(SearchPlan), *options_of(Sim
 """All that can be chosen of a search, by name: never a file, a rig, or whether a rig is armed."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class Asked(msgspec.Struct, frozen=True, kw_only=True):
     """What is asked for: a plan, and the simulated rig that it is for."""
 
     plan: SearchPlan | SessionPlan
@@ -51,7 +50,7 @@ class Asked:
         """The same with other values, by their names in `options`; `ConfigError` if they cannot be used."""
         names = [each.name for each in options_of(type(self.plan)) if each.name in values]
         of_plan = {name: values.pop(name) for name in names}
-        return replace(
+        return structs.replace(
             self, plan=structs.replace(self.plan, **of_plan), simulation=structs.replace(self.simulation, **values)
         )
 
@@ -79,8 +78,7 @@ class Asked:
         return asked, tuple(problems)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AskedSearch(Asked):
+class AskedSearch(Asked, frozen=True, kw_only=True):
     """The plan of a search, and the simulated rig that it is for.
 
     Raises
@@ -89,9 +87,9 @@ class AskedSearch(Asked):
         If ``markerseek search`` would refuse them.
     """
 
-    plan: SearchPlan = field(default_factory=SearchPlan)
+    plan: SearchPlan = SearchPlan()
     """What is chosen of the search."""
-    simulation: SimulationOptions = field(default_factory=SimulationOptions)
+    simulation: SimulationOptions = SimulationOptions()
     """What is chosen of a simulated rig."""
 
     def __post_init__(self) -> None:
@@ -99,8 +97,7 @@ class AskedSearch(Asked):
         with_options(SimulatedSettings(), self.simulation)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AskedSession(Asked):
+class AskedSession(Asked, frozen=True, kw_only=True):
     """The plan of a registration session, and the simulated rig that it is for.
 
     Raises
@@ -109,9 +106,9 @@ class AskedSession(Asked):
         If ``markerseek register`` would refuse them.
     """
 
-    plan: SessionPlan = field(default_factory=SessionPlan)
+    plan: SessionPlan = SessionPlan()
     """What is chosen of the session."""
-    simulation: SceneOptions = field(default_factory=SceneOptions)
+    simulation: SceneOptions = SceneOptions()
     """What is chosen of a simulated rig."""
 
     def __post_init__(self) -> None:
@@ -119,8 +116,7 @@ class AskedSession(Asked):
 
     def arguments(self, *, simulated: bool = True) -> list[str]:
         """Options of the command; for a rig of devices only those of the plan."""
-        # A class with slots is another one than that which super() would look for.
-        words = Asked.arguments(self, simulated=simulated)
+        words = super().arguments(simulated=simulated)
         return ["--simulate", *words] if simulated else words
 
 

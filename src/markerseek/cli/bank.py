@@ -361,7 +361,9 @@ def import_bank(
         raise ConfigError(
             f"--sampling-mhz is {sampling_mhz:g}, and {source} says {held_hz / 1e6:g} MHz; leave the option out"
         )
-    bank = replace(bank, facts=replace(bank.facts, **{name: each for name, each in given.items() if each is not None}))
+    bank = replace(
+        bank, facts=structs.replace(bank.facts, **{name: each for name, each in given.items() if each is not None})
+    )
     bank = rigs.with_probe_facts(bank, probe)
     announce_compilation()
     frames = isinstance(bank, FrameBank)
@@ -463,7 +465,7 @@ def _write_frames(
 
     facts = runs.bank_facts(bank, probe=probe)
     if face_radius_mm is not None:
-        facts = replace(facts, face_radius_m=face_radius_mm / 1e3)
+        facts = structs.replace(facts, face_radius_m=face_radius_mm / 1e3)
     elif facts.face_radius_m is None:
         stderr.print(
             "[yellow]the export has no positions of the images: the bank does not state the distance of the array's "

@@ -20,11 +20,19 @@ from markerseek.cli.notes import notes_said
 from markerseek.cli.report import Output, Report, drawn, facts, file_line
 from markerseek.cli.signals import StoppedBySignal, WatchOptions, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import print_warning, progress_bar, show_view, stderr
-from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError
+from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError, Unsure
 from markerseek.files import quoted
 from markerseek.records.journal import Configuration, Journal, RunView, default_journal, make_folder
 from markerseek.runs import ImageRing, Session, hand_images_on
-from markerseek.show import NAME_WITHOUT_CLAIM, DrawnCurve, SearchResult, curve_of, flat_result, verdict_of
+from markerseek.show import (
+    NAME_WITHOUT_CLAIM,
+    WRONG_SOURCE,
+    DrawnCurve,
+    SearchResult,
+    curve_of,
+    flat_result,
+    verdict_of,
+)
 from markerseek.signals import ImageReader
 
 if TYPE_CHECKING:
@@ -213,11 +221,19 @@ def conclude(
         pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, curve, title, draw)}
     report = Report(
         values=flat_result(result),
-        shown=[f"[bold]{escape(title)}[/]", facts(result.rows)],
+        shown=[f"[bold]{escape(title)}[/]", facts(_rows_with_cure(result))],
         pictures=pictures,
         exit_code=FOUND if result.found else OTHER_ANSWER,
     )
     output.show(report)
+
+
+def _rows_with_cure(result: SearchResult) -> Iterator[tuple[str, str]]:
+    """The rows of a result; where another source may be the marker, the user may know that there is none."""
+    estimate = result.estimate
+    is_curable = isinstance(estimate, Unsure) and estimate.doubt == "source" and estimate.surveyed is not None
+    for name, value in result.rows:
+        yield name, f"{value}; --single states that there is none" if name == WRONG_SOURCE and is_curable else value
 
 
 def _figure(view: RunView, curve: DrawnCurve, imaging: ImageReader | None) -> Callable[..., Figure]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import typing
-from dataclasses import asdict, dataclass
 from functools import cache
 from numbers import Integral, Real
 from typing import Any, TypeGuard
+
+import msgspec
+from msgspec import structs
 
 from markerseek.core.errors import ConfigError
 
@@ -53,8 +55,7 @@ def require_range(
     raise ConfigError(f"{name} is {value}{after}, it must lie in {allowed}" + (f"; {cure}" if cure else ""))
 
 
-@dataclass(frozen=True, slots=True)
-class Within:
+class Within(msgspec.Struct, frozen=True):
     """Limits of a number, as the annotation of its field: ``Annotated[float, Within(0, 5, "deg")]``.
 
     Attributes
@@ -96,7 +97,9 @@ def _checked(kind: type) -> tuple[tuple[str, dict[str, Any] | None, tuple[Any, .
     """Fields that have limits or words: limits as arguments of `require_range`, words, and whether None is a value."""
     found = []
     for name, hint in typing.get_type_hints(kind, include_extras=True).items():
-        limits = next((asdict(each) for each in getattr(hint, "__metadata__", ()) if isinstance(each, Within)), None)
+        limits = next(
+            (structs.asdict(each) for each in getattr(hint, "__metadata__", ()) if isinstance(each, Within)), None
+        )
         words = typing.get_args(hint) if typing.get_origin(hint) is typing.Literal else ()
         if limits is not None or words:
             value = typing.get_args(hint)[0] if limits is not None else hint

@@ -58,8 +58,7 @@ _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 _IN_WORDS: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
-@dataclass(frozen=True, slots=True)
-class Help:
+class Help(msgspec.Struct, frozen=True):
     """Makes a field an option, as its annotation: ``Annotated[bool, Help("Simulate noise and clutter alone.")]``."""
 
     text: str

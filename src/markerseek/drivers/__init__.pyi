@@ -4,11 +4,11 @@ from .energy_meter import EnergyMeter, metered
 from .entry import (
     DRIVERS,
     PARTS,
-    DeviceSettings,
-    LaserSettings,
+    DeviceKeys,
+    LaserKeys,
     Opening,
     Part,
-    ReceiverSettings,
+    ReceiverKeys,
     entry_of,
     is_emulated,
 )
@@ -20,10 +20,10 @@ from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus
 from .ros2_images import RosImages
-from .ros2_nodes import Ros2Acquisition, Ros2Stage, Ros2StageSettings, RosReceiver
+from .ros2_nodes import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings
 from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, BenchTissue, bench_settings_from
-from .simulated import SimulatedLaserKeys, SimulatedReceiverKeys, SimulatedStageKeys
+from .simulated import SimulatedLaserSettings, SimulatedReceiverSettings, SimulatedStageSettings
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from .standard_laser import LaserLogic, StandardLaser
 from .standard_receiver import Messages, StandardReceiver
@@ -41,7 +41,7 @@ __all__ = [
     "BenchSettings",
     "BenchSupervisor",
     "BenchTissue",
-    "DeviceSettings",
+    "DeviceKeys",
     "EnergyMeter",
     "FolderImages",
     "GuidedStage",
@@ -51,8 +51,8 @@ __all__ = [
     "Kdc101Stage",
     "LaserBox",
     "LaserBoxSettings",
+    "LaserKeys",
     "LaserLogic",
-    "LaserSettings",
     "Messages",
     "Opening",
     "Part",
@@ -60,17 +60,17 @@ __all__ = [
     "PicolasSettings",
     "PlusReceiver",
     "PlusSettings",
-    "ReceiverSettings",
+    "ReceiverKeys",
     "Ros2Acquisition",
     "Ros2Encoder",
+    "Ros2ReceiverSettings",
     "Ros2Stage",
     "Ros2StageSettings",
     "RosImages",
-    "RosReceiver",
     "SerialPort",
-    "SimulatedLaserKeys",
-    "SimulatedReceiverKeys",
-    "SimulatedStageKeys",
+    "SimulatedLaserSettings",
+    "SimulatedReceiverSettings",
+    "SimulatedStageSettings",
     "SonixDaqReceiver",
     "SonixDaqSettings",
     "StageLogic",

@@ -1,6 +1,6 @@
 """The energy of a rig's pulses: by the laser box's photodiode, by their pick-up, or from a field of a PLUS server.
 
-Whatever measures it, its value for a usual pulse (`LaserSettings.usual_energy`) makes the energy of a frame's header;
+Whatever measures it, its value for a usual pulse (`LaserKeys.usual_energy`) makes the energy of a frame's header;
 the scanner divides readings by it. Without that value the rig's answers are as without a meter, and
 `EnergyMeter.usual` says which it should be.
 """
@@ -24,7 +24,7 @@ from markerseek.core import (
     SweepingReceiver,
     SweepPermit,
 )
-from markerseek.drivers.entry import LaserSettings
+from markerseek.drivers.entry import LaserKeys
 from markerseek.drivers.laserbox import LaserBox
 from markerseek.drivers.plus import PlusReceiver
 from markerseek.signals import pickup_amplitude
@@ -113,7 +113,7 @@ class EnergyMeter:
         return structs.replace(frame, header=structs.replace(frame.header, energy=value / self._usual_energy))
 
 
-def metered(keys: LaserSettings, laser: Laser, receiver: Receiver, *, full_scale: int) -> Receiver:
+def metered(keys: LaserKeys, laser: Laser, receiver: Receiver, *, full_scale: int) -> Receiver:
     """The receiver, as `EnergyMeter` where the rig file names what measures the energy.
 
     ``full_scale``: counts at which the channels clip. Raises `ConfigError` if the rig has no such part,
@@ -128,7 +128,7 @@ def metered(keys: LaserSettings, laser: Laser, receiver: Receiver, *, full_scale
 
 
 def _measured_by(
-    keys: LaserSettings, laser: Laser, receiver: Receiver, full_scale: int
+    keys: LaserKeys, laser: Laser, receiver: Receiver, full_scale: int
 ) -> Callable[[Frame], float | None] | None:
     if keys.energy_from == "photodiode":
         if not isinstance(laser, LaserBox):

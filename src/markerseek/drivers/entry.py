@@ -31,7 +31,7 @@ Part: TypeAlias = Literal["stage", "laser", "receiver"]
 PARTS: tuple[Part, ...] = ("stage", "laser", "receiver")
 
 
-class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver"):
+class DeviceKeys(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="driver"):
     """The keys of one table of a rig file; each driver has a subclass, tagged with the driver's name."""
 
     part: ClassVar[Part]
@@ -46,13 +46,13 @@ class DeviceSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         return str(self.__struct_config__.tag)
 
 
-class StageSettings(DeviceSettings, frozen=True, kw_only=True):
+class StageKeys(DeviceKeys, frozen=True, kw_only=True):
     """Keys of any stage."""
 
     part = "stage"
 
 
-class MotorSettings(StageSettings, frozen=True, kw_only=True):
+class MotorKeys(StageKeys, frozen=True, kw_only=True):
     """Keys of a stage with a motor; angles are those of the probe, unless the text names the stage's own reading."""
 
     zero_deg: Annotated[float, Within(-360, 360, "deg")]
@@ -87,7 +87,7 @@ LIGHT = ("wavelength_nm", "pulse_energy_j", "pulse_width_s", "spot_diameter_m")
 suitable lasers."""
 
 
-class LaserSettings(DeviceSettings, frozen=True, kw_only=True):
+class LaserKeys(DeviceKeys, frozen=True, kw_only=True):
     """Keys of any laser."""
 
     part = "laser"
@@ -129,7 +129,7 @@ class LaserSettings(DeviceSettings, frozen=True, kw_only=True):
             )
 
 
-class ReceiverSettings(DeviceSettings, frozen=True, kw_only=True):
+class ReceiverKeys(DeviceKeys, frozen=True, kw_only=True):
     """Keys of any receiver."""
 
     part = "receiver"
@@ -175,7 +175,7 @@ class Opening:
     """Contexts that end when the rig is closed."""
     node: Callable[[], RosNode]
     """The rig's ROS 2 node, which all its devices share."""
-    simulated: Callable[[DeviceSettings], Any]
+    simulated: Callable[[DeviceKeys], Any]
     """Makes a simulated device, in the world that all simulated devices of this rig share."""
 
     @property
@@ -185,28 +185,28 @@ class Opening:
         return self.port
 
 
-SettingsT = TypeVar("SettingsT", bound=DeviceSettings)
+KeysT = TypeVar("KeysT", bound=DeviceKeys)
 DeviceT = TypeVar("DeviceT")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry(Generic[SettingsT, DeviceT]):
+class Entry(Generic[KeysT, DeviceT]):
     """One driver of a stage, a laser or a receiver."""
 
-    settings: type[SettingsT]
+    settings: type[KeysT]
     """Keys of its table in a rig file."""
-    open: Callable[[SettingsT, Opening], DeviceT]
+    open: Callable[[KeysT, Opening], DeviceT]
     """Connects to the device; nothing moves and nothing is fired."""
-    describe: Callable[[SettingsT, DeviceT], str]
+    describe: Callable[[KeysT, DeviceT], str]
     """Text that names the connected device; empty if the text of another part does."""
-    line: Callable[[SettingsT], Line | None] = lambda _settings: None
+    line: Callable[[KeysT], Line | None] = lambda _settings: None
     """Serial line that the supervisor owns, with the command that makes the device safe; None if it has none."""
     paths: tuple[str, ...] = ()
     """Keys that name a file or folder relative to the rig file."""
     same: tuple[str, ...] = ()
     """Keys that change the meaning of an angle or an intensity; a search is only resumed if their values are the same.
     ``("",)``: all keys except ``port``."""
-    by_hand: Callable[[SettingsT], ByHand | None] = lambda _settings: None
+    by_hand: Callable[[KeysT], ByHand | None] = lambda _settings: None
     """How a person turns the stage; None if a motor does."""
     paired: bool = False
     """Whether laser and receiver must both have this driver, or neither."""
@@ -279,7 +279,7 @@ def entry_named(part: Part, driver: object = None) -> AnyEntry:
     return _entry(known.get(driver, _FOREIGN[part]))
 
 
-def entry_of(settings: DeviceSettings) -> AnyEntry:
+def entry_of(settings: DeviceKeys) -> AnyEntry:
     """Entry of the driver that has these settings."""
     return entry_named(settings.part, settings.driver)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from markerseek.core import ConfigError
-from markerseek.drivers.entry import LIGHT, LaserSettings
+from markerseek.drivers.entry import LIGHT, LaserKeys
 
 CAVEAT = "A laser safety officer must confirm this; the eye's limit is hundreds of times lower."
 
@@ -39,7 +39,7 @@ _LONG_S = 10.0
 """Duration in seconds from which the limit is a constant irradiance: longer trains have the same share."""
 
 
-def exposure_line(laser: LaserSettings) -> str:
+def exposure_line(laser: LaserKeys) -> str:
     """Skin exposure by a rig's laser as shares of the limits in one line, or which keys of the rig file are missing.
 
     The three shares are those of a pulse, of one acquisition, and of pulses without a pause; a search pauses.

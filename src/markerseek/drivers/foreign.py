@@ -42,13 +42,13 @@ from markerseek.core import (
 )
 from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import (
-    DeviceSettings,
+    DeviceKeys,
     Entry,
-    LaserSettings,
+    LaserKeys,
     Opening,
     Part,
-    ReceiverSettings,
-    StageSettings,
+    ReceiverKeys,
+    StageKeys,
     installed_drivers,
 )
 from markerseek.drivers.standard_laser import StandardLaser
@@ -84,7 +84,7 @@ _UNEXPECTED_DEG, _BEGIN_S, _BRAKE_S = 0.5, 1.0, 2.0
 counts as stuck, and time that it may take to stop where its acceleration is not known, in seconds."""
 
 
-class ForeignStage(StageSettings, frozen=True, kw_only=True, tag=False):
+class ForeignStage(StageKeys, frozen=True, kw_only=True, tag=False):
     """A stage with a foreign driver."""
 
     driver: str
@@ -94,7 +94,7 @@ class ForeignStage(StageSettings, frozen=True, kw_only=True, tag=False):
     """Folder of the rig file, in which its module may lie; empty for one of a journal, which is never imported."""
 
 
-class ForeignLaser(LaserSettings, frozen=True, kw_only=True, tag=False):
+class ForeignLaser(LaserKeys, frozen=True, kw_only=True, tag=False):
     """A laser with a foreign driver."""
 
     driver: str
@@ -102,7 +102,7 @@ class ForeignLaser(LaserSettings, frozen=True, kw_only=True, tag=False):
     beside: str = ""
 
 
-class ForeignReceiver(ReceiverSettings, frozen=True, kw_only=True, tag=False):
+class ForeignReceiver(ReceiverKeys, frozen=True, kw_only=True, tag=False):
     """A receiver with a foreign driver; it records as many pulses as it is triggered."""
 
     driver: str
@@ -196,7 +196,7 @@ def _from_file(name: str, path: str) -> Any:
     return module
 
 
-def arguments_of(made: type, settings: Foreign, offered: Mapping[str, object]) -> dict[str, object]:
+def class_arguments(made: type, settings: Foreign, offered: Mapping[str, object]) -> dict[str, object]:
     """Keyword arguments of the class, from the keys of its table and what the rig has for it.
 
     Raises `ConfigError` if a key is unknown, missing, or of another type.
@@ -249,7 +249,7 @@ def _hints(made: type) -> dict[str, Any]:
         return {}
 
 
-def split_keys(table: Mapping[str, object], kind: type[DeviceSettings]) -> dict[str, object]:
+def split_keys(table: Mapping[str, object], kind: type[DeviceKeys]) -> dict[str, object]:
     """A table of a rig file with the keys that only the class knows apart from the others."""
     common = {name for name in kind.__struct_fields__ if name not in ("keys", "beside")}
     own = {key: None if value == "none" else value for key, value in table.items() if key not in common}
@@ -260,7 +260,7 @@ def require_class(settings: Foreign) -> None:
     """Import the class, and compare the keys with its arguments; `ConfigError` says what is missing or does not fit."""
     made = class_of(settings)
     _line(settings)
-    arguments_of(made, settings, dict.fromkeys((*OFFERED, "line")))
+    class_arguments(made, settings, dict.fromkeys((*OFFERED, "line")))
 
 
 def foreign_line(settings: Foreign, *, supervised: bool) -> str:
@@ -325,7 +325,7 @@ class OwnDevice:
             offered["line"] = opening.line
             _read_away(opening.line, opening.clock)
         with self._errors(NotConnectedError):
-            self.device: Any = made(**arguments_of(made, settings, offered))
+            self.device: Any = made(**class_arguments(made, settings, offered))
         opening.stack.enter_context(closing(self))
 
     def close(self) -> None:

@@ -33,7 +33,7 @@ from markerseek.core import (
     Within,
     is_finite,
 )
-from markerseek.drivers.entry import Entry, Opening, StageSettings
+from markerseek.drivers.entry import Entry, Opening, StageKeys
 from markerseek.drivers.plus import VERSION_CURE, IgtlMessages, connect_plus, require_device
 from markerseek.drivers.standard_stage import require_inside
 from markerseek.guard import Limits
@@ -62,7 +62,7 @@ _MAX_WAITING = 200
 """Most messages of ROS 2 that are handled for one angle."""
 
 
-class GuidedStageSettings(StageSettings, frozen=True, kw_only=True, tag="guided"):
+class GuidedStageSettings(StageKeys, frozen=True, kw_only=True, tag="guided"):
     """A probe that a person turns."""
 
     encoder: Literal["openigtlink", "ros2", "typed", "simulated"] = "openigtlink"

@@ -21,7 +21,7 @@ from markerseek.core import (
 )
 from markerseek.drivers._exchanged import box_at
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers.entry import Entry, MotorSettings, Opening
+from markerseek.drivers.entry import Entry, MotorKeys, Opening
 from markerseek.drivers.serial_port import Unread
 from markerseek.drivers.standard_stage import StandardSweepingStage, require_wide
 from markerseek.files import Line
@@ -142,7 +142,7 @@ class AptLine:
         return taken
 
 
-class Kdc101Settings(MotorSettings, frozen=True, kw_only=True, tag="kdc101"):
+class Kdc101Settings(MotorKeys, frozen=True, kw_only=True, tag="kdc101"):
     """Keys of the stage in a rig file."""
 
     port: str

@@ -26,7 +26,7 @@ from markerseek.core import (
 )
 from markerseek.drivers._laserbox_line import POLL_S, BoxLine, BoxSweep, cure, require_known, stray_light
 from markerseek.drivers.clock import polls
-from markerseek.drivers.entry import Entry, LaserSettings, Opening
+from markerseek.drivers.entry import Entry, LaserKeys, Opening
 from markerseek.drivers.standard_laser import Permits
 from markerseek.files import Line
 from markerseek.wire import Port
@@ -51,7 +51,7 @@ _TIME_S = 0.01
 and the stage must be read in time."""
 
 
-class LaserBoxSettings(LaserSettings, frozen=True, kw_only=True, tag="laserbox"):
+class LaserBoxSettings(LaserKeys, frozen=True, kw_only=True, tag="laserbox"):
     """Keys of the laser box in a rig file."""
 
     port: str

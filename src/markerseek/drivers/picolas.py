@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, LaserError, NotConnectedError
 from markerseek.drivers.clock import polls
-from markerseek.drivers.entry import Entry, LaserSettings, Opening
+from markerseek.drivers.entry import Entry, LaserKeys, Opening
 from markerseek.drivers.serial_port import Unread
 from markerseek.drivers.standard_laser import StandardLaser
 from markerseek.files import Line
@@ -24,7 +24,7 @@ _SPARE_S = 0.1
 _LONGEST = 256
 
 
-class PicolasSettings(LaserSettings, frozen=True, kw_only=True, tag="picolas"):
+class PicolasSettings(LaserKeys, frozen=True, kw_only=True, tag="picolas"):
     """Keys of a PicoLAS driver in a rig file."""
 
     port: str

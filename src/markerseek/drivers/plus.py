@@ -15,9 +15,9 @@ import numpy as np
 from markerseek.core import AcquisitionError, Clock, ConfigError, Int16, NotConnectedError, Within
 from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
+    ConnectionKeys,
     ConnectionMessages,
     ConnectionReceiver,
-    ConnectionSettings,
     mean_counts,
 )
 from markerseek.wire import igtl
@@ -28,7 +28,7 @@ MAX_IMAGE_BYTES = 1 << 24
 """Largest message: 128 channels of 65,536 samples."""
 
 
-class PlusSettings(ConnectionSettings, frozen=True, kw_only=True, tag="plus"):
+class PlusSettings(ConnectionKeys, frozen=True, kw_only=True, tag="plus"):
     """A PLUS server that sends one int16 IMAGE of channels x samples for each trigger."""
 
     device: str

@@ -28,7 +28,7 @@ from markerseek.core import (
     Within,
     is_finite,
 )
-from markerseek.drivers.entry import Entry, LaserSettings, Opening, ReceiverSettings, StageSettings
+from markerseek.drivers.entry import Entry, LaserKeys, Opening, ReceiverKeys, StageKeys
 from markerseek.drivers.standard_laser import Permits
 from markerseek.drivers.standard_stage import require_inside
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, reach, topics
@@ -87,7 +87,7 @@ _MAX_WAITING = 200
 """Most messages that are handled before a move, or before the angle is given."""
 
 
-class Ros2StageSettings(StageSettings, frozen=True, kw_only=True, tag="ros2"):
+class Ros2StageSettings(StageKeys, frozen=True, kw_only=True, tag="ros2"):
     """A stage node that takes an angle on one topic and returns the angle reached on another."""
 
     command_topic: str = topics.MOVE_JP
@@ -337,11 +337,11 @@ STAGE_ENTRY: Entry[Ros2StageSettings, Ros2Stage] = Entry(
 )
 
 
-class RosLaser(LaserSettings, frozen=True, kw_only=True, tag="ros2"):
+class Ros2LaserSettings(LaserKeys, frozen=True, kw_only=True, tag="ros2"):
     """The laser of an acquisition node, which fires it under its own guard; the receiver's driver must be the same."""
 
 
-class RosReceiver(ReceiverSettings, frozen=True, kw_only=True, tag="ros2"):
+class Ros2ReceiverSettings(ReceiverKeys, frozen=True, kw_only=True, tag="ros2"):
     """The receiver of an acquisition node."""
 
     request_topic: str = topics.ACQUIRE
@@ -362,7 +362,7 @@ class Ros2Acquisition:
     `NotConnectedError` if there is no such node.
     """
 
-    def __init__(self, *, node: RosNode, clock: Clock, settings: RosReceiver) -> None:
+    def __init__(self, *, node: RosNode, clock: Clock, settings: Ros2ReceiverSettings) -> None:
         self._node, self._clock, self._settings = node, clock, settings
         self._wait_until = partial(wait_until, node, clock)
         # Two searches use the same tokens; an answer to an earlier search must not be taken for an answer to this one.
@@ -511,19 +511,19 @@ class Ros2Acquisition:
         return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
 
 
-def _open_receiver(settings: RosReceiver, opening: Opening) -> Ros2Acquisition:
+def _open_receiver(settings: Ros2ReceiverSettings, opening: Opening) -> Ros2Acquisition:
     return Ros2Acquisition(node=opening.node(), clock=opening.clock, settings=settings)
 
 
-def _open_laser(_settings: RosLaser, opening: Opening) -> Ros2Acquisition:
+def _open_laser(_settings: Ros2LaserSettings, opening: Opening) -> Ros2Acquisition:
     # One node: it is the receiver, which was opened before.
     node = opening.receiver
     assert isinstance(node, Ros2Acquisition)  # noqa: S101  `BenchSettings` has checked that they go together
     return node
 
 
-RECEIVER_ENTRY: Entry[RosReceiver, Ros2Acquisition] = Entry(
-    settings=RosReceiver,
+RECEIVER_ENTRY: Entry[Ros2ReceiverSettings, Ros2Acquisition] = Entry(
+    settings=Ros2ReceiverSettings,
     open=_open_receiver,
     describe=lambda settings, node: (
         f"{'SIMULATED ' if node.emulated else ''}acquisition node on {settings.request_topic}"
@@ -531,6 +531,6 @@ RECEIVER_ENTRY: Entry[RosReceiver, Ros2Acquisition] = Entry(
     paired=True,
     is_node=True,
 )
-LASER_ENTRY: Entry[RosLaser, Ros2Acquisition] = Entry(
-    settings=RosLaser, open=_open_laser, describe=lambda _settings, _node: "", paired=True, is_node=True
+LASER_ENTRY: Entry[Ros2LaserSettings, Ros2Acquisition] = Entry(
+    settings=Ros2LaserSettings, open=_open_laser, describe=lambda _settings, _node: "", paired=True, is_node=True
 )

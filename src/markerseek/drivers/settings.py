@@ -17,12 +17,12 @@ import msgspec
 from markerseek.core import ConfigError, Within, require_fields
 from markerseek.drivers.entry import (
     PARTS,
-    DeviceSettings,
-    LaserSettings,
-    MotorSettings,
+    DeviceKeys,
+    LaserKeys,
+    MotorKeys,
     Part,
-    ReceiverSettings,
-    StageSettings,
+    ReceiverKeys,
+    StageKeys,
     entry_named,
     entry_of,
 )
@@ -76,9 +76,9 @@ class BenchTissue(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A rig of real devices, or of devices that are emulated byte for byte."""
 
-    stage: StageSettings
-    laser: LaserSettings
-    receiver: ReceiverSettings
+    stage: StageKeys
+    laser: LaserKeys
+    receiver: ReceiverKeys
     probe: BenchProbe = BenchProbe()
     tissue: BenchTissue = BenchTissue()
     limits: Limits = Limits()
@@ -119,7 +119,7 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
                     + ("" if port == its else f" (which is {its!r})")
                     + "; each device has its own: see ls -l /dev/serial/by-id/"
                 )
-        if isinstance(self.stage, MotorSettings):
+        if isinstance(self.stage, MotorKeys):
             require_room(self.limits, approach_from=self.stage.approach_from, approach_deg=self.stage.approach_deg)
         if laser.without_supervisor and not self.supervisor.enabled:
             raise ConfigError(f"supervisor: enabled is false, and {laser.without_supervisor}; keep it enabled")
@@ -222,15 +222,15 @@ def bench_settings_from(table: Mapping[str, object], *, beside: str = "") -> Ben
     return settings
 
 
-def _device_settings(part: Part, table: object, beside: str) -> DeviceSettings:
+def _device_settings(part: Part, table: object, beside: str) -> DeviceKeys:
     """Return the settings of a device from its table of a rig file."""
     if not isinstance(table, Mapping):
-        return settings_from(table, DeviceSettings, name=part)
+        return settings_from(table, DeviceKeys, name=part)
     entry = entry_named(part, table.get("driver"))
     if issubclass(entry.settings, Foreign):
         table = {**split_keys(table, entry.settings), "beside": beside}
     # Relative to the file, so that the command works from any current folder.
     paths = {key: str(Path(beside, value)) for key in entry.paths if isinstance(value := table.get(key), str)}
     named = {key: path for key, path in paths.items() if table[key] != "none"}
-    settings: DeviceSettings = settings_from({**table, **named}, entry.settings, name=part)
+    settings: DeviceKeys = settings_from({**table, **named}, entry.settings, name=part)
     return settings

@@ -9,18 +9,18 @@ from __future__ import annotations
 from typing import Annotated
 
 from markerseek.core import Laser, Receiver, Stage, Within
-from markerseek.drivers.entry import Entry, LaserSettings, ReceiverSettings, StageSettings
+from markerseek.drivers.entry import Entry, LaserKeys, ReceiverKeys, StageKeys
 
 
-class SimulatedStageKeys(StageSettings, frozen=True, kw_only=True, tag="simulated"):
+class SimulatedStageSettings(StageKeys, frozen=True, kw_only=True, tag="simulated"):
     """Keys of a simulated stage in a rig of devices: none, since the world says how it moves."""
 
 
-class SimulatedLaserKeys(LaserSettings, frozen=True, kw_only=True, tag="simulated"):
+class SimulatedLaserSettings(LaserKeys, frozen=True, kw_only=True, tag="simulated"):
     """Keys of a simulated laser in a rig of devices; the receiver must be simulated too."""
 
 
-class SimulatedReceiverKeys(ReceiverSettings, frozen=True, kw_only=True, tag="simulated"):
+class SimulatedReceiverSettings(ReceiverKeys, frozen=True, kw_only=True, tag="simulated"):
     """Keys of a simulated receiver in a rig of devices, which describes the world too."""
 
     seed: Annotated[int, Within(0, 2**63 - 1)] = 1
@@ -31,19 +31,19 @@ class SimulatedReceiverKeys(ReceiverSettings, frozen=True, kw_only=True, tag="si
     """Time to read one acquisition."""
 
 
-STAGE_ENTRY: Entry[SimulatedStageKeys, Stage] = Entry(
-    settings=SimulatedStageKeys,
+STAGE_ENTRY: Entry[SimulatedStageSettings, Stage] = Entry(
+    settings=SimulatedStageSettings,
     open=lambda settings, opening: opening.simulated(settings),
     describe=lambda _settings, _stage: "SIMULATED stage",
 )
-LASER_ENTRY: Entry[SimulatedLaserKeys, Laser] = Entry(
-    settings=SimulatedLaserKeys,
+LASER_ENTRY: Entry[SimulatedLaserSettings, Laser] = Entry(
+    settings=SimulatedLaserSettings,
     open=lambda settings, opening: opening.simulated(settings),
     describe=lambda _settings, _laser: "",
     paired=True,
 )
-RECEIVER_ENTRY: Entry[SimulatedReceiverKeys, Receiver] = Entry(
-    settings=SimulatedReceiverKeys,
+RECEIVER_ENTRY: Entry[SimulatedReceiverSettings, Receiver] = Entry(
+    settings=SimulatedReceiverSettings,
     open=lambda settings, opening: opening.simulated(settings),
     describe=lambda settings, _receiver: f"SIMULATED laser and receiver, seed {settings.seed}",
     paths=("world",),

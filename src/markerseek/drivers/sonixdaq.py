@@ -37,7 +37,7 @@ from markerseek.core import (
     Within,
 )
 from markerseek.drivers.clock import polls
-from markerseek.drivers.entry import Entry, Opening, ReceiverSettings
+from markerseek.drivers.entry import Entry, Opening, ReceiverKeys
 from markerseek.drivers.standard_receiver import Frames, armed_for, in_the_dark
 from markerseek.files import MIB, open_input, os_reason, read_input
 from markerseek.wire import sonixdaq as wire
@@ -47,7 +47,7 @@ _POLL_S, _EXIT_POLL_S = 0.05, 0.02
 ReadT = TypeVar("ReadT", bound=np.ndarray)
 
 
-class SonixDaqSettings(ReceiverSettings, frozen=True, kw_only=True, tag="sonixdaq"):
+class SonixDaqSettings(ReceiverKeys, frozen=True, kw_only=True, tag="sonixdaq"):
     """Keys of a SonixDAQ in a rig file."""
 
     channels: ClassVar[int | None] = wire.CHANNELS

@@ -24,7 +24,7 @@ from markerseek.core import (
     Within,
 )
 from markerseek.drivers.clock import polls
-from markerseek.drivers.entry import ReceiverSettings
+from markerseek.drivers.entry import ReceiverKeys
 
 _READ_BYTES = 1 << 16
 _MAX_TAKEN_BYTES, _MAX_TAKEN = 1 << 24, 500
@@ -224,7 +224,7 @@ class StandardReceiver(Generic[MessagesT]):
         return came
 
 
-class ConnectionSettings(ReceiverSettings, frozen=True, kw_only=True):
+class ConnectionKeys(ReceiverKeys, frozen=True, kw_only=True):
     """Keys of a receiver behind a connection that gives a message for each trigger."""
 
     host: str = "127.0.0.1"
@@ -327,7 +327,7 @@ class ConnectionReceiver(StandardReceiver[MessagesT]):
         *,
         connection: socket.socket,
         clock: Clock,
-        settings: ConnectionSettings,
+        settings: ConnectionKeys,
         dark_triggers: int,
         unix_s: Callable[[], float] = time.time,  # noqa: TID251  the time of day is part of the protocol
     ) -> None:

@@ -15,9 +15,9 @@ from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, Opening
 from markerseek.drivers.standard_receiver import (
     SLICE_S,
+    ConnectionKeys,
     ConnectionMessages,
     ConnectionReceiver,
-    ConnectionSettings,
     mean_counts,
 )
 from markerseek.wire import vantage as wire
@@ -28,7 +28,7 @@ _GREETING_S = 5.0
 """Longest time from a connection to its greeting, in seconds."""
 
 
-class VantageSettings(ConnectionSettings, frozen=True, kw_only=True, tag="vantage"):
+class VantageSettings(ConnectionKeys, frozen=True, kw_only=True, tag="vantage"):
     """A Verasonics Vantage whose sequence calls ``markerseek_send`` once for each trigger of the laser."""
 
     probe: str

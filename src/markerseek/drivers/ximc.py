@@ -22,7 +22,7 @@ from markerseek.core import (
     needs_package,
 )
 from markerseek.drivers._stage_move import StageRules, StageStatus
-from markerseek.drivers.entry import Entry, MotorSettings, Opening
+from markerseek.drivers.entry import Entry, MotorKeys, Opening
 from markerseek.drivers.standard_stage import StandardStage
 
 _UNEXPECTED_DEG = 0.5
@@ -32,7 +32,7 @@ _VIRTUAL = "xi-emu:"
 """How the address of a virtual device of the library begins."""
 
 
-class XimcSettings(MotorSettings, frozen=True, kw_only=True, tag="ximc"):
+class XimcSettings(MotorKeys, frozen=True, kw_only=True, tag="ximc"):
     """A rotation stage on an 8SMC5 controller; every target is approached from below."""
 
     uri: str

@@ -32,7 +32,14 @@ from markerseek.files.inputs import (
 )
 from markerseek.files.names import NamedAngle, angle_in, data_folder, endings, in_natural_order, natural, places
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
-from markerseek.files.settings import nearest_key, read_toml, require_key, setting_from, settings_from
+from markerseek.files.settings import (
+    nearest_key,
+    read_toml,
+    recorded_settings,
+    require_key,
+    setting_from,
+    settings_from,
+)
 
 __all__ = [
     "DECIMAL_COMMA",
@@ -69,6 +76,7 @@ __all__ = [
     "read_json",
     "read_text",
     "read_toml",
+    "recorded_settings",
     "replace_file",
     "require_input",
     "require_key",

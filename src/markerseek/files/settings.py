@@ -83,6 +83,39 @@ def setting_from(value: object, hint: typing.Any, *, name: str) -> typing.Any:
         raise _refusal(value, hint, re.findall(r"\w+", place), name=name) from problem
 
 
+def recorded_settings(text: bytes, hint: typing.Any) -> typing.Any:
+    """Return settings as a record holds them, JSON; keys that only another version of markerseek knows are left out.
+
+    Raises `msgspec.MsgspecError` if they do not fit.
+    """
+    values = msgspec.json.decode(text)
+    while True:
+        try:
+            return msgspec.convert(values, hint)
+        except msgspec.ValidationError as problem:
+            unknown = _UNKNOWN_KEY.fullmatch(str(problem))
+            part = _part_at(values, re.findall(r"\w+", unknown["place"] or "")) if unknown else None
+            if unknown is None or not isinstance(part, dict) or unknown["key"] not in part:
+                raise
+            del part[unknown["key"]]
+
+
+_UNKNOWN_KEY = re.compile(r"Object contains unknown field `(?P<key>.*?)`(?: - at `\$(?P<place>.*)`)?", re.DOTALL)
+"""What msgspec says of a key that a struct does not have."""
+
+
+def _part_at(value: typing.Any, place: Sequence[str]) -> object:
+    """Return what stands at a place, named by keys and indices; None if there is none."""
+    for step in place:
+        if isinstance(value, list) and step.isdecimal() and int(step) < len(value):
+            value = value[int(step)]
+        elif isinstance(value, dict):
+            value = value.get(step)
+        else:
+            return None
+    return value
+
+
 def _with_none(value: object) -> object:
     """Return the value with None in place of every text "none"."""
     if isinstance(value, Mapping):

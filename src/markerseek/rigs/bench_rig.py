@@ -22,14 +22,14 @@ from markerseek.drivers import (
     PARTS,
     BenchProbe,
     BenchSettings,
-    DeviceSettings,
+    DeviceKeys,
     GuidedStageSettings,
     Opening,
     Part,
     SerialPort,
-    SimulatedLaserKeys,
-    SimulatedReceiverKeys,
-    SimulatedStageKeys,
+    SimulatedLaserSettings,
+    SimulatedReceiverSettings,
+    SimulatedStageSettings,
     SystemClock,
     entry_of,
     is_emulated,
@@ -152,7 +152,7 @@ class OpenDevices:
             self._node = self.stack.enter_context(RosNode("markerseek_rig"))
         return self._node
 
-    def _simulated_device(self, settings: DeviceSettings, *, clock: Clock) -> Any:
+    def _simulated_device(self, settings: DeviceKeys, *, clock: Clock) -> Any:
         """A simulated device in the world of this rig."""
         if self._simulated is None:
             self._simulated = SimulatedParts(self._settings)
@@ -185,16 +185,16 @@ class SimulatedParts:
     """The simulated devices of a rig, and the world that they share."""
 
     def __init__(self, bench: BenchSettings) -> None:
-        keys = bench.receiver if isinstance(bench.receiver, SimulatedReceiverKeys) else SimulatedReceiverKeys()
+        keys = bench.receiver if isinstance(bench.receiver, SimulatedReceiverSettings) else SimulatedReceiverSettings()
         settings = read_simulated(None if keys.world is None else Path(keys.world), cure="name one of kind simulated")
         settings = structs.replace(settings, receiver=structs.replace(settings.receiver, sampling_hz=keys.sampling_hz))
         rng = np.random.default_rng(keys.seed)
         self._settings, self._bench, self._readout_s, self._rng = settings, bench, keys.readout_s, rng
         self._world = draw_scene(settings, rng).world(settings, rng)
 
-    def opened(self, settings: DeviceSettings, *, clock: Clock, stage: Stage | None) -> Any:
+    def opened(self, settings: DeviceKeys, *, clock: Clock, stage: Stage | None) -> Any:
         """The device that has these settings; ``stage``: of the rig, whatever drives it."""
-        if isinstance(settings, SimulatedStageKeys):
+        if isinstance(settings, SimulatedStageSettings):
             return _Stage(world=self._world, clock=clock, motion=self._settings.stage, travel=self._bench.limits.travel)
         if isinstance(settings, GuidedStageSettings):
             return SimulatedHand(
@@ -204,7 +204,7 @@ class SimulatedParts:
             raise ConfigError(
                 "simulated laser and receiver need the stage of their rig; serve them by markerseek ros2 sim"
             )
-        if isinstance(settings, SimulatedLaserKeys):
+        if isinstance(settings, SimulatedLaserSettings):
             return _Laser(self._world, clock, stage, LaserSettings(rate_hz=settings.rate_hz))
         return _Receiver(world=self._world, clock=clock, readout_s=self._readout_s)
 

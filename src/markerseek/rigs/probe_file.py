@@ -10,7 +10,7 @@ import msgspec
 from msgspec import structs
 
 from markerseek.core import ConfigError, RecordError
-from markerseek.files import read_toml, settings_from
+from markerseek.files import read_toml, recorded_settings, settings_from
 from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat, read_bank
 from markerseek.signals import PRESET_NAMES, ProbeKeys, ProbePreset, is_own, probe_preset
 
@@ -91,7 +91,7 @@ def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset |
     facts = bank.facts
     return replace(
         bank,
-        facts=replace(
+        facts=structs.replace(
             facts,
             sampling_hz=preset.sampling_hz if facts.sampling_hz is None else facts.sampling_hz,
             face_radius_m=preset.face_radius_m if facts.face_radius_m is None else facts.face_radius_m,
@@ -133,7 +133,7 @@ def _preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None)
 
 def _recorded(settings: str) -> ProbePreset:
     try:
-        preset: ProbePreset = msgspec.json.decode(settings, type=ProbePreset)
+        preset: ProbePreset = recorded_settings(settings.encode(), ProbePreset)
     except (msgspec.MsgspecError, ConfigError, RecursionError) as problem:
         raise RecordError(f"the description of the bank's probe cannot be read: {problem}; name it by --probe") from (
             problem

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from msgspec import structs
@@ -96,4 +95,4 @@ def bank_facts(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | No
     """Facts of a bank, completed from the preset with which its frames are imaged."""
     if isinstance(bank, IntensityBank):
         return bank.facts
-    return replace(bank.facts, **probe_facts(preset_of(bank, probe)))
+    return structs.replace(bank.facts, **probe_facts(preset_of(bank, probe)))

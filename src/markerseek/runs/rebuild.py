@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from markerseek.core import AnyPolicy, ConfigError, Estimate, Measured, Reader, ReadingFrame, RecordError
 from markerseek.drivers import BenchSettings
+from markerseek.files import recorded_settings
 from markerseek.records.journal import Configuration, Entry, RecordedRun, RunView, since_started
 from markerseek.rigs import (
     BenchRecipe,
@@ -83,7 +84,7 @@ def rebuild_image_reader(configuration: Configuration) -> ImageReader | None:
 def _reader(imaging: bytes) -> ImageReader | IntensityReader:
     """Cached, because its tables take a quarter of a second."""
     try:
-        preset = msgspec.json.decode(imaging, type=ProbePreset | None)
+        preset = recorded_settings(imaging, ProbePreset | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
         raise RecordError(f"the journal's imaging chain cannot be read: {problem}") from problem
     return IntensityReader() if preset is None else ImageReader(preset)
@@ -91,7 +92,7 @@ def _reader(imaging: bytes) -> ImageReader | IntensityReader:
 
 def _recipe(configuration: Configuration) -> Recipe | None:
     try:
-        recipe: Recipe | None = msgspec.json.decode(configuration.recipe, type=Recipe | None)
+        recipe: Recipe | None = recorded_settings(bytes(configuration.recipe), Recipe | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
         raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
     # The kind decides whether a person is asked to arm: it must be that of the settings.

@@ -20,6 +20,7 @@ from .tip_picture import tip_figure
 from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
 from .words import (
     NO_CLAIM,
+    WRONG_SOURCE,
     AnswerName,
     acquisitions_text,
     angle_text,
@@ -43,6 +44,7 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "RANGE_DB",
     "STOPPED",
+    "WRONG_SOURCE",
     "AnswerName",
     "DrawnAngle",
     "DrawnCurve",

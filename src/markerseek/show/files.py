@@ -25,7 +25,7 @@ def require_room_for_pictures(folder: Path) -> None:
     new_figure(width_in=1.0, height_in=1.0)
     _templates()
     if folder.is_file():
-        raise ConfigError(f"{folder}: no picture can be written there: it is a file, not a folder; name another --out")
+        raise ConfigError(f"{folder}: no picture can be written there: it is a file; choose another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # Access rights are unreliable on network disks and in containers: only a write shows it.
@@ -33,7 +33,7 @@ def require_room_for_pictures(folder: Path) -> None:
             pass
     except OSError as problem:
         raise ConfigError(
-            f"{folder}: no picture can be written there: {problem.strerror}; name another --out"
+            f"{folder}: no picture can be written there: {problem.strerror}; choose another folder"
         ) from problem
 
 
@@ -48,7 +48,9 @@ def new_picture(path: Path, *, what: str) -> Iterator[Path]:
         with replace_file(path) as part:
             yield part
     except OSError as problem:
-        raise ConfigError(f"{path}: the {what} cannot be written: {problem.strerror}; name another --out") from problem
+        raise ConfigError(
+            f"{path}: the {what} cannot be written: {problem.strerror}; choose another folder"
+        ) from problem
 
 
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")

@@ -234,12 +234,9 @@ class SearchResult:
     def rows(self) -> list[tuple[str, str]]:
         """Names and values of the result, as terminal, report and notebook show them."""
         estimate = self.estimate
-        # An angle that another source may explain: the user may know that there is no other source.
-        is_single = isinstance(estimate, Unsure) and estimate.doubt == "source" and estimate.surveyed is not None
-        cure = "; --single states that there is none" if is_single else ""
         return [
             *_answer_rows(self),
-            *others_rows(estimate.others, estimate.surveyed, estimate.other_probability, cure=cure),
+            *others_rows(estimate.others, estimate.surveyed, estimate.other_probability),
             *outliers_rows(estimate.outliers_deg),
             *motion_rows(estimate.motion),
             *_prior_rows(self),

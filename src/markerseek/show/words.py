@@ -165,10 +165,14 @@ def estimate_line(estimate: Estimate, *, as_published: bool = False) -> str:
     )
 
 
+WRONG_SOURCE = "wrong source"
+"""Name of the row that says whether another source may be the marker."""
+
+
 def others_rows(
-    others: Sequence[OtherSource], surveyed: float | None, other_probability: float | None, *, cure: str = ""
+    others: Sequence[OtherSource], surveyed: float | None, other_probability: float | None
 ) -> list[tuple[str, str]]:
-    """Rows of other sources: those that were found, and whether another source may be the marker.
+    """Return the rows of other sources: those that were found, and whether another source may be the marker.
 
     Parameters
     ----------
@@ -178,15 +182,13 @@ def others_rows(
         Share of the range in which a source as strong would have been detected; None if it is not known.
     other_probability
         Probability that another source is the marker; None if it is not known, 0 if the user has excluded it.
-    cure
-        What the user can do about another source.
     """
     rows = [("other source", _other(each)) for each in others]
     if surveyed is not None:
         rows.append(("range checked", f"{100 * surveyed:.1f} %, for a second source as strong"))
     if other_probability:
         share = "< 0.1 %" if other_probability < 1e-3 else f"{100 * other_probability:.2g} %"
-        rows.append(("wrong source", f"{share}, the probability that another source is the marker{cure}"))
+        rows.append((WRONG_SOURCE, f"{share}, the probability that another source is the marker"))
     return rows
 
 

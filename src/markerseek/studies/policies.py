@@ -64,7 +64,7 @@ class StudyPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             AnglePrior(mean_deg=self.near_off_deg, sigma_deg=self.near_sigma_deg)
         elif self.near_off_deg:
             raise ConfigError(f"{plan.method}: near_off_deg is {self.near_off_deg} deg without near_sigma_deg; give it")
-        if is_own(plan.method):
+        if is_own_policy(plan.method):
             self._require_own()
             return
         try:
@@ -133,12 +133,12 @@ def study_policy(**keys: object) -> StudyPolicy:
 def build_policy(policy: StudyPolicy, *, limits: Interval, **of_rig: Any) -> AnyPolicy:
     """Return a policy for one search; ``of_rig``: fields of the plan that follow from the rig (`SearchPlan`)."""
     plan = replace(policy.plan, **of_rig)
-    if is_own(plan.method):
+    if is_own_policy(plan.method):
         return _build_own(plan.method, limits=limits, acquisitions=policy.most)
     return build_sweeping(plan, limits=limits)
 
 
-def is_own(method: str) -> bool:
+def is_own_policy(method: str) -> bool:
     """Whether a method is named as a user's own, ``module:name``."""
     return ":" in method
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import replace
 from typing import Literal, NamedTuple, TypeAlias
 
 import msgspec
+from msgspec.structs import replace
 
 from markerseek import rigs
 from markerseek.core import (
@@ -32,7 +32,7 @@ from markerseek.core import (
 from markerseek.records.journal import RunView
 from markerseek.scan import run
 from markerseek.show import AnswerName, answer_name
-from markerseek.studies.policies import StudyPolicy, build_policy, is_own, own_lines
+from markerseek.studies.policies import StudyPolicy, build_policy, is_own_policy, own_lines
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, expected_angle_deg, former_rig, hidden_noise, study_rig
 
@@ -299,7 +299,7 @@ def _search(
     try:
         return searched(policy, rig, plan, counts=study.marks)
     except Exception as problem:
-        if not is_own(settings.plan.method):
+        if not is_own_policy(settings.plan.method):
             raise
         if isinstance(problem, SearchError):
             raise SearchError(f"{settings.plan.method}: {problem}") from problem

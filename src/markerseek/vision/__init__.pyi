@@ -2,6 +2,7 @@ from .as_published import published_sensitive_range
 from .clock_offset import ClockOffset, clock_offset
 from .images import SUFFIXES, Rectangle, brightness, decoded_image, opencv, says_its_end
 from .scene_motion import SceneFollower, SceneSeen, scene_motion
+from .scene_watch import SceneWatch
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
 from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot, lit_pairs
 from .texture import NotKnown, SceneTexture, scene_texture
@@ -21,6 +22,7 @@ __all__ = [
     "SceneFollower",
     "SceneSeen",
     "SceneTexture",
+    "SceneWatch",
     "SensitiveRange",
     "Sighting",
     "SpotAnswer",

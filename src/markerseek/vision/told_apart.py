@@ -4,8 +4,8 @@
 - The *tissue* moves if the scene, or the part of it around the spot, goes to and fro.
 - The *spot* has slid if it lies elsewhere than the tissue that it was on.
 
-A scene that has only just moved may be either of the first two: nothing is said before the longest breath is over. A
-move during the first breath of a series is told, but neither when nor how far it went beside the breath.
+A scene that has only just moved may be either of the first two: nothing is said before the longest breath is over.
+During the first breath of a series, a move by less than a third of that breath is taken for a part of it.
 """
 
 from __future__ import annotations
@@ -136,7 +136,8 @@ class ToldApart:
     """One for each stretch of time between two moves of the endoscope in which the tissue moved."""
     spot: tuple[SpotSlid, ...]
     known: float
-    """Share of the moments at which the scene was known: what happened at the others was not looked at."""
+    """Share of the pairs from which the motion of the scene is known: the others count as not looked at. Moments of a
+    spot alone are no such pairs."""
 
 
 def told_apart(moments: Sequence[Moment], *, gate_mm: float = 0.2) -> ToldApart:
@@ -162,7 +163,7 @@ def told_apart(moments: Sequence[Moment], *, gate_mm: float = 0.2) -> ToldApart:
         endoscope=tuple(moves),
         tissue=tuple(tissue),
         spot=tuple(_spot(moments)),
-        known=len(seen) / max(1, len(moments)),
+        known=len(seen) / max(1, sum(moment.scene is not None or moment.spot is None for moment in moments)),
     )
 
 
@@ -221,6 +222,9 @@ def _endoscope(poses: _Poses) -> tuple[EndoscopeMoved, ...]:
 
 
 _UNITS = np.array([1 / MOVED_DEG] * 3 + [1 / MOVED_MM] * 3)
+_UNEVEN_BREATH = 0.35
+"""By which share of a breath the next one may be less deep."""
+
 _SETTLED = 0.95
 """Share of the largest shift from which on a move is over."""
 
@@ -242,9 +246,14 @@ def _shift(poses: _Poses, begin: int, number: int) -> Float64[np.ndarray, " 6"] 
     before, after = _windows(poses, begin, number)
     if min(_length(before), _length(after)) < MIN_PAIRS:
         return None
-    shifts = np.quantile(poses.values[after], _ENDS, axis=0) - np.quantile(poses.values[before], _ENDS, axis=0)
+    now = np.quantile(poses.values[after], _ENDS, axis=0)
+    shifts = now - np.quantile(poses.values[before], _ENDS, axis=0)
     same = np.abs(np.sign(shifts).sum(axis=0)) == len(_ENDS)
-    shift = np.where(same, np.sign(shifts[0]) * np.abs(shifts).min(axis=0), 0.0)
+    least = np.abs(shifts).min(axis=0)
+    if poses.at_s[number - 1] - poses.at_s[begin] < RETURN_S:
+        # Less than a breath was seen before: the next ones may be less deep, and not come back as far as that.
+        least = np.maximum(least - _UNEVEN_BREATH * (now[-1] - now[0]), 0.0)
+    shift = np.where(same, np.sign(shifts[0]) * least, 0.0)
     if np.linalg.norm(shift[:3]) < MOVED_DEG and np.linalg.norm(shift[3:]) < MOVED_MM:
         return None
     covariance = np.median(poses.covariances[before], axis=0) + np.median(poses.covariances[after], axis=0)
@@ -258,8 +267,11 @@ def _move(poses: _Poses, begin: int, number: int, settled: int) -> EndoscopeMove
     before, _ = _windows(poses, begin, number)
     _, after = _windows(poses, begin, settled)
     shifts = np.quantile(poses.values[after], _ENDS, axis=0) - np.quantile(poses.values[before], _ENDS, axis=0)
+    # The end at which most of the time is spent, that of the pause, is the one that comes back most exactly.
+    low, middle, high = np.quantile(poses.values[after], _ENDS, axis=0)
+    shift = np.where(middle - low < high - middle, shifts[0], shifts[-1])
     pose = np.median(poses.values[before], axis=0)
-    then, now = (_transform(each, poses.middle_m) for each in (pose, pose + shifts.mean(axis=0)))
+    then, now = (_transform(each, poses.middle_m) for each in (pose, pose + shift))
     back = then.inverse()
     rotation = now.rotation @ back.rotation
     middle_m = now.apply(poses.middle_m)

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from markerseek.core import ConfigError, Within, require_fields
-from markerseek.files import read_toml, settings_from
+from markerseek.files import read_toml, recorded_settings, settings_from
 
 
 @pytest.mark.parametrize(
@@ -127,3 +127,19 @@ def test_what_does_not_fit_is_named_with_its_path(table: dict[str, object], said
 def test_what_is_no_table_holds_no_settings() -> None:
     with pytest.raises(ConfigError, match=r"^the file is a list, it must be a table$"):
         settings_from([], Settings)
+
+
+def test_keys_that_only_another_version_knows_are_left_out_of_a_record() -> None:
+    line = {"driver": "line", "port": "/dev/ttyUSB0", "baud": 9600}
+    lights = [{"pulses": 4}, {"pulses": 8, "colour": {"name": "red"}, "`, - at `$.line`": 1}]
+    text = msgspec.json.encode({"line": line, "lights": lights, "newer": None})
+    found = recorded_settings(text, Settings | None)
+    assert found == Settings(line=Line(port="/dev/ttyUSB0"), lights=[Light(pulses=4), Light(pulses=8)])
+
+
+@pytest.mark.parametrize(
+    "text", [b"{", b"[]", b'{"line": {"driver": "other"}}', b'{"newer": 1}', b'{"line": {"driver": "line", "port": 1}}']
+)
+def test_a_record_of_other_settings_is_refused(text: bytes) -> None:
+    with pytest.raises(msgspec.MsgspecError):
+        recorded_settings(text, Settings)

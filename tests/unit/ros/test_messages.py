@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.core import ConfigError, MissingExtraError
-from markerseek.drivers import BenchSettings, Ros2StageSettings, RosReceiver
+from markerseek.drivers import BenchSettings, Ros2ReceiverSettings, Ros2StageSettings
 from markerseek.rigs import BenchRecipe, read_rig_file
 from markerseek.ros import (
     RosNode,
@@ -124,7 +124,7 @@ def test_a_rig_file_names_nodes_without_port_and_zero(tmp_path: Path) -> None:
     settings = read_rig_file(written(tmp_path, RIG))
     assert isinstance(settings, BenchSettings)
     assert settings.stage == Ros2StageSettings()
-    assert settings.receiver == RosReceiver()
+    assert settings.receiver == Ros2ReceiverSettings()
     # As a journal stores it, and reads it back.
     recipe = msgspec.json.decode(msgspec.json.encode(BenchRecipe.of(settings)), type=BenchRecipe)
     assert recipe.settings == settings
@@ -210,7 +210,7 @@ def test_the_example_of_a_ros_rig_has_the_defaults_and_names_every_key(tmp_path:
     usual = read_rig_file(written(tmp_path, RIG + "[probe]\nface_radius_m = 0.01\n"))
     assert example == usual
     text = (EXAMPLES / "rigs" / "ros2.toml").read_text()
-    for kind in (Ros2StageSettings, RosReceiver):
+    for kind in (Ros2StageSettings, Ros2ReceiverSettings):
         for name in kind.__struct_fields__:
             assert f"\n{name} = " in text
 

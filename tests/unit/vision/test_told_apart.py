@@ -113,10 +113,10 @@ def test_a_move_of_the_endoscope_is_told_once(change: tuple[float, ...], breathe
     assert told.spot == ()
 
 
-@pytest.mark.parametrize("shift_mm", [(0.5, 0, 0), (10, 5, -8)])
-def test_a_move_during_the_first_breath_is_told(shift_mm: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(("swing_mm", "shift_mm"), [(0.0, (0.5, 0, 0)), (2.0, (10, 5, -8))])
+def test_a_move_during_the_first_breath_is_told(swing_mm: float, shift_mm: tuple[float, ...]) -> None:
     poses = still(40)
-    poses[:, 3:] += breath_mm(40)
+    poses[:, 3:] += breath_mm(40, swing_mm=swing_mm)
     poses[30:, 3:] += shift_mm
     told = told_apart(moments(poses))
     assert told.endoscope[0].from_s <= 3.0
@@ -162,6 +162,18 @@ def test_breathing_is_told_to_be_the_tissue(whole: bool) -> None:
 def test_breathing_that_begins_anew_is_no_move_of_the_endoscope() -> None:
     poses = still(50)
     poses[250:, 3:] += breath_mm(25)
+    assert told_apart(moments(poses)).endoscope == ()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_breaths_of_uneven_depth_are_no_move_of_the_endoscope(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    poses = still(45)
+    # Depths from 70 to 100 % of 6 mm, begun anywhere in a breath.
+    cycles = [
+        breath_mm(period_s, swing_mm=rng.uniform(4.2, 6), period_s=period_s) for period_s in rng.uniform(3.5, 5, 14)
+    ]
+    poses[:, 3:] = np.concatenate(cycles)[rng.integers(0, 30) :][: len(poses)]
     assert told_apart(moments(poses)).endoscope == ()
 
 

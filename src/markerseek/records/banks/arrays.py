@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Int16, RecordError
 from markerseek.files import DEGREES, as_read_error, unit_in

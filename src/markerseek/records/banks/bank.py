@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import (
     Bool,
@@ -45,8 +47,7 @@ MIN_STEP_DEG = 1e-6
 """Least distance of two angles of a bank in degrees; a stage's encoder counts steps of 5e-4."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BankFacts:
+class BankFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Metadata of a bank; None if a value is not known."""
 
     description: str = ""
@@ -115,7 +116,7 @@ class Bank:
         with needs_package("xarray", extra="notebook", purpose="a data set"):
             import xarray as xr
         held = {"intensity": ("angle_deg", np.array(self.intensities))} if self.intensities else {}
-        known = {name: value for name, value in asdict(self.facts).items() if value is not None}
+        known = {name: value for name, value in structs.asdict(self.facts).items() if value is not None}
         return xr.Dataset(held, coords={"angle_deg": np.array(self.angles_deg)}, attrs=known)
 
     @property
@@ -314,7 +315,9 @@ class Series:
     @property
     def known(self) -> dict[str, str | float | bool]:
         """Facts by name, units in the names; what is not known is left out."""
-        facts = {name: each for name, each in asdict(self.facts).items() if each is not None and str(each).strip()}
+        facts = {
+            name: each for name, each in structs.asdict(self.facts).items() if each is not None and str(each).strip()
+        }
         return facts | {"times": TIMES[self.clock]}
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.files import as_read_error, quoted, require_input
@@ -92,8 +93,8 @@ def _read(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank | Fr
 
 def _require_usual(path: Path, table: TableFormat, *, is_table: bool) -> None:
     """Refuse what a person says of a recording that says it itself."""
-    said = replace(table, without_channels=(), angle_field=None)
-    of_angles = replace(DEFAULT_FORMAT, first_and_step_deg=said.first_and_step_deg, angles_deg=said.angles_deg)
+    said = structs.replace(table, without_channels=(), angle_field=None)
+    of_angles = structs.replace(DEFAULT_FORMAT, first_and_step_deg=said.first_and_step_deg, angles_deg=said.angles_deg)
     if (said.axes, said.first_frame) != (None, None):
         raise ConfigError(f"{path}: --axes and --first-frame are for arrays of frames; leave them out")
     if not is_table and said != of_angles:

@@ -7,9 +7,9 @@ unit that is none of angle is refused: counts become degrees by ``deg_per_unit``
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, RecordError
@@ -24,8 +24,7 @@ _DEG_DIGITS = 4
 """Decimals of an angle in degrees that was written in another unit."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TableFormat:
+class TableFormat(msgspec.Struct, frozen=True, kw_only=True):
     """What a recording does not say itself: its columns or variables, units, angles, axes, channels to be left out."""
 
     columns: tuple[str, str] | None = None

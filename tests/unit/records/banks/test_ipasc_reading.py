@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -40,7 +39,7 @@ def test_todays_version_is_read():
     np.testing.assert_array_equal(bank.frame(3).samples, counts(0, (2, 6)))
     for index, seed in enumerate((8, 9)):
         np.testing.assert_array_equal(bank.dark_frame(index).samples, counts(seed, (2, 6)))
-    assert replace(bank.facts, pitch_m=FACTS.pitch_m) == FACTS
+    assert structs.replace(bank.facts, pitch_m=FACTS.pitch_m) == FACTS
     assert (bank.started_s, bank.pulses) == ((6.0, 4.0, 2.0, 0.0), (16,) * 4)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import tracemalloc
 import uuid
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -32,7 +31,7 @@ def test_what_was_written_comes_back_in_the_order_of_the_angles(tmp_path):
     assert isinstance(bank, IpascBank)
     assert bank.angles_deg == ANGLES[::-1]
     assert bank.intensities == (103.0, 102.0, 101.0, 100.0)
-    assert replace(bank.facts, pitch_m=FACTS.pitch_m) == FACTS
+    assert structs.replace(bank.facts, pitch_m=FACTS.pitch_m) == FACTS
     assert bank.facts.pitch_m == pytest.approx(FACTS.pitch_m)
     assert (bank.started_s, bank.pulses) == ((6.0, 4.0, 2.0, 0.0), (16,) * 4)
     for index, seed in enumerate((3, 2, 1, 0)):
@@ -117,7 +116,7 @@ def test_each_preset_has_its_own_identifier_and_an_unknown_probe_a_new_one(tmp_p
     assert set(DEVICE_IDENTIFIERS) == set(PRESET_NAMES)
 
     def identifier(number, probe):
-        path = write(tmp_path / f"{number}.hdf5", facts=replace(FACTS, probe=probe))
+        path = write(tmp_path / f"{number}.hdf5", facts=structs.replace(FACTS, probe=probe))
         return pacfish.load_data(str(path)).get_device_uuid()
 
     known = {identifier(number, name) for number, name in enumerate(PRESET_NAMES)}
@@ -199,7 +198,7 @@ def test_poses_are_those_of_the_rows_and_there_where_the_radius_is_known(tmp_pat
     np.testing.assert_allclose(poses[:, 1], 10e-3 * np.sin(turned))
     np.testing.assert_allclose(poses[:, 2], 10e-3 * (np.cos(turned) - 1), atol=1e-18)
     assert not poses[:, (0, 4, 5)].any()
-    path = write(tmp_path / "b.hdf5", facts=replace(FACTS, face_radius_m=None))
+    path = write(tmp_path / "b.hdf5", facts=structs.replace(FACTS, face_radius_m=None))
     assert pacfish.load_data(str(path)).get_measurement_spatial_poses() is None
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813 - the name that its users give it
+from msgspec import structs
 
 from markerseek.core import PaImage, RecordError
 from markerseek.records.banks import FrameBank, IntensityBank, read_bank, series_of, write_bank, write_sequence
@@ -36,7 +37,7 @@ def test_a_series_is_in_the_order_of_time():
 
 
 def test_where_the_clock_began_gives_the_time_of_day(tmp_path):
-    series = series_of(frames((30.5, 10.0, 20.0), facts=replace(FACTS, clock_zero_unix_s=1.7e9)))
+    series = series_of(frames((30.5, 10.0, 20.0), facts=structs.replace(FACTS, clock_zero_unix_s=1.7e9)))
     assert (series.times_s, series.clock) == ((1.7e9 + 10, 1.7e9 + 20, 1.7e9 + 30.5), "unix")
     write_sequence(tmp_path / "a.igs.mha", iter(images()), series=series)
     image = sitk.ReadImage(str(tmp_path / "a.igs.mha"))
@@ -51,7 +52,7 @@ def test_where_the_clock_began_gives_the_time_of_day(tmp_path):
     ids=["none", "unknown", "not of all", "doubled", "too close for Slicer", "negative"],
 )
 def test_uninformative_times_are_replaced_by_numbers(started_s):
-    series = series_of(frames(started_s, facts=replace(FACTS, clock_zero_unix_s=1.7e9)))
+    series = series_of(frames(started_s, facts=structs.replace(FACTS, clock_zero_unix_s=1.7e9)))
     assert (series.order, series.times_s, series.clock) == ((0, 1, 2), (0.0, 1.0, 2.0), "none")
 
 
@@ -149,7 +150,7 @@ def test_known_facts_are_in_the_header(sequence):
 def test_a_description_stays_one_line_of_ascii(tmp_path, description):
     """PLUS and Slicer read lines of at most 999 bytes."""
     path = tmp_path / "a.igs.mha"
-    write_sequence(path, iter(images()), series=replace(SERIES, facts=replace(FACTS, description=description)))
+    write_sequence(path, iter(images()), series=replace(SERIES, facts=structs.replace(FACTS, description=description)))
     image = sitk.ReadImage(str(path))
     np.testing.assert_array_equal(sitk.GetArrayFromImage(image), np.stack([each.envelope for each in images()]))
     head, data = path.read_bytes().split(b"\nElementDataFile = LOCAL\n")

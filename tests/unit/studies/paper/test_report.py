@@ -117,9 +117,9 @@ def test_a_report_that_cannot_be_written_is_refused_in_words(tmp_path: Path) -> 
     blocked.write_text("")
     ours = compared("fig5/TS", errors_of([0.1, 0.2]))
     section = Section(name="s", title="s", method=(), comparisons=(ours,))
-    with pytest.raises(ConfigError, match="name another --out"):
+    with pytest.raises(ConfigError, match="choose another folder"):
         write_section(section, blocked / "below")
-    with pytest.raises(ConfigError, match="name another --out"):
+    with pytest.raises(ConfigError, match="choose another folder"):
         write_report([section], blocked / "below", options=RunOptions(markers=10))
 
 
