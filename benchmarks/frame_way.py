@@ -79,10 +79,11 @@ def traced_at(commit: str) -> list[Return]:
     archive = subprocess.run(["git", "archive", commit, "src"], cwd=ROOT, capture_output=True, check=True).stdout
     with tempfile.TemporaryDirectory() as folder, tarfile.open(fileobj=BytesIO(archive)) as packed:
         packed.extractall(folder, filter="data")
-        return _in_child(Path(folder) / "src")
+        return traced_in(Path(folder) / "src")
 
 
-def _in_child(source: Path) -> list[Return]:
+def traced_in(source: Path) -> list[Return]:
+    """The same of a folder that holds the package."""
     done = subprocess.run(
         [sys.executable, "-c", ASKED, str(ROOT)],
         env=os.environ | {"PYTHONPATH": str(source)},
@@ -94,27 +95,29 @@ def _in_child(source: Path) -> list[Return]:
     return [Return(*line.split("\t")) for line in done.stdout.splitlines()]
 
 
+def of_frame(returns: list[Return]) -> list[Return]:
+    """Those from the moment when the receiver has its frame."""
+    received = next(number for number, each in enumerate(returns) if each.function.endswith("Receiver.acquire"))
+    return returns[received:]
+
+
 def rows_of(returns: list[Return]) -> dict[str, int]:
     """What is counted of them."""
-    names = [each.function for each in returns]
-    # What the receiver does for its frame comes before its own return.
-    received = next(number for number, name in enumerate(names) if name.endswith("Receiver.acquire"))
-    of_frame = returns[received:]
     beyond_core = [each for each in returns if each.room != "core"]
     return {
         "returns between rooms": len(returns),
         "of these from core": len(returns) - len(beyond_core),
         "of these of the guard, and to it": sum("guard" in (each.room, each.to_room) for each in returns),
         "the others": sum("guard" not in (each.room, each.to_room) and each.room != "core" for each in returns),
-        "of the frame": len(of_frame),
-        "of the frame, without core": sum(each.room != "core" for each in of_frame),
+        "of the frame": len(of_frame(returns)),
+        "of the frame, without core": sum(each.room != "core" for each in of_frame(returns)),
     }
 
 
 def main() -> None:
     """Print the rows, and the returns of this checkout."""
     commits = sys.argv[1:]
-    ways = {commit: traced_at(commit) for commit in commits} | {"this checkout": _in_child(ROOT / "src")}
+    ways = {commit: traced_at(commit) for commit in commits} | {"this checkout": traced_in(ROOT / "src")}
     columns = [rows_of(way) for way in ways.values()]
     print("| |", " | ".join(ways), "|\n|---" * 1 + "|---" * len(ways) + "|")
     for name in columns[0]:

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from benchmarks.frame_way import of_frame, traced_in
+
 ROOT = Path(__file__).parents[1]
 
 MOST_NAMED = 8
@@ -128,7 +130,11 @@ def kinds_of_value(checkout: Checkout) -> list[str]:
         "dataclasses with options": optional,
         "dataclasses": (reached & dataclasses) - optional,
     }
-    return [f"{len(names)} {kind}" for kind, names in kinds.items() if names]
+    return [
+        f"{len(names)} {kind}" + (f" ({', '.join(sorted(names))})" if len(names) <= MOST_NAMED else "")
+        for kind, names in kinds.items()
+        if names
+    ]
 
 
 def _ancestors(name: str, found: dict[str, ast.ClassDef]) -> set[str]:
@@ -356,14 +362,28 @@ def rooms_of_search(checkout: Checkout) -> list[str]:
     return sorted({module.room for module in checkout.modules if package / module.path in files})
 
 
+def frame_returns(checkout: Checkout) -> list[str]:
+    """Functions that return from one room to another while a frame is read; those of `core` do not count."""
+    found = of_frame(traced_in(checkout.root / "src"))
+    return [each.function for each in found if each.room != "core"]
+
+
+def traced_frame_returns(checkout: Checkout) -> list[str]:
+    """All of them."""
+    return [each.function for each in of_frame(traced_in(checkout.root / "src"))]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """One row of the table."""
 
     name: str
-    goal: str
+    most: int
+    """The goal."""
     places: Callable[[Checkout], Sequence[str]]
     """What is counted."""
+    kept: bool = False
+    """Whether the goal is reached, and a test keeps it."""
 
     def cell(self, checkout: Checkout) -> str:
         """Return the count, with the places where there are few."""
@@ -372,16 +392,18 @@ class Row:
 
 
 ROWS = (
-    Row(name="kinds of value class that are written or read", goal="1", places=kinds_of_value),
-    Row(name="folds of a registration session", goal="1", places=session_folds),
-    Row(name="record formats with check sums of their own", goal="1", places=record_formats),
-    Row(name="settings of a session stated", goal="1", places=session_settings),
-    Row(name="classes that are an answer", goal="≤ 4", places=answers),
-    Row(name="models of one curve", goal="1", places=drawings),
-    Row(name="rooms that a search imports", goal="≤ 20", places=rooms_of_search),
-    Row(name="public names that stand in two rooms", goal="≤ 25", places=names_in_two_rooms),
-    Row(name="messages below cli that name an option or a command", goal="0", places=option_messages),
-    Row(name="assignments packed in one line", goal="≤ 60", places=packed_assignments),
+    Row(name="kinds of value class that are written or read", most=1, places=kinds_of_value),
+    Row(name="folds of a registration session", most=1, places=session_folds, kept=True),
+    Row(name="record formats with check sums of their own", most=1, places=record_formats, kept=True),
+    Row(name="settings of a session stated", most=1, places=session_settings, kept=True),
+    Row(name="classes that are an answer", most=4, places=answers, kept=True),
+    Row(name="models of one curve", most=1, places=drawings, kept=True),
+    Row(name="returns between rooms of a frame, from its receiver to its reading", most=8, places=frame_returns),
+    Row(name="the same with those of core", most=25, places=traced_frame_returns),
+    Row(name="rooms that a search imports", most=20, places=rooms_of_search),
+    Row(name="public names that stand in two rooms", most=25, places=names_in_two_rooms),
+    Row(name="messages below cli that name an option or a command", most=0, places=option_messages),
+    Row(name="assignments packed in one line", most=60, places=packed_assignments),
 )
 
 
@@ -397,10 +419,10 @@ def main() -> None:
             columns.append([row.cell(checkout) for row in ROWS])
     checkout = Checkout(ROOT)
     columns.append([row.cell(checkout) for row in ROWS])
-    print("| | goal |", *(f"{name} |" for name in (*commits, "this checkout")))
+    print("| | at most |", *(f"{name} |" for name in (*commits, "this checkout")))
     print("|---|---|" + "---|" * len(columns))
     for number, row in enumerate(ROWS):
-        print(f"| {row.name} | {row.goal} |", *(f"{column[number]} |" for column in columns))
+        print(f"| {row.name} | {row.most} |", *(f"{column[number]} |" for column in columns))
 
 
 if __name__ == "__main__":

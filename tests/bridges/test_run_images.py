@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -55,8 +56,7 @@ def require_equal(ours: list[PicturedEntry], others: list[PicturedEntry]) -> Non
     assert len(ours) == len(others)
     for one, other in zip(ours, others, strict=True):
         # As it is stored, because frames are compared by identity.
-        assert encode(one.entry.event) == encode(other.entry.event)
-        assert one.entry.number == other.entry.number
+        assert encode(one.entry) == encode(other.entry)
         assert (one.brightest, one.problem) == (other.brightest, other.problem)
         assert (one.image is None) == (other.image is None)
         if one.image is not None and other.image is not None:
@@ -225,13 +225,21 @@ def test_only_the_bridge_of_a_search_names_where_its_images_go(tmp_path: Path) -
 
 
 def test_without_memory_files_a_bridge_makes_the_images_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(os, "memfd_create", raising=False)
+    def refused(_name: str) -> int:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(os, "memfd_create", refused, raising=False)
     journal = tmp_path / "run.journal"
     child = ChildRun([*SEARCH, "--journal", str(journal)], journal=journal)
     assert child.images is None
     entries = entries_of(pictured(child.items(), handed=child.images))
     assert child.outcome().answered
     assert len(images_of(entries)) > 8
+
+
+def test_a_system_without_memory_files_has_no_ring(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(os, "memfd_create", raising=False)
+    assert ImageRing.create() is None
 
 
 def open_files() -> set[str]:

@@ -92,7 +92,7 @@ CASES: dict[str, tuple[Callable[[house.Checkout], list[str]], dict[str, str], li
             "class Below(S): ...\n"
             "Any: TypeAlias = Inner | int\n",
         },
-        ["2 Structs", "1 dataclasses with options", "1 dataclasses"],
+        ["2 Structs (Below, S)", "1 dataclasses with options (Plan)", "1 dataclasses (Inner)"],
     ),
 }
 
@@ -108,8 +108,14 @@ def test_what_is_counted(tmp_path: Path, case: str) -> None:
 
 
 def test_a_cell_names_few_places_and_counts_many(tmp_path: Path) -> None:
-    few = house.Row(name="few", goal="0", places=lambda _: ["a", "b"])
-    many = house.Row(name="many", goal="0", places=lambda _: ["a"] * (house.MOST_NAMED + 1))
-    none = house.Row(name="none", goal="0", places=lambda _: [])
+    few = house.Row(name="few", most=0, places=lambda _: ["a", "b"])
+    many = house.Row(name="many", most=0, places=lambda _: ["a"] * (house.MOST_NAMED + 1))
+    none = house.Row(name="none", most=0, places=lambda _: [])
     checkout = house.Checkout(tmp_path)
     assert [row.cell(checkout) for row in (few, many, none)] == ["2: a, b", f"{house.MOST_NAMED + 1}", "0"]
+
+
+@pytest.mark.parametrize("row", [row for row in house.ROWS if row.kept], ids=lambda row: row.name)
+def test_a_goal_that_is_reached_is_kept(row: house.Row) -> None:
+    """Nothing found would be a goal that is reached by a counter that sees nothing."""
+    assert 1 <= len(row.places(house.Checkout(house.ROOT))) <= row.most

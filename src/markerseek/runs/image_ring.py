@@ -2,7 +2,7 @@
 
 They lie in memory, in a file without a name, which ends with the last process that has it open, however that ends. The
 process that searches writes each image over an old one, and waits for nobody. A reader that is too late, or finds an
-image torn, makes the image of the samples in the journal (decision 78).
+image that is not whole, makes it of the samples in the journal (decision 78).
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from __future__ import annotations
 import os
 import stat
 import struct
-import zlib
-from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
@@ -29,8 +27,9 @@ SLOTS = 16
 MAX_SLOT_BYTES = 1 << 22
 """Largest image that is handed on, with its head; that of the simulated probe has half a megabyte."""
 
-_HEAD = struct.Struct("<QIII")
-"""Before each image: number of its entry, its rows and columns, and the CRC-32 of these three and of what follows.
+_NUMBER, _SHAPE = struct.Struct("<Q"), struct.Struct("<II")
+_HEAD_BYTES = _NUMBER.size + _SHAPE.size
+"""Before each image: number of its entry, 0 while the image is written; then its rows and columns.
 
 The lateral positions and the depths follow as float64, and then the envelope as float32, row after row."""
 
@@ -46,9 +45,12 @@ class ImageRing(Closing):
 
     @classmethod
     def create(cls) -> Self | None:
-        """Make an empty one; None where the system has no files in memory without a name."""
-        make = getattr(os, "memfd_create", None)
-        return None if make is None else cls(make("markerseek-images"))
+        """Make an empty one; None where the system has, or allows, no files in memory without a name."""
+        try:
+            return cls(os.memfd_create("markerseek-images"))
+        except (AttributeError, OSError):
+            # macOS has none; a Linux may be set to refuse them.
+            return None
 
     @classmethod
     def open(cls, path: Path) -> Self:
@@ -72,31 +74,41 @@ class ImageRing(Closing):
 
     def put(self, number: int, image: PaImage) -> None:
         """Put the image of an entry in, over an older one; without room for it, nothing is handed on."""
-        rows, columns = image.envelope.shape
-        parts = [_stored(image.lateral_m, "<f8"), _stored(image.depth_m, "<f8"), _stored(image.envelope, "<f4")]
-        if _HEAD.size + sum(map(len, parts)) > MAX_SLOT_BYTES:
+        parts = [
+            memoryview(_SHAPE.pack(*image.envelope.shape)),
+            *(_stored(image.lateral_m, "<f8"), _stored(image.depth_m, "<f8"), _stored(image.envelope, "<f4")),
+        ]
+        size = sum(map(len, parts))
+        if _NUMBER.size + size > MAX_SLOT_BYTES:
             return
-        head = _HEAD.pack(number, rows, columns, _checksum(number, rows, columns, parts))
-        # What a lack of memory leaves of it does not agree with its checksum.
+        place = number % SLOTS * MAX_SLOT_BYTES
         with suppress(OSError):
-            os.pwritev(self._descriptor, [head, *parts], _place(number))
+            # As in a sequence lock: a reader that finds one number before and after it has the whole image. Eight bytes
+            # are written at once.
+            os.pwrite(self._descriptor, _NUMBER.pack(0), place)
+            if os.pwritev(self._descriptor, parts, place + _NUMBER.size) == size:
+                os.pwrite(self._descriptor, _NUMBER.pack(number), place)
 
     def get(self, number: int) -> PaImage | None:
-        """Return the image of an entry; None if it never came, is overwritten, or was torn."""
-        head = os.pread(self._descriptor, _HEAD.size, _place(number))
-        if len(head) < _HEAD.size:
+        """Return the image of an entry; None if it never came, is not whole, or another one is in its place."""
+        place = number % SLOTS * MAX_SLOT_BYTES
+        head = os.pread(self._descriptor, _HEAD_BYTES, place)
+        if len(head) < _HEAD_BYTES or head[: _NUMBER.size] != _NUMBER.pack(number):
             return None
-        found, rows, columns, checksum = _HEAD.unpack(head)
-        ends = (8 * columns, 8 * (columns + rows), 8 * (columns + rows) + 4 * rows * columns)
-        if found != number or _HEAD.size + ends[-1] > MAX_SLOT_BYTES:
+        rows, columns = _SHAPE.unpack_from(head, _NUMBER.size)
+        depths_at = 8 * columns
+        envelope_at = depths_at + 8 * rows
+        size = envelope_at + 4 * rows * columns
+        if _HEAD_BYTES + size > MAX_SLOT_BYTES:
             return None
-        data = os.pread(self._descriptor, ends[-1], _place(number) + _HEAD.size)
-        if len(data) < ends[-1] or _checksum(number, rows, columns, [data]) != checksum:
+        data = os.pread(self._descriptor, size, place + _HEAD_BYTES)
+        if len(data) < size or os.pread(self._descriptor, _HEAD_BYTES, place) != head:
             return None
-        lateral_m = np.frombuffer(data[: ends[0]], "<f8")
-        depth_m = np.frombuffer(data[ends[0] : ends[1]], "<f8")
-        envelope = np.frombuffer(data, "<f4", offset=ends[1]).reshape(rows, columns)
-        return PaImage(envelope=envelope, lateral_m=lateral_m, depth_m=depth_m)
+        return PaImage(
+            envelope=np.frombuffer(data, "<f4", offset=envelope_at).reshape(rows, columns),
+            lateral_m=np.frombuffer(data, "<f8", count=columns),
+            depth_m=np.frombuffer(data, "<f8", count=rows, offset=depths_at),
+        )
 
     def close(self) -> None:
         """Release it; allowed twice."""
@@ -121,17 +133,5 @@ def hand_images_on(images: ImageRing, journal: Journal, imaging: ImageReader) ->
     journal.before_entry = put
 
 
-def _place(number: int) -> int:
-    """Return where the image of an entry begins; what no image reaches takes no memory."""
-    return number % SLOTS * MAX_SLOT_BYTES
-
-
 def _stored(values: np.ndarray[Any, Any], dtype: str) -> memoryview:
     return np.ascontiguousarray(values, dtype).data.cast("B")
-
-
-def _checksum(number: int, rows: int, columns: int, parts: Iterable[bytes | memoryview]) -> int:
-    checksum = zlib.crc32(_HEAD.pack(number, rows, columns, 0))
-    for each in parts:
-        checksum = zlib.crc32(each, checksum)
-    return checksum

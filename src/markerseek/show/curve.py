@@ -113,7 +113,7 @@ class DrawnCurve(msgspec.Struct, frozen=True, kw_only=True):
     def text(self) -> str:
         """What the curve is, for those who do not see it."""
         answer = f"; {self.answer_text}" if self.answer_text else ""
-        return f"intensity over the angle of the probe, {counted(len(self.marks), 'acquisition')}{answer}"
+        return f"intensity over the angle of the probe, measured {counted(len(self.marks), 'time')}{answer}"
 
     @property
     def top(self) -> float:

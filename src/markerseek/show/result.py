@@ -11,6 +11,7 @@ from msgspec import structs
 from markerseek._version import __version__
 from markerseek.core import (
     FALSE_FOUND,
+    AngleBelief,
     Estimate,
     Finished,
     Floor,
@@ -215,7 +216,9 @@ class SearchResult:
             travel_deg=sum(abs(to - at) for at, to in pairwise(way_deg)),
             searched=None,
         )
-        return SearchResult(run=replace(self.run, points=points, finished=end))
+        # What was believed at the end is that of all angles.
+        belief = AngleBelief(estimate=searched.estimate)
+        return SearchResult(run=replace(self.run, points=points, event=end, belief=belief, finished=end))
 
     @property
     def comparison(self) -> str | None:

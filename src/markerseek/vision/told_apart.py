@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -152,10 +151,11 @@ def told_apart(moments: Sequence[Moment], *, gate_mm: float = 0.2) -> ToldApart:
     """
     seen = [moment for moment in moments if moment.scene is not None]
     moves = _endoscope(_Poses.of(seen)) if len(seen) >= MIN_PAIRS else ()
-    borders = [-math.inf, *(move.until_s for move in moves), math.inf]
+    begins_s = [-math.inf, *(move.until_s for move in moves)]
+    ends_s = [*(move.from_s for move in moves), math.inf]
     tissue = []
-    for from_s, until_s in pairwise(borders):
-        part = [each for each in moments if from_s <= each.at_s < until_s]
+    for begin_s, end_s in zip(begins_s, ends_s, strict=True):
+        part = [each for each in moments if begin_s <= each.at_s <= end_s]
         found = tissue_motion(_displacements(part), gate_mm=gate_mm)
         if found is not None:
             tissue.append(found)

@@ -108,7 +108,7 @@ def test_before_the_first_event_there_is_a_range_and_nothing_else() -> None:
     curve = curve_after(None, phase="ready")
     assert (curve.low_deg, curve.high_deg, curve.start_deg) == (PAPER_RANGE.low_deg, PAPER_RANGE.high_deg, None)
     assert (curve.marks, curve.answers, curve.answer_text, curve.known) == ((), (), "", None)
-    assert curve.text == "intensity over the angle of the probe, 0 acquisitions"
+    assert curve.text == "intensity over the angle of the probe, measured 0 times"
     assert curve.top > 0
 
 

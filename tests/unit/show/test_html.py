@@ -10,7 +10,7 @@ import pytest
 
 import markerseek
 from markerseek.records.banks import read_arrays, read_bank
-from markerseek.show import SearchResult, as_html, with_minus
+from markerseek.show import SearchResult, as_html, curve_of, with_minus
 
 SCAN = Path(__file__).parents[3] / "examples" / "simulated_scan.csv"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -34,6 +34,18 @@ def test_a_result_shows_its_answer_and_every_acquisition(result: SearchResult) -
     (recorded, _) = tree.iter(f"{SVG}polyline")
     assert len(recorded.get("points").split()) == result.acquisitions == 141
     assert tree.find("strong").text == "recording of 141 angles"
+
+
+def test_the_search_of_a_recording_is_a_result_of_its_own(result: SearchResult) -> None:
+    search = result.search
+    assert search.search is None
+    assert search.angle_deg != result.angle_deg
+    curve = curve_of(search.run, reveal=False)
+    assert [each.angle_deg for each in curve.answers] == [search.angle_deg]
+    assert [each.angle_deg for each in curve.marks] == [each.angle_deg for each in search.samples]
+    # The density at the end of the run is that of all angles.
+    assert (curve.density_deg, curve.recorded_deg) == ((), ())
+    assert f"acquisitions: {search.acquisitions}" in str(search).splitlines()
 
 
 def test_a_result_that_is_printed_is_what_the_terminal_prints(result: SearchResult) -> None:

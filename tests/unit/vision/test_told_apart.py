@@ -136,6 +136,14 @@ def test_two_moves_are_told_apart() -> None:
     np.testing.assert_allclose(told.endoscope[1].rotation_deg, [0, 1, 0], atol=0.05)
 
 
+def test_the_way_of_the_endoscope_is_no_motion_of_the_tissue() -> None:
+    poses = still(40)
+    poses += np.clip((np.arange(len(poses))[:, None] - 150) / 15, 0, 1) * [1, 2, 0, 6, 3, -5]
+    told = told_apart(moments(poses))
+    assert len(told.endoscope) == 1
+    assert told.tissue == ()
+
+
 def test_an_endoscope_that_creeps_has_moved() -> None:
     poses = still(60)
     poses[:, 3] = np.linspace(0, 1.5, len(poses))
