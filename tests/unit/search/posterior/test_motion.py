@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy import integrate, stats
 
-from markerseek.core import Found, Reading, Sample, SweepTiming, Unsure
-from markerseek.rigs import of_intensities, simulated
+from markerseek.core import Estimate, Finished, Found, Reading, RunPlan, Sample, SweepTiming, Unsure
+from markerseek.rigs import Rig, of_intensities, simulated
+from markerseek.scan import run
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.motion import (
     OVERALL_M,
@@ -23,7 +24,6 @@ from markerseek.search.posterior.motion import (
     overall_prior,
 )
 from markerseek.sim import GaussianCurve, MarkerSettings, ReceiverSettings, SimulatedSettings, TissueMotion
-from markerseek.studies.trial import searched
 
 RADIUS_M = 60e-3
 
@@ -143,8 +143,13 @@ def rig_settings(**motion: object) -> SimulatedSettings:
     )
 
 
+def answer_of(policy: Posterior, rig: Rig) -> Estimate:
+    (finished,) = [event for event in run(policy, rig.scanner, RunPlan(stay=True)) if isinstance(event, Finished)]
+    return finished.estimate
+
+
 def test_a_marker_that_rests_is_found_and_the_answer_says_that_it_rests() -> None:
-    found = searched(Posterior(), simulated(seed=2, settings=rig_settings()).scanner).finished.estimate
+    found = answer_of(Posterior(), simulated(seed=2, settings=rig_settings()))
     assert isinstance(found, Found)
     assert found.motion is not None
     assert (found.motion.lateral_mm, found.motion.depth_mm, found.motion.is_seen) == (0.0, 0.0, False)
@@ -152,7 +157,7 @@ def test_a_marker_that_rests_is_found_and_the_answer_says_that_it_rests() -> Non
 
 def test_a_marker_that_moves_far_is_unsure_by_name_and_with_a_cure() -> None:
     settings = rig_settings(breathing_mm=1.5, direction=(0.6, 0.6, 0.5))
-    answer = searched(Posterior(), simulated(seed=2, settings=settings).scanner).finished.estimate
+    answer = answer_of(Posterior(), simulated(seed=2, settings=settings))
     assert isinstance(answer, Unsure)
     assert answer.motion is not None
     assert answer.motion.is_seen
@@ -164,7 +169,7 @@ def test_a_marker_that_moves_far_is_unsure_by_name_and_with_a_cure() -> None:
 def test_a_stated_motion_widens_the_interval_of_intensities() -> None:
     def half_deg(motion_mm: float | None) -> float:
         rig = of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=6.0), marker_deg=4.0)
-        answer = searched(Posterior(motion_mm=motion_mm), rig.scanner).finished.estimate
+        answer = answer_of(Posterior(motion_mm=motion_mm), rig)
         assert isinstance(answer, Found | Unsure)
         assert answer.motion is not None
         assert answer.motion.depth_mm is None
