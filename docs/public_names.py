@@ -14,7 +14,7 @@ import markerseek
 
 PAGE = Path(__file__).parent / "reference" / "api.md"
 
-PACKAGES = ("core", "search", "scan", "guard", "signals", "acoustics", "geometry", "rigs", "studies", "testing")
+PACKAGES = ("core", "search", "scan", "guard", "signals", "acoustics", "geometry", "rigs", "show", "studies", "testing")
 
 WITHOUT_DOCSTRING = {"__version__": "The version of this package."}
 

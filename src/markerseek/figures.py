@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 from markerseek import runs
 from markerseek.records.banks import FrameBank, IntensityBank
 from markerseek.search import Curve, Peak, peak_of
-from markerseek.show import SearchResult, curve_figure, curve_of
-from markerseek.show import bank_figure as draw_bank
+from markerseek.show import SearchResult, curve_figure, drawn_curve, peak_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +28,7 @@ def search_figure(result: SearchResult) -> Figure:
     MissingExtraError
         If Matplotlib is not installed.
     """
-    return curve_figure(curve_of(result.run, reveal=True))
+    return curve_figure(drawn_curve(result.run, reveal=True))
 
 
 def bank_figure(
@@ -65,7 +64,7 @@ def bank_figure(
     """
     curve = runs.bank_curve(bank, probe=probe) if curve is None else curve
     peak = peak_of(curve) if peak is None else peak
-    return draw_bank(
+    return peak_figure(
         bank.angles_deg,
         curve.intensity.tolist(),
         title=title,

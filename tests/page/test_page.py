@@ -12,13 +12,19 @@ import numpy as np
 import pytest
 
 from markerseek.bridges import page as page_package
+from markerseek.bridges.page.run_history import fan_model
+from markerseek.core import PAPER_RANGE, RigFacts, SearchPlan
+from markerseek.records.journal import RunView
+from markerseek.show import DrawnAngle, DrawnCurve
 from tests.page.page_browser import COLOURS, angle_of, needs_browser, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
 BADGE, ANGLE, LOG = ".ms-badge", ".ms-angles", ".ms-log"
 
-IMAGE_SCRIPT = Path(page_package.__file__).parent / "static" / "image.js"
+FACTS = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
+
+STATIC = Path(page_package.__file__).parent / "static"
 
 
 def downloaded(watched, name):
@@ -53,6 +59,31 @@ def test_search_gives_the_result_of_the_command(fresh_page, opened, command_resu
     watched.wait_for_colours(".ms-panel-image canvas", more_than=100)
 
 
+@pytest.mark.parametrize(("is_claimed", "share"), [(True, 1.0), (False, 8 / 12)])
+def test_the_fan_draws_the_angle_of_the_curve_dashed_until_it_is_claimed(browser, is_claimed, share):
+    """Straight up at 0 degrees, from the face of the probe to beyond the fan: 8 of 12 pixels of a dashed line."""
+    curve = DrawnCurve(
+        low_deg=-35.0, high_deg=35.0, answers=(DrawnAngle(angle_deg=0.0, text="0.00°"),), is_claimed=is_claimed
+    )
+    # On its way to an end, so that no needle lies on the answer.
+    view = RunView(plan=SearchPlan(method="ternary"), facts=FACTS, probe_deg=-35.0, target_deg=-35.0)
+    script = """async ([module, view]) => {
+        const { default: fan } = await import(module);
+        const canvas = document.body.appendChild(document.createElement("canvas"));
+        canvas.style = "width: 400px; height: 400px";
+        fan.methods.draw.call({ ...fan.methods, $el: canvas, view, curve: view.curve });
+        const { data } = canvas.getContext("2d").getImageData(200, 0, 1, 400);
+        const isAnswer = (row) => data[4 * row] > 120 && data[4 * row + 2] < 90;
+        return Array.from({ length: 400 }, (_, row) => row).filter(isAnswer); }"""
+    module = "data:text/javascript;base64," + base64.b64encode((STATIC / "fan.js").read_bytes()).decode()
+    tab = browser.new_page()
+    rows = tab.evaluate(script, [module, fan_model(view, curve)])
+    tab.close()
+    length = rows[-1] - rows[0]
+    assert length > 150
+    assert len(rows) == pytest.approx(share * length, abs=0.1 * length)
+
+
 def test_the_image_is_drawn_where_its_edges_say(browser):
     """Two bright pixels; it fills 280 by 400 pixels of the canvas, 10 for a millimetre."""
 
@@ -69,7 +100,7 @@ def test_the_image_is_drawn_where_its_edges_say(browser):
         const { data } = canvas.getContext("2d").getImageData(44, 8, 280, 360);
         const red = Array.from({ length: 280 * 360 }, (_, i) => [i, data[4 * i]]);
         return red.filter((each) => each[1] > 0); }"""
-    module = "data:text/javascript;base64," + base64.b64encode(IMAGE_SCRIPT.read_bytes()).decode()
+    module = "data:text/javascript;base64," + base64.b64encode((STATIC / "image.js").read_bytes()).decode()
     tab = browser.new_page()
     number, level = np.array(tab.evaluate(script, [module, image]), float).T
     tab.close()

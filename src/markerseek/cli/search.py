@@ -173,7 +173,7 @@ def _compared(results: list[SearchResult], title: str) -> Iterator[str | Table]:
 
 
 def _figure(sessions: list[runs.Session], title: str) -> Figure:
-    from markerseek.show import comparison_figure, curve_of
+    from markerseek.show import comparison_figure, drawn_curve
 
-    curves = [(session.configuration.plan.method, curve_of(session.view, reveal=True)) for session in sessions]
+    curves = [(session.configuration.plan.method, drawn_curve(session.view, reveal=True)) for session in sessions]
     return comparison_figure(curves, title=title)

@@ -29,7 +29,7 @@ from markerseek.show import (
     WRONG_SOURCE,
     DrawnCurve,
     SearchResult,
-    curve_of,
+    drawn_curve,
     flat_result,
     verdict_of,
 )
@@ -213,7 +213,7 @@ def conclude(
     pictures: dict[str, Callable[[Path], object]] = {}
     # Where nothing was measured there is nothing to draw.
     if output.folder is not None and view.finished is not None and view.samples:
-        curve = curve_of(view, reveal=True)
+        curve = drawn_curve(view, reveal=True)
         if recorded is not None:
             angles_deg, intensities = recorded.angle_deg.tolist(), recorded.intensity.tolist()
             curve = msgspec.structs.replace(curve, recorded_deg=tuple(angles_deg), recorded=tuple(intensities))

@@ -216,7 +216,9 @@ class BoxLine:
     """
 
     def __init__(self, *, port: Port, clock: Clock, answer_s: float) -> None:
-        self._port, self._clock, self._answer_s = port, clock, answer_s
+        self._port = port
+        self._clock = clock
+        self._answer_s = answer_s
         self._lines = wire.Lines()
         self._replies: list[bytes] = []
         self._step = 0

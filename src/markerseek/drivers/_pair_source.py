@@ -56,7 +56,8 @@ class Pairing:
     """
 
     def __init__(self, *, near_s: float, named_s: float = 0.0) -> None:
-        self._near_s, self._named_s = near_s, named_s
+        self._near_s = near_s
+        self._named_s = named_s
         self._waiting: tuple[list[CameraImage], list[CameraImage]] = ([], [])
         self._latest_s = [-np.inf, -np.inf]
         self.dropped = [0, 0]
@@ -157,8 +158,11 @@ class PairSource(Closing):
         silent_cure: str | None = None,
     ) -> None:
         self.name = name
-        self._sources, self._cameras, self._pairing = sources, cameras, pairing
-        self._cure, self._silent_cure = cure, silent_cure
+        self._sources = sources
+        self._cameras = cameras
+        self._pairing = pairing
+        self._cure = cure
+        self._silent_cure = silent_cure
         self._lock = threading.Lock()
         self._ready: deque[StereoPair] = deque(maxlen=MAX_PAIRS)
         self._said: list[str] = []
@@ -167,7 +171,8 @@ class PairSource(Closing):
         self._threads: list[threading.Thread] = []
         self._libraries = threading.Lock(), threading.Lock()
         now_s = time.monotonic()
-        self._last_s, self._patience_s = [now_s, now_s], [_FIRST_S, _FIRST_S]
+        self._last_s = [now_s, now_s]
+        self._patience_s = [_FIRST_S, _FIRST_S]
         self._unpaired_from_s = now_s
 
     def newest(self) -> list[StereoPair]:
@@ -175,7 +180,8 @@ class PairSource(Closing):
         with self._lock:
             now_s = time.monotonic()
             self._ready.extend(self._pairing.pairs(now_s))
-            pairs, said = list(self._ready), list(self._said)
+            pairs = list(self._ready)
+            said = list(self._said)
             self._ready.clear()
             self._said.clear()
             dropped = tuple(self._pairing.dropped)

@@ -303,7 +303,10 @@ class Move:
     def __init__(
         self, *, logic: StageLogic, clock: Clock, rules: StageRules, travel: Interval, rest_deg: float | None = None
     ) -> None:
-        self._logic, self._clock, self._rules, self._travel = logic, clock, rules, travel
+        self._logic = logic
+        self._clock = clock
+        self._rules = rules
+        self._travel = travel
         self._corridor = (travel.low_deg, travel.high_deg) if rest_deg is None else (rest_deg, rest_deg)
         self._asked_s = 0.0
         self.seen_deg: float | None = None
@@ -328,7 +331,8 @@ class Move:
             objection = self._objection(status, reading)
             if objection is not None:
                 raise objection
-        self._asked_s, self.seen_deg = reading.asked_s, reading.angle_deg
+        self._asked_s = reading.asked_s
+        self.seen_deg = reading.angle_deg
         if self._course is not None:
             self._course.add(reading)
         return status, reading
@@ -349,7 +353,8 @@ class Move:
         self.begin(target_deg, start_deg)
         longest_s = rules.longest_s(abs(target_deg - start_deg))
         aimed_s = advanced_s = looked_s = began_s = self._clock.now_s()
-        ends_s, pause_s = began_s + longest_s, 0.0
+        ends_s = began_s + longest_s
+        pause_s = 0.0
         aim_deg: float | None = None
         sent_s: float | None = math.inf
         farthest_deg = farthest_aim_deg = start_deg
@@ -359,14 +364,17 @@ class Move:
             now_s = self._clock.now_s()
             # A target that is renewed late costs the stage that time twice: it brakes, and speeds up again.
             late_s = now_s - looked_s - pause_s
-            ends_s, looked_s = min(ends_s + 2 * late_s, began_s + _MAX_TIMES * longest_s), now_s
+            ends_s = min(ends_s + 2 * late_s, began_s + _MAX_TIMES * longest_s)
+            looked_s = now_s
             if self._settles(status, target_deg, settled):
                 return status.angle_deg
             if heading * (status.angle_deg - farthest_deg) > rules.same_deg:
-                farthest_deg, advanced_s = status.angle_deg, reading.answered_s
+                farthest_deg = status.angle_deg
+                advanced_s = reading.answered_s
             if sent_s is not None and reading.asked_s >= sent_s:
                 # Only now has it surely received its target: both may have waited in one place on their way.
-                sent_s, advanced_s = None, reading.answered_s
+                sent_s = None
+                advanced_s = reading.answered_s
             near = abs(target_deg - status.angle_deg) <= rules.settle_deg
             patience_s = rules.begin_s + (_SETTLES_S if near else 0.0)
             if sent_s is None and not settled and not reading.asked_s - advanced_s < patience_s:
@@ -381,8 +389,10 @@ class Move:
                     self.aim(next_deg)
                 if heading * (next_deg - farthest_aim_deg) > rules.same_deg:
                     # At the target before it may have come to rest, if this one is late.
-                    farthest_aim_deg, sent_s = next_deg, self._clock.now_s()
-                aim_deg, aimed_s = next_deg, now_s
+                    farthest_aim_deg = next_deg
+                    sent_s = self._clock.now_s()
+                aim_deg = next_deg
+                aimed_s = now_s
             pause_s = self._pause_s(abs(target_deg - status.angle_deg))
             self._clock.wait(pause_s)
 
@@ -392,8 +402,10 @@ class Move:
         ``evenly``: whether it will get this one target only, and so turns evenly between its ramps.
         """
         self._corridor = (min(start_deg, target_deg), max(start_deg, target_deg))
-        self._asked_s, self.seen_deg = self._clock.now_s(), start_deg
-        self._from_deg, self._begun_s = start_deg, None
+        self._asked_s = self._clock.now_s()
+        self.seen_deg = start_deg
+        self._from_deg = start_deg
+        self._begun_s = None
         if self._rules.acceleration_deg_s2 is not None:
             self._course = Course(
                 start_deg=start_deg,
@@ -439,7 +451,8 @@ class Move:
         return min(_POLL_S, max(_NEAR_POLL_S, left_deg / self._rules.speed_deg_s))
 
     def _objection(self, status: StageStatus, reading: StageReading) -> DeviceError | None:
-        spare_deg, angle_deg = self._rules.unexpected_deg, status.angle_deg
+        spare_deg = self._rules.unexpected_deg
+        angle_deg = status.angle_deg
         if status.problem:
             return MoveError(status.problem)
         if not self._travel.low_deg - spare_deg <= angle_deg <= self._travel.high_deg + spare_deg:
@@ -462,7 +475,8 @@ class Move:
         The times are the longest that it can have turned, however slow the line is: from before it was asked last, or
         sent on its way, until now. That a stage stands where it was sent is thereby not believed before it can be so.
         """
-        rules, now_s = self._rules, self._clock.now_s()
+        rules = self._rules
+        now_s = self._clock.now_s()
         ways: list[tuple[float, float, float]] = []
         if self.seen_deg is not None:
             turned_s = now_s - self._asked_s

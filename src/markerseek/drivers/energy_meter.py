@@ -46,7 +46,9 @@ class EnergyMeter:
         usual_energy: float | None,
         singles: bool = True,
     ) -> None:
-        self._receiver, self._measured, self._usual_energy = receiver, measured, usual_energy
+        self._receiver = receiver
+        self._measured = measured
+        self._usual_energy = usual_energy
         self._singles = singles
         self._values: list[float] = []
 

@@ -199,7 +199,8 @@ class _Folder:
             since_s = now_s if self._unreadable is None else self._unreadable[0]
             self._unreadable = since_s, os_reason(problem)
             return []
-        self._unreadable, self._looked_s = None, now_s
+        self._unreadable = None
+        self._looked_s = now_s
         ids = {file.id for file in files}
         if ids:
             # Without any, the folder may be that of a network drive which is away: its images of before come again.
@@ -220,7 +221,8 @@ class _Folder:
 
     def left_out(self) -> int:
         """Return how many images were left out since the last call."""
-        number, self._left_out = self._left_out, 0
+        number = self._left_out
+        self._left_out = 0
         return number
 
     def _note_others(self, now_s: float, *, images: bool) -> None:
@@ -325,7 +327,8 @@ class _Folder:
     def key(self, file: _File) -> Key | None:
         """All numbers in a file's name; None without one, or where the last file had the same: they do not count."""
         key = tuple(int(digits) for digits in re.findall(r"[0-9]+", Path(file.name).stem))
-        repeated, self._last_key = key == self._last_key, key
+        repeated = key == self._last_key
+        self._last_key = key
         return None if repeated or not key else key
 
 

@@ -122,7 +122,9 @@ def class_of(settings: Foreign) -> type:
 
     Raises `ConfigError` where it is not found, fails, or lacks a method.
     """
-    driver, beside, name = settings.driver, settings.beside, _driver_key(settings)
+    driver = settings.driver
+    beside = settings.beside
+    name = _driver_key(settings)
     module_name, _, class_name = installed_drivers().get(driver, driver).partition(":")
     named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
     if not named or module_name.endswith(".py"):
@@ -265,7 +267,8 @@ def require_class(settings: Foreign) -> None:
 
 def foreign_line(settings: Foreign, *, supervised: bool) -> str:
     """What a person must know of a foreign driver before arming it, in one line."""
-    made, line = class_of(settings), _line(settings)
+    made = class_of(settings)
+    line = _line(settings)
     where = getattr(sys.modules.get(made.__module__), "__file__", None) or made.__module__
     if line is None or not supervised:
         reason = "supervisor.enabled is false" if line else f"{made.__name__} names no safe_command"

@@ -156,7 +156,8 @@ def rotation_deg(matrix: Float64[np.ndarray, "4 4"], *, axis: int) -> float:
             f"stage: the transform of its encoder turns about another axis than {AXES[axis]} (sine {tilt:.2g}); "
             "correct stage.axis, or name the transform between the probe and its home"
         )
-    after, last = (axis + 1) % 3, (axis + 2) % 3
+    after = (axis + 1) % 3
+    last = (axis + 2) % 3
     return math.degrees(math.atan2(turn[last, after], turn[after, after]))
 
 
@@ -205,7 +206,8 @@ class _Stamps:
             side = "old" if apart_s > 0 else "ahead of this computer's clock"
             self.unused = f"its messages are {abs(apart_s):.2f} s {side}; compare the two clocks, and check the network"
         else:
-            self.unused, self._last_s = "", stamp_s
+            self.unused = ""
+            self._last_s = stamp_s
             return True
         return False
 
@@ -229,8 +231,10 @@ class IgtlEncoder(IgtlMessages):
     ) -> None:
         connection = connect_plus(settings.host, settings.port, within_s=settings.connect_s, driver=self.driver)
         super().__init__(connection, clock, device=settings.device)
-        self._unix_s, self._states = unix_s, settings.require_status
-        self._transforms, self._stamps = _Transforms(settings.axis), _Stamps(settings.age_s)
+        self._unix_s = unix_s
+        self._states = settings.require_status
+        self._transforms = _Transforms(settings.axis)
+        self._stamps = _Stamps(settings.age_s)
         self._said = ""
 
     @property
@@ -275,8 +279,10 @@ class Ros2Encoder:
     """An angle on a ROS 2 topic: a joint in radians, or a transform."""
 
     def __init__(self, *, node: RosNode, settings: GuidedStageSettings) -> None:
-        self._node, self._topic = node, settings.topic
-        self._joint, self._joints = settings.joint, ""
+        self._node = node
+        self._topic = settings.topic
+        self._joint = settings.joint
+        self._joints = ""
         self._transforms = _Transforms(settings.axis) if settings.message == "transform" else None
         self._stamps = _Stamps(settings.age_s)
         self._newest: Any = None
@@ -311,7 +317,8 @@ class Ros2Encoder:
     def read(self) -> float | None:
         """Newest angle since the last call, in degrees; None if there is none; NaN if the message holds no angle."""
         self._node.drain(_MAX_WAITING)
-        message, self._newest = self._newest, None
+        message = self._newest
+        self._newest = None
         if message is None or not self._stamps.is_used(messages.stamp_ns(message) * 1e-9, self._node.now_s()):
             return None
         if self._transforms is None:
@@ -327,7 +334,8 @@ def _matrix(transform: Any) -> Float64[np.ndarray, "4 4"]:
     """Matrix of a geometry_msgs/Transform, in millimetres; NaN if the quaternion has another length than 1."""
     from scipy.spatial.transform import Rotation
 
-    turn, place = transform.rotation, transform.translation
+    turn = transform.rotation
+    place = transform.translation
     quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
     matrix = np.eye(4)
     # Without this check a quaternion of any length would be taken for a rotation.
@@ -356,7 +364,10 @@ class TurnedByHand(ABC):
         self, *, clock: Clock, settings: GuidedStageSettings, limits: Limits, asks: Callable[[float], None]
     ) -> None:
         self.limits: Interval = limits.travel
-        self._search, self._clock, self._settings, self._asks = limits.search, clock, settings, asks
+        self._search = limits.search
+        self._clock = clock
+        self._settings = settings
+        self._asks = asks
         self._angle_deg = 0.0
 
     @abstractmethod
@@ -437,7 +448,8 @@ class GuidedStage(TurnedByHand):
         while True:
             if not self._reads_within(settings.age_s):
                 raise self._silent()
-            now_s, here_deg = self._clock.now_s(), self._angle_deg
+            now_s = self._clock.now_s()
+            here_deg = self._angle_deg
             turned = turned or abs(here_deg - start_deg) > settings.steady_deg
             low_deg, high_deg = min(low_deg, here_deg), max(high_deg, here_deg)
             if high_deg - low_deg > settings.steady_deg or not self._is_at(angle_deg):
@@ -485,13 +497,15 @@ class GuidedStage(TurnedByHand):
         here_deg = (sign * (read_deg - settings.zero_deg) + 180.0) % 360.0 - 180.0
         now_s = self._clock.now_s()
         if self._read_s is not None:
-            way_deg, elapsed_s = abs(here_deg - self._angle_deg), now_s - self._read_s
+            way_deg = abs(here_deg - self._angle_deg)
+            elapsed_s = now_s - self._read_s
             if not way_deg <= settings.fastest_deg_s * elapsed_s + settings.steady_deg:
                 raise MoveError(
                     f"stage: its angle jumped from {self._angle_deg:.2f} to {here_deg:.2f} deg in {elapsed_s:.3f} s, "
                     f"faster than a hand turns it ({settings.fastest_deg_s:g} deg/s); look at the encoder"
                 )
-        self._angle_deg, self._read_s = here_deg, now_s
+        self._angle_deg = here_deg
+        self._read_s = now_s
         return True
 
     @property
@@ -612,7 +626,8 @@ def _number(text: str) -> float | None:
 
 
 def _open(settings: GuidedStageSettings, opening: Opening) -> Stage:
-    clock, limits = opening.clock, opening.limits
+    clock = opening.clock
+    limits = opening.limits
     if settings.encoder == "typed":
         return TypedStage(clock=clock, settings=settings, limits=limits)
     if settings.encoder == "simulated":

@@ -160,7 +160,9 @@ class Kdc101Logic:
     """The verbs of the controller. Making one connects, checks and configures it; nothing moves."""
 
     def __init__(self, *, line: AptLine, settings: Kdc101Settings, travel: Interval) -> None:
-        self._line, self._settings, self._sense = line, settings, settings.sense
+        self._line = line
+        self._settings = settings
+        self._sense = settings.sense
         # Another program may have left the controller sending its status unasked, which would pass for answers.
         line.send(apt.stop_updates())
         self.identity = line.greet()
@@ -201,7 +203,8 @@ class Kdc101Logic:
 
     def read(self) -> StageStatus:
         """Status of the controller; an error that it reports, or a lost home, is a problem."""
-        status, problem = self._status(), ""
+        status = self._status()
+        problem = ""
         if status.faults:
             problem = f"the stage reports: {', '.join(status.faults)}; look for an obstacle"
         elif not status.homed or status.homing:
@@ -270,7 +273,8 @@ class Kdc101Logic:
         raise MoveError(f"the stage does not keep its {name}: {value} was written, {read} read back; check its type")
 
     def _require_device(self) -> None:
-        info, wanted = self.identity, self._settings.serial_number
+        info = self.identity
+        wanted = self._settings.serial_number
         if info.model not in apt.CONTROLLERS:
             known = ", ".join(apt.CONTROLLERS)
             raise NotConnectedError(f"a {info.model} is at the stage's port, expected one of: {known}")
@@ -329,7 +333,8 @@ class Kdc101Stage(StandardSweepingStage[Kdc101Logic]):
         settings: Kdc101Settings | None = None,
         travel: Interval | None = None,
     ) -> None:
-        settings, travel = settings or Kdc101Settings(port="", zero_deg=0.0), travel or Limits().travel
+        settings = settings or Kdc101Settings(port="", zero_deg=0.0)
+        travel = travel or Limits().travel
         require_wide(travel, approach_deg=settings.approach_deg)
         line = AptLine(port=port, clock=clock, answer_s=_ANSWER_S, age_s=settings.age_s)
         logic = Kdc101Logic(line=line, settings=settings, travel=travel)
@@ -353,7 +358,8 @@ def _open(settings: Kdc101Settings, opening: Opening) -> Kdc101Stage:
 
 
 def _describe(settings: Kdc101Settings, stage: Kdc101Stage) -> str:
-    identity, said = stage.logic.identity, "" if stage.logic.enabled else f" ({DISABLED})"
+    identity = stage.logic.identity
+    said = "" if stage.logic.enabled else f" ({DISABLED})"
     return f"{identity.model} {identity.serial_number} at {settings.port}{said}"
 
 

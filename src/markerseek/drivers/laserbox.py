@@ -244,7 +244,8 @@ class LaserBox:
         # Stop the beats first, even if the line fails now: without a permit there is no lease to renew.
         self._line.holds_permit = False
         if self._sweep is not None and not self._sweep.ending:
-            self._sweep, self._settled = None, False
+            self._sweep = None
+            self._settled = False
         self._line.send(wire.Disarm())
         self._line.await_disarmed()
 
@@ -264,7 +265,8 @@ class LaserBox:
     def _ask_time(self, sweep: BoxSweep) -> None:
         """Ask for the box's clock, and read all lines until the answer has come or is late."""
         self._questions += 1
-        number, asked_s = self._questions, self._clock.now_s()
+        number = self._questions
+        asked_s = self._clock.now_s()
         sweep.asked_s[number] = asked_s
         self._line.send(wire.AskTime(number=number))
         while number in sweep.asked_s and self._clock.now_s() - asked_s < _TIME_S:
@@ -274,7 +276,8 @@ class LaserBox:
         """Wait until the box has sent the dark triggers of the last sweep; `LaserError` if there was light in them."""
         if self._sweep is None:
             return
-        self._sweep, seen = None, self._seen
+        self._sweep = None
+        seen = self._seen
         self._settle(patience_s=within_s)
         if self._seen != seen:
             raise stray_light(self._seen, seen)
@@ -299,7 +302,8 @@ class LaserBox:
         require_known(greeting)
         self.identity = greeting.identity
         self.metered = bool(greeting.meter)
-        self._token, self._seen = greeting.last_token, greeting.seen
+        self._token = greeting.last_token
+        self._seen = greeting.seen
         self._settled = True
 
     def _fire(self, pulses: int, triggers: int, *, expiry_s: float) -> int:

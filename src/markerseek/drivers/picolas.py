@@ -40,8 +40,11 @@ class PicolasLogic:
     def __init__(self, *, port: Port, clock: Clock, rate_hz: float) -> None:
         if not 1 <= rate_hz <= 1000 or rate_hz != round(rate_hz):
             raise ConfigError(f"picolas: rate_hz is {rate_hz} Hz, it must be a whole number from 1 to 1000")
-        self._port, self._clock, self._rate_hz = port, clock, round(rate_hz)
-        self._pulses, self._ends_s = 0, 0.0
+        self._port = port
+        self._clock = clock
+        self._rate_hz = round(rate_hz)
+        self._pulses = 0
+        self._ends_s = 0.0
         try:
             self.off()
             self._send(f"sreprate {self._rate_hz}")

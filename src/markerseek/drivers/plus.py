@@ -122,7 +122,9 @@ class PlusMessages(IgtlMessages):
         self, connection: socket.socket, clock: Clock, settings: PlusSettings, unix_s: Callable[[], float]
     ) -> None:
         super().__init__(connection, clock, device=settings.device)
-        self._settings, self._unix_s, self._armed_unix_s = settings, unix_s, 0.0
+        self._settings = settings
+        self._unix_s = unix_s
+        self._armed_unix_s = 0.0
         self.used = f"images of {settings.device}"
         self._fields: list[Mapping[str, str]] = []
         self._version: int = 1

@@ -71,7 +71,8 @@ class RosImages(PairSource):
         self._start(self._spin)
 
     def _subscribe(self, connect_s: float) -> None:
-        node, kinds = self._node, [_kind(topic) for topic in self._sources]
+        node = self._node
+        kinds = [_kind(topic) for topic in self._sources]
         for side, (topic, kind) in enumerate(zip(self._sources, kinds, strict=True)):
             node.subscribe(topic, kind, partial(self._on_image, side))
         require_found(
@@ -98,7 +99,8 @@ class RosImages(PairSource):
 
     def _on_image(self, side: int, message: Any) -> None:
         topic = self._sources[side]
-        at_s, stamp_ns = time.monotonic(), messages.stamp_ns(message)
+        at_s = time.monotonic()
+        stamp_ns = messages.stamp_ns(message)
         if stamp_ns == 0:
             raise AcquisitionError(f"{topic}: an image carries no stamp; set header.stamp to the time of the image")
         pixels = _decoded(message, topic) if _kind(topic) == _COMPRESSED else _pixels(message, topic)
@@ -127,7 +129,9 @@ def _pixels(message: Any, topic: str) -> UInt8[np.ndarray, "rows columns"] | Non
         if encoding.startswith("bayer"):
             cure = "name the topic of image_proc's debayer node instead, image_color or image_mono"
         raise AcquisitionError(f"{topic}: images are encoded as {encoding}, {', '.join(_CHANNELS)} are read; {cure}")
-    rows, columns, step = int(message.height), int(message.width), int(message.step)
+    rows = int(message.height)
+    columns = int(message.width)
+    step = int(message.step)
     data = np.frombuffer(message.data, np.uint8)
     if step < columns * channels or data.size != rows * step or not data.size:
         return None

@@ -129,7 +129,9 @@ class Ros2Stage:
 
     def __init__(self, *, node: RosNode, clock: Clock, settings: Ros2StageSettings, travel: Interval) -> None:
         self.limits = travel
-        self._node, self._clock, self._settings = node, clock, settings
+        self._node = node
+        self._clock = clock
+        self._settings = settings
         self._wait_until = partial(wait_until, node, clock)
         self._angle_deg = math.nan
         self._heard_s = -math.inf
@@ -185,7 +187,8 @@ class Ros2Stage:
 
         A node that publishes its state when it changes says nothing until it is sent somewhere.
         """
-        topic, node = self._settings.state_topic, self._node
+        topic = self._settings.state_topic
+        node = self._node
         if topic is None or self._states > 0:
             return True
         kind = node.kind_of(topic)
@@ -237,7 +240,8 @@ class Ros2Stage:
         if not state.is_busy:
             self._idle_ns = state.stamp_ns
         if state.angle_deg is not None:
-            self._in_degrees, self._reached_ns = True, state.stamp_ns
+            self._in_degrees = True
+            self._reached_ns = state.stamp_ns
             self._take(state.angle_deg)
         self._refused = (state.refused_ns, state.refused) if state.refused else self._refused
 
@@ -270,7 +274,8 @@ class Ros2Stage:
         """
         require_inside(self.limits, angle_deg)
         self._node.drain(_MAX_WAITING)
-        self._was_busy, self._refused = False, None
+        self._was_busy = False
+        self._refused = None
         readings = self._readings
         self._commanded = True
         sent_ns = self._send(angle_deg)
@@ -299,7 +304,9 @@ class Ros2Stage:
         """Name the stamps, if the stage has been busy and is idle, and no angle is stamped later than that."""
         if self._settings.state_topic is None or not self._was_busy or self._busy:
             return
-        reached_s, idle_s, now_s = 1e-9 * self._reached_ns, 1e-9 * self._idle_ns, self._node.now_s()
+        reached_s = 1e-9 * self._reached_ns
+        idle_s = 1e-9 * self._idle_ns
+        now_s = self._node.now_s()
         if reached_s < idle_s:
             raise DeviceTimeoutError(
                 f"stage: it was busy and is idle again, but its last angle is stamped {reached_s:.3f} s and its state "
@@ -363,7 +370,9 @@ class Ros2Acquisition:
     """
 
     def __init__(self, *, node: RosNode, clock: Clock, settings: Ros2ReceiverSettings) -> None:
-        self._node, self._clock, self._settings = node, clock, settings
+        self._node = node
+        self._clock = clock
+        self._settings = settings
         self._wait_until = partial(wait_until, node, clock)
         # Two searches use the same tokens; an answer to an earlier search must not be taken for an answer to this one.
         self._session = secrets.token_hex(4)
@@ -468,7 +477,8 @@ class Ros2Acquisition:
 
     def arm(self, permit: Permit) -> None:
         """Note which permit will be fired; the node arms its receiver when it is asked to fire."""
-        self._armed, self._fired = permit, None
+        self._armed = permit
+        self._fired = None
 
     def acquire(self, permit: Permit) -> Frame:
         """Frame of the request of this permit.

@@ -74,11 +74,13 @@ class Unread:
     """Bytes since the last question."""
 
     def __init__(self) -> None:
-        self._count, self._first = 0, b""
+        self._count = 0
+        self._first = b""
 
     def clear(self) -> None:
         """Forget them: a question is asked, or was answered."""
-        self._count, self._first = 0, b""
+        self._count = 0
+        self._first = b""
 
     def add(self, data: bytes) -> None:
         """Note what came."""

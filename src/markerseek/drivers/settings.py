@@ -102,7 +102,8 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
                 f"laser: pulses is {self.laser.pulses}, firing.pulses_per_permit is {self.firing.pulses_per_permit}, "
                 f"and up to {max(self.pulses)} are fired at once, at most 1024; average fewer, or permit more"
             )
-        laser, receiver = entry_of(self.laser), entry_of(self.receiver)
+        laser = entry_of(self.laser)
+        receiver = entry_of(self.receiver)
         if (laser.paired or receiver.paired) and self.laser.driver != self.receiver.driver:
             name = self.laser.driver if laser.paired else self.receiver.driver
             raise ConfigError(

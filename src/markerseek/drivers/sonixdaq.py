@@ -109,7 +109,8 @@ class DaqFolder:
                     if wire.file_number(entry.name) is None:
                         continue
                     try:
-                        status, is_file = entry.stat(), entry.is_file()
+                        status = entry.stat()
+                        is_file = entry.is_file()
                     except FileNotFoundError:  # replaced between listing and stat
                         continue
                     if is_file:
@@ -209,11 +210,14 @@ class SonixDaqReceiver:
         read.
         """
         before, since_s = self._untouched or (self._state(), self._clock.now_s())
-        seen, longest_s = before, self._settings.timeout_s + self._settings.readout_s
+        seen = before
+        longest_s = self._settings.timeout_s + self._settings.readout_s
         for _ in polls(self._clock, within_s=longest_s, every_s=_POLL_S):
-            state, now_s = self._state(), self._clock.now_s()
+            state = self._state()
+            now_s = self._clock.now_s()
             if state != seen:
-                seen, since_s = state, now_s
+                seen = state
+                since_s = now_s
             if now_s - since_s >= self._settings.readout_s:
                 break
         else:
@@ -289,7 +293,8 @@ class SonixDaqReceiver:
 
         Raises `AcquisitionError` also if files have arrived since it was connected.
         """
-        untouched, self._untouched = self._untouched, None
+        untouched = self._untouched
+        self._untouched = None
         if untouched is not None and self._state() != untouched[0]:
             raise AcquisitionError(
                 f"sonixdaq: files have arrived in {self._settings.folder} although nothing was triggered; they belong "
@@ -314,7 +319,8 @@ class SonixDaqReceiver:
         samples = self._await_files(
             before, lambda names: self._folder.read_singles(names, pulses=permit.pulses), permit=permit
         )
-        lit, dark = samples[:pulses], samples[-self._dark_triggers :]
+        lit = samples[:pulses]
+        dark = samples[-self._dark_triggers :]
         if len(lit) + len(dark) > len(samples):
             raise AcquisitionError(
                 f"sonixdaq: {len(lit)} of {len(samples)} triggers had light, and the last {self._dark_triggers} must "
@@ -340,15 +346,18 @@ class SonixDaqReceiver:
 
     def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT], *, permit: Permit) -> ReadT:
         """What is read of the new files, by their names, once they are complete and unchanged."""
-        seen, since_s = before, self._clock.now_s()
+        seen = before
+        since_s = self._clock.now_s()
         for _ in polls(self._clock, within_s=self._settings.timeout_s, every_s=_POLL_S):
             names: list[str] = []
             # What cannot be read now may still be held by its writer: it is not complete yet.
             try:
                 # Polled: change notices of the system (inotify) do not cross a network drive.
-                state, now_s = self._folder.state(), self._clock.now_s()
+                state = self._folder.state()
+                now_s = self._clock.now_s()
                 if state != seen:
-                    seen, since_s = state, now_s
+                    seen = state
+                    since_s = now_s
                 names = _numbered(name for name, file in state.items() if before.get(name) != file)
                 missing = next(filter(None, map(self._folder.incomplete, names)), "")
                 if len(names) == wire.CHANNELS and not missing and now_s - since_s >= self._settings.stable_s:

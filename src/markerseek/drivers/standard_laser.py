@@ -38,7 +38,8 @@ class Permits:
     """
 
     def __init__(self, name: str, clock: Clock) -> None:
-        self._name, self._clock = name, clock
+        self._name = name
+        self._clock = clock
         self._used: set[str] = set()
 
     def require_unused(self, permit: Permit | SweepPermit) -> None:
@@ -73,7 +74,10 @@ class StandardLaser(Generic[LogicT]):
     """
 
     def __init__(self, logic: LogicT, *, clock: Clock, rate_hz: float, name: str) -> None:
-        self.logic, self._clock, self._rate_hz, self._name = logic, clock, rate_hz, name
+        self.logic = logic
+        self._clock = clock
+        self._rate_hz = rate_hz
+        self._name = name
         self._permits = Permits(name, clock)
 
     @property

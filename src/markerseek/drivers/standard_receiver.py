@@ -58,7 +58,9 @@ class Frames:
     """Makes the frames of a receiver, numbered; an acquisition ends when its frame is made."""
 
     def __init__(self, clock: Clock, sampling_hz: float) -> None:
-        self._clock, self._sampling_hz, self._sequence = clock, sampling_hz, 0
+        self._clock = clock
+        self._sampling_hz = sampling_hz
+        self._sequence = 0
 
     def made_of(
         self, samples: Int16[np.ndarray, "channels samples"], permit: Permit, *, pulses: int, started_s: float
@@ -135,8 +137,12 @@ class StandardReceiver(Generic[MessagesT]):
         timeout_s: float = 20.0,
         quiet_s: float = 0.2,
     ) -> None:
-        self.messages, self._clock, self._dark_triggers = messages, clock, dark_triggers
-        self._frames, self._timeout_s, self._quiet_s = Frames(clock, sampling_hz), timeout_s, quiet_s
+        self.messages = messages
+        self._clock = clock
+        self._dark_triggers = dark_triggers
+        self._frames = Frames(clock, sampling_hz)
+        self._timeout_s = timeout_s
+        self._quiet_s = quiet_s
         self._armed: tuple[Permit, float] | None = None
 
     @property
@@ -254,9 +260,11 @@ class ConnectionMessages(ABC, Generic[MessageT]):
 
     def __init__(self, connection: socket.socket, clock: Clock) -> None:
         connection.setblocking(False)
-        self.connection, self._clock = connection, clock
+        self.connection = connection
+        self._clock = clock
         self._decoding: Iterator[MessageT | None] = iter(())
-        self._came, self._since_s = 0, clock.now_s()
+        self._came = 0
+        self._since_s = clock.now_s()
         self.emulated = False
 
     @abstractmethod
@@ -273,7 +281,8 @@ class ConnectionMessages(ABC, Generic[MessageT]):
         Raises `NotConnectedError` if the connection has ended, or more messages come than can be taken.
         """
         messages: list[MessageT] = []
-        room, taken = _MAX_TAKEN, 0
+        room = _MAX_TAKEN
+        taken = 0
         while taken < _MAX_TAKEN_BYTES:
             try:
                 some = list(islice(self._decoding, room))

@@ -128,7 +128,9 @@ class StandardStage(Generic[LogicT]):
 
     def __init__(self, logic: LogicT, *, clock: Clock, travel: Interval, rules: StageRules) -> None:
         require_wide(travel, approach_deg=rules.approach_deg)
-        self.logic, self.limits, self.rules = logic, travel, rules
+        self.logic = logic
+        self.limits = travel
+        self.rules = rules
         self._clock = clock
         self.approach_reversed = False
         self._usual = UP if rules.approach_from == "below" else DOWN
@@ -195,7 +197,8 @@ class StandardStage(Generic[LogicT]):
             if not arrived:
                 self._stop_after_error()
         # From here on the stage must read this position: any other means that something turned it.
-        self._rest_deg, self._pushed = here_deg, approach.direction
+        self._rest_deg = here_deg
+        self._pushed = approach.direction
         self.approach_reversed = approach.reversed
         return here_deg
 
@@ -319,7 +322,9 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
 
     def end_sweep(self) -> None:
         """Restore the speed of moves; raises as `prepare_sweep`."""
-        sweep, self._sweep, self._move = self._sweep, None, None
+        sweep = self._sweep
+        self._sweep = None
+        self._move = None
         if sweep is not None:
             self._rest_deg = sweep.here_deg
             pushed = abs(sweep.here_deg - sweep.start_deg) >= self.rules.approach_deg
@@ -342,7 +347,9 @@ class Sweep:
     """
 
     def __init__(self, logic: SweepLogic, move: Move, rules: StageRules, *, to_deg: float, start_deg: float) -> None:
-        self._logic, self._move, self._rules = logic, move, rules
+        self._logic = logic
+        self._move = move
+        self._rules = rules
         self.start_deg = self.here_deg = start_deg
         self.heading = 1 if to_deg > start_deg else -1
         self._to_deg = to_deg

@@ -86,7 +86,9 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
         self, connection: socket.socket, clock: Clock, settings: VantageSettings, unix_s: Callable[[], float]
     ) -> None:
         super().__init__(connection, clock)
-        self._settings, self._unix_s, self._armed_unix_s = settings, unix_s, 0.0
+        self._settings = settings
+        self._unix_s = unix_s
+        self._armed_unix_s = 0.0
         self._framer = wire.VantageFramer()
         self._counter = self._armed_counter = 0
         self._shape: tuple[int, ...] | None = None
@@ -94,7 +96,8 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
 
     def arm(self) -> None:
         """Note the time of day, and the counter of the last frame."""
-        self._armed_unix_s, self._armed_counter = self._unix_s(), self._counter
+        self._armed_unix_s = self._unix_s()
+        self._armed_counter = self._counter
 
     def samples(self, messages: list[wire.VantageFrame]) -> Int16[np.ndarray, "channels samples"]:
         """Mean of the frames, whose counters are one after the other since the last frame that came."""
@@ -136,7 +139,8 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
     def _require_in_time(self, frames: list[wire.VantageFrame], armed_unix_s: float) -> None:
         now_s = self._unix_s()
         for frame in frames:
-            early_s, late_s = armed_unix_s - frame.time_s, frame.time_s - now_s
+            early_s = armed_unix_s - frame.time_s
+            late_s = frame.time_s - now_s
             if not max(early_s, late_s) <= self._settings.clock_s:
                 said = (
                     f"sent {early_s:.3f} s before the receiver was armed"

@@ -76,7 +76,8 @@ class XimcLogic:
                 f"stage: uri is {settings.uri!r}, it must begin with xi-com:, xi-tcp:, xi-net: or xi-emu:"
             )
         self.emulated = settings.uri.startswith(_VIRTUAL)
-        self._settings, self._travel = settings, travel
+        self._settings = settings
+        self._travel = travel
         self._sense = settings.sense
         self.serial_number = 0
         self._microsteps = 1
@@ -112,7 +113,8 @@ class XimcLogic:
 
     def _set_up(self) -> None:
         """Check the controller, and write speed, borders and backlash, which are wrong after it was switched on."""
-        settings, axis = self._settings, self._axis
+        settings = self._settings
+        axis = self._axis
         self.serial_number = int(axis.get_serial_number())
         if settings.serial_number not in (None, self.serial_number):
             raise NotConnectedError(
@@ -124,7 +126,8 @@ class XimcLogic:
         # Its own approach goes beyond a target, and back.
         engine.EngineFlags &= ~self._ximc.EngineFlags.ENGINE_ANTIPLAY
         axis.set_engine_settings(engine)
-        speed, acceleration = self._in_steps(settings.speed_deg_s), self._in_steps(settings.acceleration_deg_s2)
+        speed = self._in_steps(settings.speed_deg_s)
+        acceleration = self._in_steps(settings.acceleration_deg_s2)
         if not 1 <= speed <= 100_000:
             raise ConfigError(f"stage: {speed:g} steps/s is no speed of an 8SMC5; correct steps_per_deg or speed_deg_s")
         moves = axis.get_move_settings()
@@ -139,7 +142,8 @@ class XimcLogic:
         borders.LeftBorder, borders.uLeftBorder = self._split(low)
         borders.RightBorder, borders.uRightBorder = self._split(high)
         axis.set_edges_settings(borders)
-        kept, kept_borders = axis.get_move_settings(), axis.get_edges_settings()
+        kept = axis.get_move_settings()
+        kept_borders = axis.get_edges_settings()
         written = (moves.Speed, moves.Accel, moves.Decel, borders.LeftBorder, borders.RightBorder)
         read = (kept.Speed, kept.Accel, kept.Decel, kept_borders.LeftBorder, kept_borders.RightBorder)
         if written != read or kept_borders.BorderFlags != borders.BorderFlags:
@@ -189,7 +193,8 @@ class XimcLogic:
         """Its angle: of the encoder where the controller uses one, else the count of its steps; and its errors."""
         with self._errors(NotConnectedError, "asking for its status"):
             status = self._axis.get_status()
-        flags, command = self._ximc.StateFlags, self._ximc.MvcmdStatus
+        flags = self._ximc.StateFlags
+        command = self._ximc.MvcmdStatus
         wrong = (
             flags.STATE_ALARM | flags.STATE_CTP_ERROR | flags.STATE_ENCODER_FAULT | flags.STATE_ENGINE_RESPONSE_ERROR
         )

@@ -189,7 +189,10 @@ class SimulatedParts:
         settings = read_simulated(None if keys.world is None else Path(keys.world), cure="name one of kind simulated")
         settings = structs.replace(settings, receiver=structs.replace(settings.receiver, sampling_hz=keys.sampling_hz))
         rng = np.random.default_rng(keys.seed)
-        self._settings, self._bench, self._readout_s, self._rng = settings, bench, keys.readout_s, rng
+        self._settings = settings
+        self._bench = bench
+        self._readout_s = keys.readout_s
+        self._rng = rng
         self._world = draw_scene(settings, rng).world(settings, rng)
 
     def opened(self, settings: DeviceKeys, *, clock: Clock, stage: Stage | None) -> Any:

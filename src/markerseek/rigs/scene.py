@@ -139,7 +139,8 @@ def _scaled(
     # Coloured noise has the spectrum of the receive band; 513 bins resolve it for the beamformer's gain.
     power = Band().gain(np.linspace(0, model.sampling_hz / 2, 513)) ** 2
     share = settings.noise.coloured
-    white, coloured = np.sqrt(1 - share), np.sqrt(share)
+    white = np.sqrt(1 - share)
+    coloured = np.sqrt(share)
     gain = math.hypot(
         beamformed_sigma(white, preset=imaging.preset),
         beamformed_sigma(coloured, preset=imaging.preset, power=power),
@@ -170,7 +171,8 @@ def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
     flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter / averaged
     noise = _NOISE_SIGMAS * sigma_over_largest
     if settings.receiver.single_pulses:
-        flash, noise = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter, noise * averaged
+        flash = 1 + _JITTER_SIGMAS * settings.laser.energy_jitter
+        noise = noise * averaged
     # One count below full scale, at which the guard takes a channel for saturated.
     markers = 2 if settings.second.present else 1
     most = (LARGEST_COUNT - 1) / (markers * _OFF_PLANE * flash + noise)
@@ -192,8 +194,10 @@ def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticMo
 
 def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
     """Marker of strength 1; its position is drawn where the settings leave it open."""
-    search, reach_m = settings.limits.search, _reach_m(settings)
-    angle_deg, lateral_m = rng.uniform(search.low_deg, search.high_deg), rng.uniform(-reach_m, reach_m)
+    search = settings.limits.search
+    reach_m = _reach_m(settings)
+    angle_deg = rng.uniform(search.low_deg, search.high_deg)
+    lateral_m = rng.uniform(-reach_m, reach_m)
     return _placed(settings.marker, angle_deg=angle_deg, lateral_m=lateral_m)
 
 
@@ -244,7 +248,8 @@ def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
     without noise: one frame for each angle of a fixed grid. A single absorber without clutter gives the same curve on
     both sides, which is computed on one.
     """
-    reader, marker = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz), scene.marker
+    reader = image_reader(scene.model.probe.array, sampling_hz=scene.model.sampling_hz)
+    marker = scene.marker
     gain_to_counts = MAX_COUNTS / scene.peak_counts
     absorbers = [structs.replace(absorber, strength=absorber.strength * gain_to_counts) for absorber in scene.absorbers]
 
@@ -285,7 +290,8 @@ def _separate(picture: PaImage) -> list[float]:
     if largest > 0:
         # 64 candidates, because one resolution cell has several local maxima.
         for row, column in strongest_peaks(picture.envelope, level=largest / 10, limit=64):
-            depth_m, lateral_m = float(picture.depth_m[row]), float(picture.lateral_m[column])
+            depth_m = float(picture.depth_m[row])
+            lateral_m = float(picture.lateral_m[column])
             if all(
                 abs(depth_m - depth) >= _APART_DEPTH_M or abs(lateral_m - lateral) >= _APART_LATERAL_M
                 for depth, lateral, _ in kept

@@ -197,7 +197,8 @@ def simulated(
     ConfigError
         If a setting cannot be used.
     """
-    seed, pace = require_seed(seed), float(pace)
+    seed = require_seed(seed)
+    pace = float(pace)
     if not isinstance(settings, SimulatedSettings):
         path = None if settings is None else Path(settings)
         settings = read_simulated(path, cure="a simulated rig is needed: name a file of kind simulated")
@@ -210,7 +211,8 @@ def simulated(
         readout_s=_number(readout_s),
     )
     settings = with_options(settings, chosen)
-    rng, clock = np.random.default_rng(seed), VirtualClock(pace=pace, beat=beat)
+    rng = np.random.default_rng(seed)
+    clock = VirtualClock(pace=pace, beat=beat)
     scene = draw_scene(settings, rng)
     hidden = scene.hidden_noise(settings, pulses=settings.laser.pulses)
     if hidden is not None:

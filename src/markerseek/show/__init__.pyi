@@ -1,4 +1,4 @@
-from .curve import NAME_WITHOUT_CLAIM, DrawnAngle, DrawnCurve, DrawnInterval, Mark, Threshold, curve_of, stand_in
+from .curve import NAME_WITHOUT_CLAIM, DrawnAngle, DrawnCurve, DrawnInterval, Mark, Threshold, drawn_curve, stand_in
 from .curve_figure import comparison_figure, curve_figure, pictured_sample
 from .curve_svg import as_html, curve_svg, errors_svg
 from .files import (
@@ -10,7 +10,7 @@ from .files import (
     write_page,
 )
 from .flat import flat_answer, flat_result
-from .frame_picture import bank_figure, frame_figure
+from .frame_picture import frame_figure, peak_figure
 from .grey import RANGE_DB, grey_levels
 from .log import STOPPED, event_line
 from .registration_picture import registration_figure
@@ -60,12 +60,11 @@ __all__ = [
     "answer_name",
     "answer_reason",
     "as_html",
-    "bank_figure",
     "comparison_figure",
     "curve_figure",
-    "curve_of",
     "curve_svg",
     "digits_of",
+    "drawn_curve",
     "errors_svg",
     "estimate_line",
     "event_line",
@@ -80,6 +79,7 @@ __all__ = [
     "others_rows",
     "outliers_rows",
     "panel_grid",
+    "peak_figure",
     "pictured_sample",
     "png_data_uri",
     "registration_figure",

@@ -138,7 +138,7 @@ class DrawnCurve(msgspec.Struct, frozen=True, kw_only=True):
         return middle_deg - INSET_DEG, middle_deg + INSET_DEG
 
 
-def curve_of(view: RunView, *, reveal: bool) -> DrawnCurve:
+def drawn_curve(view: RunView, *, reveal: bool) -> DrawnCurve:
     """Return the curve of a run after one of its events.
 
     ``reveal``: whether the angle of the marker that is known otherwise is shown.

@@ -152,7 +152,7 @@ def _labels(curve: DrawnCurve, frame: _Frame) -> list[str]:
 
 
 def errors_svg(errors: Sequence[tuple[int, float, float]], *, goal_mm: float) -> str:
-    """The expected error of a registration after each marker, with its goal.
+    """Return the expected error of a registration after each marker, with its goal, as SVG.
 
     ``errors``: number of markers, expected error, and the error below which 95 % are, both in millimetres.
     """
@@ -173,7 +173,7 @@ def errors_svg(errors: Sequence[tuple[int, float, float]], *, goal_mm: float) ->
 
 
 def as_html(title: str, rows: Iterable[tuple[str, str | None]], picture: str) -> str:
-    """A title, names with values (those of None are left out), and a picture, which is SVG already."""
+    """Return HTML of a title, names with values (those of None are left out), and a picture, which is SVG already."""
     cells = "".join(
         f'<tr><th style="text-align:left">{escape(name)}</th><td style="text-align:left">{escape(value)}</td></tr>'
         for name, value in rows

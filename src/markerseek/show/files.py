@@ -39,7 +39,7 @@ def require_room_for_pictures(folder: Path) -> None:
 
 @contextmanager
 def new_picture(path: Path, *, what: str) -> Iterator[Path]:
-    """A temporary path beside `path`, renamed when the block succeeds; the folder is made if missing.
+    """Yield a temporary path beside `path`, renamed when the block succeeds; the folder is made if missing.
 
     ``path``: file to write; an existing one is replaced. ``what``: what it holds, for the message: "picture".
     """
@@ -72,7 +72,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def png_data_uri(figure: Figure) -> str:
-    """The figure as a PNG ``data:`` URI, for a page that loads no other file."""
+    """Return the figure as a PNG ``data:`` URI, for a page that loads no other file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=120, format="png")
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

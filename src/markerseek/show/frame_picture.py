@@ -40,7 +40,7 @@ _MIN_WIDTH_IN = 2.8
 
 
 def frame_figure(image: PaImage, *, marks_m: Sequence[tuple[float, float]], title: str) -> Figure:
-    """Figure of one frame: its photoacoustic image with numbered arrivals.
+    """Return the figure of one frame: its photoacoustic image with numbered arrivals.
 
     ``marks_m``: lateral position and depth of each arrival, strongest first.
     """
@@ -74,7 +74,7 @@ def frame_figure(image: PaImage, *, marks_m: Sequence[tuple[float, float]], titl
     return figure
 
 
-def bank_figure(
+def peak_figure(
     angles_deg: Sequence[float],
     intensities: Sequence[float],
     *,
@@ -87,7 +87,7 @@ def bank_figure(
     dark_level: float | None,
     image: PaImage | None,
 ) -> Figure:
-    """Figure of one bank.
+    """Return the figure of the peak of one bank.
 
     ``max_deg``, ``com_deg``, ``cen_deg``, ``fwhm_deg``: statistics of the peak; None if the curve has none.
     ``reference_deg``: known angle of the marker, or None. ``dark_level``: largest intensity of a frame without laser.

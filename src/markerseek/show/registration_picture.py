@@ -28,7 +28,7 @@ def registration_figure(
     target_m: Sequence[float],
     title: str,
 ) -> Figure:
-    """Figure of one registration.
+    """Return the figure of one registration.
 
     ``trus_m``, ``transformed_m``: the points in the TRUS frame, as the searches found them and as the transformed
     camera points. ``target_m``: where the target registration error is given, in the TRUS frame. ``title``: what was

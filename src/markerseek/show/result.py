@@ -29,7 +29,7 @@ from markerseek.core import (
     rig_in_words,
 )
 from markerseek.records.journal import RunView
-from markerseek.show.curve import NAME_WITHOUT_CLAIM, curve_of
+from markerseek.show.curve import NAME_WITHOUT_CLAIM, drawn_curve
 from markerseek.show.curve_svg import as_html, curve_svg
 from markerseek.show.words import (
     NO_CLAIM,
@@ -274,7 +274,7 @@ class SearchResult:
 
     def _repr_html_(self) -> str:
         """The answer and the intensities, for a notebook."""
-        return as_html(self._heading(), self.rows, curve_svg(curve_of(self.run, reveal=True)))
+        return as_html(self._heading(), self.rows, curve_svg(drawn_curve(self.run, reveal=True)))
 
     def _heading(self) -> str:
         if self._end.searched is not None:

@@ -25,7 +25,7 @@ ERROR_BARS: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.2, "elinewidth":
 
 
 def new_figure(*, width_in: float, height_in: float, heading: str | None = None, fontsize: float = 12.0) -> Figure:
-    """Empty figure that needs no display, with a heading over the whole of it.
+    """Return an empty figure that needs no display, with a heading over the whole of it.
 
     ``width_in``, ``height_in``: size in inches. ``heading``, ``fontsize``: the heading, which is wrapped to the width,
     and its size in points; None: no heading.
@@ -52,7 +52,7 @@ def panel_grid(
     panel_in: tuple[float, float],
     y_scale: Literal["linear", "log"] = "linear",
 ) -> tuple[Figure, list[Axes]]:
-    """Figure with panels that share both axes, and the axes of the panels, row by row.
+    """Return a figure with panels that share both axes, and the axes of the panels, row by row.
 
     ``x_label``, ``y_label``: labels of the shared axes. ``columns``: most panels in a row. ``panel_in``: width and
     height of one panel in inches.

@@ -27,7 +27,7 @@ def tip_figure(
     low_deg: float | None = None,
     high_deg: float | None = None,
 ) -> Figure:
-    """Figure of a series.
+    """Return the figure of a series.
 
     ``frames``, ``images``: in the order of the angles. ``low_deg``, ``high_deg``: ends of the sensitive range.
     """

@@ -68,7 +68,7 @@ class Verdict:
 
 
 def verdict_of(view: RunView, *, next_step: str = "") -> Verdict:
-    """The verdict after an event; an angle counts as found only once the search is over and says so.
+    """Return the verdict after an event; an angle counts as found only once the search is over and says so.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def _turn(view: RunView, belief: AngleBelief) -> str:
 
 
 def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> list[tuple[str, str]]:
-    """Names and formatted values of a run, besides its verdict.
+    """Return names and formatted values of a run, besides its verdict.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ NO_CLAIM = "the paper's form of a method always answers, also where there is no 
 
 
 def answer_name(estimate: Estimate) -> AnswerName:
-    """Name of an answer in the JSON output."""
+    """Return the name of an answer in the JSON output."""
     match estimate:
         case Found():
             return "found"
@@ -43,7 +43,7 @@ def answer_name(estimate: Estimate) -> AnswerName:
 
 
 def answer_reason(estimate: Estimate) -> str | None:
-    """Why an answer names no angle, in one sentence; None if the marker was found."""
+    """Return why an answer names no angle, in one sentence; None if the marker was found."""
     match estimate:
         case Found():
             return None
@@ -69,7 +69,7 @@ def _which_of(estimate: Ambiguous) -> str:
 
 
 def angle_text(belief: AngleBelief) -> str:
-    """The angle that an answer names, or its angles, as precisely as it is known; empty if nothing was detected."""
+    """Return the angle that an answer names, or its angles, as precisely as known; empty if nothing was detected."""
     estimate = belief.estimate
     # The angle of a search that detected nothing is that of the noise.
     if isinstance(estimate, NotFound):
@@ -81,18 +81,18 @@ def angle_text(belief: AngleBelief) -> str:
 
 
 def digits_of(sigma_deg: float) -> int:
-    """Digits behind the point that show two significant digits of a standard deviation."""
+    """Return how many digits behind the point show two significant digits of a standard deviation."""
     # Rounded first: 0.0996 is 0.10 and not 0.100.
     return 3 if sigma_deg <= 0 else max(0, 1 - math.floor(math.log10(float(f"{sigma_deg:.1e}"))))
 
 
 def with_minus(text: str) -> str:
-    """A text whose negative numbers have a minus sign instead of a hyphen."""
+    """Return a text with minus signs instead of hyphens in its negative numbers."""
     return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
 
 
 def sigma_text(belief: AngleBelief) -> str:
-    """Its standard deviation with two significant digits; empty if the answer has none, or names several angles."""
+    """Return the standard deviation with two significant digits; empty without one, and if there are several angles."""
     sigma_deg = belief.sigma_deg
     # That of an ambiguous answer is of one of its sources, and would be read as that of the last angle.
     if sigma_deg is None or isinstance(belief.estimate, Ambiguous):
@@ -101,7 +101,7 @@ def sigma_text(belief: AngleBelief) -> str:
 
 
 def interval_text(belief: AngleBelief) -> str:
-    """The 95 % interval of an angle, and how far it reaches from it at the marker, if that is known."""
+    """Return the 95 % interval of an angle, and how far it reaches from the angle at the marker, if that is known."""
     # Of one source only where an answer names several.
     if belief.interval95_deg is None or belief.sigma_deg is None or isinstance(belief.estimate, Ambiguous):
         return ""
@@ -123,7 +123,7 @@ def answer_line(
     reason: str | None = None,
     as_published: bool = False,
 ) -> str:
-    """An answer with its angle and reason, in one line that claims no more than the method does.
+    """Return an answer with its angle and reason, in one line that claims no more than the method does.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ NAMED_OUTLIERS = 4
 
 
 def outliers_rows(outliers_deg: Sequence[float]) -> list[tuple[str, str]]:
-    """Row of the samples that an answer leaves out, and why; none without them."""
+    """Return the row of the samples that an answer leaves out, and why; none without them."""
     if not outliers_deg:
         return []
     angles = ", ".join(f"{each:.2f}°" for each in outliers_deg[:NAMED_OUTLIERS])
@@ -222,12 +222,12 @@ def motion_rows(motion: MarkerMotion | None) -> list[tuple[str, str]]:
 
 
 def acquisitions_text(acquisitions: int, refused: int) -> str:
-    """Number of acquisitions, and of those that were refused."""
+    """Return the number of acquisitions, and of those that were refused."""
     return str(acquisitions) + (f", {refused} refused" if refused else "")
 
 
 def time_text(elapsed_s: float, *, known_s: float | None, simulated: bool) -> str:
-    """Duration of a search on the clock of its rig.
+    """Return the duration of a search on the clock of its rig.
 
     ``known_s``: time to the answer, before the probe turned to the marker; None if there was none.
     """

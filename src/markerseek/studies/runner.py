@@ -140,7 +140,8 @@ def _whole_trials(table: IO[bytes], study: Study) -> int:
                 break
             place += len(line)
             if (number + 1) % len(study.policies) == 0:
-                end, trials = place, trials + 1
+                end = place
+                trials = trials + 1
     table.seek(end)
     table.truncate()
     if end == 0:

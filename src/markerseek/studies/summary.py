@@ -267,7 +267,9 @@ def _is_wrong_claim(row: Row) -> bool:
 
 def _covers(row: Row) -> bool:
     """Whether the 95 % interval holds the truth."""
-    low_deg, truth_deg, high_deg = row.low_deg, row.truth_deg, row.high_deg
+    low_deg = row.low_deg
+    truth_deg = row.truth_deg
+    high_deg = row.high_deg
     return low_deg is not None and truth_deg is not None and high_deg is not None and low_deg <= truth_deg <= high_deg
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from msgspec import structs
@@ -143,7 +142,7 @@ class FaultyStage(Faulty):
         if (late := self.has("late readings")) is not None:
             self._clock.wait(late.amount)
             reading = structs.replace(reading, answered_s=self._clock.now_s())
-        return replace(reading, angle_deg=self._told_deg(reading.angle_deg))
+        return structs.replace(reading, angle_deg=self._told_deg(reading.angle_deg))
 
     def _notice(self, reading: StageReading) -> None:
         """Note that it turns too fast, or too far: only then has it done something wrong."""

@@ -25,7 +25,7 @@ from markerseek.core import (
     Unsure,
 )
 from markerseek.records.journal import RunView
-from markerseek.show import DrawnCurve, curve_of
+from markerseek.show import DrawnCurve, drawn_curve
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 INTERVAL = Interval(low_deg=2.8, high_deg=3.2)
@@ -38,7 +38,7 @@ def curve_after(estimate: Estimate | None, *, phase: Any = "finished", **known: 
     belief = None if estimate is None else AngleBelief(estimate=estimate, **known)
     facts = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE, truth_deg=3.1)
     view = RunView(plan=SearchPlan(method="ternary"), facts=facts, phase=phase, belief=belief)
-    return curve_of(view, reveal=False)
+    return drawn_curve(view, reveal=False)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_before_the_first_event_there_is_a_range_and_nothing_else() -> None:
 def test_a_result_has_the_curve_of_its_run_and_json_keeps_it() -> None:
     rig = markerseek.simulated(seed=2, marker_deg=-4.0)
     result = markerseek.find_marker(rig)
-    curve = curve_of(result.run, reveal=True)
+    curve = drawn_curve(result.run, reveal=True)
     assert result.found
     assert [mark.text for mark in curve.marks] == [*(str(n + 1) for n in range(result.acquisitions)), "✓"]
     assert curve.known is not None
@@ -128,7 +128,7 @@ def test_a_result_has_the_curve_of_its_run_and_json_keeps_it() -> None:
 
 def test_of_a_recording_the_marks_are_those_of_its_search_and_all_angles_are_the_recorded_curve() -> None:
     result = markerseek.find_marker(markerseek.replayed(EXAMPLES / "two_sources.csv"))
-    curve = curve_of(result.run, reveal=True)
+    curve = drawn_curve(result.run, reveal=True)
     assert result.search is not None
     assert len(curve.marks) == result.search.acquisitions
     assert curve.recorded_deg == tuple(each.angle_deg for each in result.samples)

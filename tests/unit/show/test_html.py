@@ -10,7 +10,7 @@ import pytest
 
 import markerseek
 from markerseek.records.banks import read_arrays, read_bank
-from markerseek.show import SearchResult, as_html, curve_of, with_minus
+from markerseek.show import SearchResult, as_html, drawn_curve, with_minus
 
 SCAN = Path(__file__).parents[3] / "examples" / "simulated_scan.csv"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -40,7 +40,7 @@ def test_the_search_of_a_recording_is_a_result_of_its_own(result: SearchResult) 
     search = result.search
     assert search.search is None
     assert search.angle_deg != result.angle_deg
-    curve = curve_of(search.run, reveal=False)
+    curve = drawn_curve(search.run, reveal=False)
     assert [each.angle_deg for each in curve.answers] == [search.angle_deg]
     assert [each.angle_deg for each in curve.marks] == [each.angle_deg for each in search.samples]
     # The density at the end of the run is that of all angles.

@@ -14,7 +14,7 @@ pytest.importorskip("matplotlib", reason="needs the extra plot")
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from markerseek.show import bank_figure, frame_figure, png_data_uri, write_page
+from markerseek.show import frame_figure, peak_figure, png_data_uri, write_page
 
 LONG = (
     r"posterior on a replayed rig: /data/a folder of recordings, " * 4 + r"named $\notacommand$ and $x_1$ by somebody"
@@ -32,7 +32,7 @@ def frame_of(title: str) -> Figure:
 
 
 def bank_of(title: str) -> Figure:
-    return bank_figure(
+    return peak_figure(
         [1.0, 2.0, 3.0], [1.0, 5.0, 2.0], title=title, max_deg=2.0, com_deg=2.1, cen_deg=2.0, fwhm_deg=1.0,
         reference_deg=None, dark_level=9.0, image=None,
     )  # fmt: skip

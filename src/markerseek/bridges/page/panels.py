@@ -13,7 +13,7 @@ from markerseek.bridges.page.page_shell import Fan, Heading, Image, Slider
 from markerseek.bridges.page.run_history import Picture, RunHistory, fan_model, image_model, image_texts, is_image_of
 from markerseek.core import Interval, RigFacts, SearchPlan
 from markerseek.records.journal import RunView
-from markerseek.show import Verdict, curve_of, curve_svg, numbers_of
+from markerseek.show import Verdict, curve_svg, drawn_curve, numbers_of
 
 LOG_LINES = 10
 """Lines of the log that are shown."""
@@ -118,7 +118,7 @@ class RunCharts:
         view = view or self._nothing
         if view is not self._shown:
             self._shown = view
-            curve = curve_of(view, reveal=view.phase == "finished")
+            curve = drawn_curve(view, reveal=view.phase == "finished")
             self._fan.show(view=fan_model(view, curve))
             self._curve.set_content(curve_svg(curve))
 

@@ -51,7 +51,7 @@ from markerseek.show import (
     RANGE_DB,
     angle_text,
     answer_name,
-    curve_of,
+    drawn_curve,
     event_line,
     flat_result,
     interval_text,
@@ -83,7 +83,7 @@ def shown(session, events) -> list[RunView]:
 
 
 def fan_of(view: RunView) -> dict[str, Any]:
-    return fan_model(view, curve_of(view, reveal=view.phase == "finished"))
+    return fan_model(view, drawn_curve(view, reveal=view.phase == "finished"))
 
 
 def a_view(kind="simulated", **known) -> RunView:
@@ -241,7 +241,7 @@ def test_numbers_of_a_run_at_its_end():
 def test_truth_is_hidden_until_the_end():
     session, events = finished_run("posterior")
     *before, last = shown(session, events)
-    assert curve_of(last, reveal=False).known is None
+    assert drawn_curve(last, reveal=False).known is None
     assert {fan_of(each)["curve"]["known"] is None for each in before} == {True}
     assert fan_of(last)["curve"]["known"]["angle_deg"] == -9.4
 
@@ -303,7 +303,7 @@ def test_only_angles_that_are_claimed_are_named(estimate, angle, answers_deg, ot
         verdict = verdict_of(replace(snapshot, phase="finished"))
         assert (verdict.word, verdict.interval) == ("AMBIGUOUS", "")
         assert verdict.reason == "the samples fit a marker at each of −24.90 deg and 0.80 deg"
-    curve = curve_of(snapshot, reveal=False)
+    curve = drawn_curve(snapshot, reveal=False)
     assert [each.angle_deg for each in curve.answers] == answers_deg
     assert [each.angle_deg for each in curve.others] == others_deg
     rows = dict(numbers_of(snapshot, name="ternary"))
