@@ -103,9 +103,9 @@ def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, state
     clear = [each for each in moments if each.clear]
     unknown = np.zeros(len(samples)), np.ones(len(samples))
     if len(clear) < LEAST_SEEN:
-        return TurnMotion(
-            probability=along_turn(prior, None), lateral_m=None, depth_m=None, seen=unknown[0], unseen=unknown[1]
-        )
+        # What cannot be seen is not assumed, unless it is stated: the answer says that it was not seen.
+        known = along_turn(overall_prior(stated_m or 0.0), None)
+        return TurnMotion(probability=known, lateral_m=None, depth_m=None, seen=unknown[0], unseen=unknown[1])
     logs = _log_likelihoods_of(clear)
     probability = along_turn(prior, logs)
     seen, unseen = _displacements(moments, count=len(samples)) if probability[0] < SEEN_BELOW else unknown

@@ -115,7 +115,8 @@ def test_what_shows_no_place_says_nothing_of_motion() -> None:
     bare = [replace(each, reading=Reading(intensity=50.0)) for each in moved_samples(amplitude_m=1e-3)]
     motion = motion_of(bare, mean_deg=0.0, sigma=1.0)
     assert (motion.lateral_m, motion.depth_m, motion.looked_at) == (None, None, False)
-    assert motion.probability[0] == pytest.approx(0.9)
+    assert motion.probability[0] == 1.0
+    assert motion_of(bare, mean_deg=0.0, sigma=1.0, stated_m=1e-3).probability[0] == 0.0
     assert motion.unseen.tolist() == [1.0] * 8
 
 
