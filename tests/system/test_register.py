@@ -227,7 +227,8 @@ def test_pixels_are_triangulated_with_the_calibration_of_the_endoscope(shell: Sh
     assert 0.5e-3 < report["expected_fre_m"] < 1.2e-3
     # Most of it is the focal length, which no point shows.
     assert 0.4e-3 < report["tre_m"] < 0.7e-3
-    assert [error["name"] for error in report["shared"]][:5] == ["focal length", "vergence", "base", "depth of the source", "sound speed"]
+    names = [error["name"] for error in report["shared"]]
+    assert names[:5] == ["focal length", "vergence", "base", "depth of the source", "sound speed"]
     for words, said in (
         (("--cameras", EXAMPLE), "is not valid TOML"),
         ((), "it has pixels; name the calibration of the endoscope by --cameras FILE"),

@@ -10,6 +10,7 @@ from .registration import (
     registration_errors,
 )
 from .stereo_motion import (
+    CalibrationErrors,
     RangedPoints,
     StereoMotion,
     StereoPixels,
@@ -24,6 +25,7 @@ from .transform import RigidTransform
 __all__ = [
     "MIN_POINTS",
     "OFFSET_FACTORS",
+    "CalibrationErrors",
     "Camera",
     "RangedPoints",
     "Registration",
