@@ -14,7 +14,7 @@ from sphinx.errors import PycodeError
 from sphinx.pycode import ModuleAnalyzer
 
 from markerseek.core import ConfigError, options_of
-from markerseek.drivers import BenchProbe, BenchSettings, BenchSupervisor
+from markerseek.drivers import BenchProbe, BenchSettings, BenchSupervisor, BenchTissue
 from markerseek.drivers.entry import DRIVERS, entry_named
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim import SimulatedSettings
@@ -194,7 +194,13 @@ def bench_rig() -> str:
         _meanings(BenchSettings)["trace"] + " |"
     )
     parts.append(f"### Above the tables\n\n{trace}")
-    tables = {"probe": BenchProbe(), "limits": Limits(), "firing": FiringLimits(), "supervisor": BenchSupervisor()}
+    tables = {
+        "probe": BenchProbe(),
+        "tissue": BenchTissue(),
+        "limits": Limits(),
+        "firing": FiringLimits(),
+        "supervisor": BenchSupervisor(),
+    }
     return "\n\n".join([*parts, *(tables_of(settings, name=name) for name, settings in tables.items())])
 
 

@@ -33,7 +33,6 @@ from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_sign
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
 from markerseek.core import ConfigError, Estimate, MarkerseekError, Measured, SearchPlan, SimulationOptions
 from markerseek.files import as_read_error
-from markerseek.show import estimate_line, flat_answer, outliers_rows
 
 if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
@@ -173,6 +172,7 @@ def info(
     """
     from markerseek.figures import bank_figure
     from markerseek.records.banks import require_whole
+    from markerseek.show import flat_answer
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     held = rigs.read_recording(bank, table.format(), probe=probe)
@@ -251,6 +251,8 @@ _UNITS = {"MHz": 1e-6, "m/s": 1.0, "mm": 1e3, "nm": 1e9, "mJ": 1e3, "°": 1.0}
 
 def _rows(values: dict[str, Any], estimate: Estimate) -> Iterator[tuple[str, str | None]]:
     """Names and values for people."""
+    from markerseek.show import estimate_line, outliers_rows
+
     yield "scanned", values["description"] or None
     yield "began", None if values["began_unix_s"] is None else _date(values["began_unix_s"])
     yield "angles", str(values["angles"])

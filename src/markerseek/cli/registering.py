@@ -32,7 +32,6 @@ from markerseek.core import (
     SearchError,
     counted,
 )
-from markerseek.show import event_line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -345,6 +344,8 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
         case registration.Begun():
             return escape(step.description)
         case registration.Searching():
+            from markerseek.show import event_line
+
             return escape(event_line(step.view))
 
 

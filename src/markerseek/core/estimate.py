@@ -60,6 +60,33 @@ class OtherSource(msgspec.Struct, frozen=True, kw_only=True):
     depth_m: float | None = None
 
 
+class MarkerMotion(msgspec.Struct, frozen=True, kw_only=True):
+    """What a search has seen of the marker's motion, and what it has left room for.
+
+    Attributes
+    ----------
+    lateral_mm, depth_mm
+        Amplitude of the motion along the array and in depth, in mm, as far as the frames show it: half of the way, and
+        0 where they show none. None if they cannot show it: intensities alone do not, nor does a single frame.
+    turn_sigma_mm
+        Standard deviation of the displacement along the turn that the interval has room for, in mm. That displacement
+        does not show in a frame.
+    """
+
+    lateral_mm: float | None = None
+    depth_mm: float | None = None
+    turn_sigma_mm: float = 0.0
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether the marker moves: the frames show it, or the samples scatter as if it did."""
+        return max(self.lateral_mm or 0.0, self.depth_mm or 0.0) > 0 or self.turn_sigma_mm > _SCATTERED_MM
+
+
+_SCATTERED_MM = 0.2
+"""Displacement along the turn, as a standard deviation, from which the samples are said to scatter."""
+
+
 class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """What every answer of a search states; which answer it is, says its class.
 
@@ -86,6 +113,8 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
         Angles of samples that were left out, because they are far stronger than those beside them.
     other_probability
         Probability that another source is the marker, 0 to 1; None if the method does not compute it.
+    motion
+        What was seen of the marker's motion; None if the method does not look for it.
     """
 
     mean_deg: float
@@ -98,6 +127,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     surveyed: float | None = None
     outliers_deg: tuple[float, ...] = ()
     other_probability: float | None = None
+    motion: MarkerMotion | None = None
 
 
 class Found(Answer, frozen=True, kw_only=True):

@@ -180,6 +180,8 @@ class SearchPlan(RunPlan, frozen=True, kw_only=True):
     """Whether the angles that the search leaves of ``angles_deg`` are taken after it, and the answer is from all."""
     by_hand: ByHand | None = None
     """How a person turns the probe, for a posterior; None: a motor does."""
+    motion_mm: Annotated[float | None, Within(0, 30, "mm")] = None
+    """Amplitude of the tissue's motion, for a posterior: half of the way; 0: it rests. None: not known."""
     sweep_speed_deg_s: float | None = None
     """Speed of the sweeps of a posterior, in degrees per second; None: it stops for each acquisition."""
     sweep_from_end: bool = False
@@ -204,6 +206,8 @@ class SearchPlan(RunPlan, frozen=True, kw_only=True):
         if speed is not None and not (is_finite(speed) and speed > 0):
             raise ConfigError(f"sweep_speed_deg_s is {speed} deg/s, it must be a positive number")
         Tolerance(mm=self.tolerance_mm, deg=self.tolerance_deg)
+        if self.motion_mm is not None:
+            require_range("motion_mm", self.motion_mm, low=0, high=30, unit="mm")
 
     @property
     def tolerance(self) -> Tolerance:
@@ -261,6 +265,8 @@ class RigFacts(msgspec.Struct, frozen=True, kw_only=True):
         Speed of sound that the imaging assumes, in m/s.
     pitch_m
         Distance from one element of the array to the next, in metres.
+    motion_mm
+        Amplitude of the tissue's motion that is stated of the rig, in mm: half of the way; None if nothing is.
     emulated
         Devices of a bench that say of themselves that they are emulators: "stage", "laser".
 
@@ -283,6 +289,7 @@ class RigFacts(msgspec.Struct, frozen=True, kw_only=True):
     sampling_hz: float | None = None
     sound_speed_m_s: float | None = None
     pitch_m: float | None = None
+    motion_mm: float | None = None
     emulated: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

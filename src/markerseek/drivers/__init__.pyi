@@ -22,7 +22,7 @@ from .plus import PlusReceiver, PlusSettings, connect_plus
 from .ros2_images import RosImages
 from .ros2_nodes import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings
 from .serial_port import SerialPort
-from .settings import BenchProbe, BenchSettings, BenchSupervisor, bench_settings_from
+from .settings import BenchProbe, BenchSettings, BenchSupervisor, BenchTissue, bench_settings_from
 from .simulated import SimulatedLaserSettings, SimulatedReceiverSettings, SimulatedStageSettings
 from .sonixdaq import SonixDaqReceiver, SonixDaqSettings
 from .standard_laser import LaserLogic, StandardLaser
@@ -40,6 +40,7 @@ __all__ = [
     "BenchProbe",
     "BenchSettings",
     "BenchSupervisor",
+    "BenchTissue",
     "DeviceKeys",
     "EnergyMeter",
     "FolderImages",

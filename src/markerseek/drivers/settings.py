@@ -63,6 +63,16 @@ class BenchSupervisor(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         require_fields(self, "supervisor")
 
 
+class BenchTissue(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is known of the tissue."""
+
+    motion_mm: Annotated[float | None, Within(0, 30, "mm")] = None
+    """Amplitude of its motion, as by breathing: half of the way; 0 of a phantom at rest. None: not known."""
+
+    def __post_init__(self) -> None:
+        require_fields(self, "tissue")
+
+
 class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A rig of real devices, or of devices that are emulated byte for byte."""
 
@@ -70,6 +80,7 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     laser: LaserKeys
     receiver: ReceiverKeys
     probe: BenchProbe = BenchProbe()
+    tissue: BenchTissue = BenchTissue()
     limits: Limits = Limits()
     """Angles that may be searched, and at which the probe may be."""
     firing: FiringLimits = FiringLimits()
@@ -172,6 +183,9 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         table: dict[str, Any] = msgspec.to_builtins(self)
         # It changes nothing of what is measured.
         del table["trace"]
+        # Newer than the records of rigs: a key that is not used must not change them.
+        if self.tissue == BenchTissue():
+            del table["tissue"]
         for part in self.foreign:
             keys = table[part].pop("keys")
             # The folder of its module follows from the rig file that a person names.

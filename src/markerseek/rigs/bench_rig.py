@@ -278,6 +278,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         fingerprint=fingerprint(settings),
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
+        motion_mm=settings.tissue.motion_mm,
         # By what the devices answer and not by a key: a rig file may be copied from an emulated bench to a real one.
         emulated=emulated,
     )

@@ -102,6 +102,7 @@ def rig_in_world(
         fingerprint=fingerprint(settings),
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
+        motion_mm=settings.motion.stated_mm,
         truth_deg=truth_deg,
         seed=seed,
     )

@@ -139,6 +139,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
         angles_deg=rig.angles_deg,
         whole=rig.angles_deg is not None and not without,
         by_hand=rig.by_hand,
+        motion_mm=rig.facts.motion_mm if plan.motion_mm is None else plan.motion_mm,
     )
 
 

@@ -200,6 +200,7 @@ def _posterior(plan: SearchPlan, *, limits: Interval, target_deg: float | None =
         tolerance=plan.tolerance,
         angles_deg=plan.angles_deg,
         by_hand=plan.by_hand,
+        motion_mm=plan.motion_mm,
     )
 
 

@@ -67,6 +67,7 @@ def flat_result(result: SearchResult) -> dict[str, object]:
         "configuration": facts.fingerprint,
         "notes": result.notes,
         "outliers_deg": estimate.outliers_deg,
+        "motion": estimate.motion,
         "near": None if result.near_evidence is None else plan.near,
         "near_evidence": result.near_evidence,
         "search": None if result.search is None else _flat_search(result.search),

@@ -7,7 +7,18 @@ import re
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
-from markerseek.core import Ambiguous, AngleBelief, AtBound, Estimate, Found, NotFound, OtherSource, Unsure, counted
+from markerseek.core import (
+    Ambiguous,
+    AngleBelief,
+    AtBound,
+    Estimate,
+    Found,
+    MarkerMotion,
+    NotFound,
+    OtherSource,
+    Unsure,
+    counted,
+)
 
 AnswerName: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure"]
 """Names of the answers in the JSON output."""
@@ -193,6 +204,21 @@ def outliers_rows(outliers_deg: Sequence[float]) -> list[tuple[str, str]]:
     more = ", …" if len(outliers_deg) > NAMED_OUTLIERS else ""
     outliers = counted(len(outliers_deg), "outlier")
     return [("left out", f"{outliers}, several times as strong as the samples beside: {angles}{more}")]
+
+
+def motion_rows(motion: MarkerMotion | None) -> list[tuple[str, str]]:
+    """Row of the marker's motion; none where the search did not look for it, or detected no marker."""
+    if motion is None:
+        return []
+    if motion.lateral_mm is None or motion.depth_mm is None:
+        text = "cannot be seen: the frames do not show where the marker is"
+    elif max(motion.lateral_mm, motion.depth_mm) > 0:
+        text = f"± {motion.depth_mm:.2g} mm in depth, ± {motion.lateral_mm:.2g} mm along the array"
+    else:
+        text = "none seen in depth and along the array; along the turn frames do not show it"
+    if motion.turn_sigma_mm >= 0.01:
+        text += f"; the interval has room for ± {motion.turn_sigma_mm:.2g} mm along the turn"
+    return [("motion", text)]
 
 
 def acquisitions_text(acquisitions: int, refused: int) -> str:

@@ -90,8 +90,8 @@ BLURRED_M = 50e-6
 """Way of the tissue during the pulses of one acquisition from which their frame is blurred: below, one moment stands
 for all."""
 
-MOMENTS = 4
-"""Moments at which the frame of such an acquisition is computed."""
+MOMENTS = 4, 16
+"""Least and largest number of moments at which the frame of such an acquisition is computed."""
 
 
 def moments_s(motion: TissueMotion, *, first_s: float, pulses: int, period_s: float) -> Float64[np.ndarray, " moments"]:
@@ -100,8 +100,9 @@ def moments_s(motion: TissueMotion, *, first_s: float, pulses: int, period_s: fl
     ``first_s``: time of the first pulse. ``period_s``: time from pulse to pulse.
     """
     lasts_s = (pulses - 1) * period_s
-    middle_s = np.array([first_s + lasts_s / 2])
-    if lasts_s <= 0:
-        return middle_s
-    moments = first_s + lasts_s * (np.arange(MOMENTS) + 0.5) / MOMENTS
-    return moments if np.ptp(motion.way_m(moments)) > BLURRED_M else middle_s
+    way_m = float(np.ptp(motion.way_m(first_s + np.linspace(0.0, lasts_s, 33))))
+    if way_m <= BLURRED_M:
+        return np.array([first_s + lasts_s / 2])
+    least, most = MOMENTS
+    count = min(max(least, math.ceil(way_m / BLURRED_M)), most, pulses)
+    return np.asarray(first_s + lasts_s * (np.arange(count) + 0.5) / count)

@@ -22,6 +22,7 @@ from markerseek.sim import VirtualClock
 from markerseek.testing import check_laser, check_receiver
 
 STAGE = """
+from pathlib import Path
 import numpy as np
 from markerseek.drivers import StageStatus
 from markerseek.sim import SimulatedStage
@@ -50,6 +51,11 @@ class Anything(Stage):
     speed_deg_s = 20.0
     def __init__(self, travel, **keys):
         self.at_deg, self.keys = 0.0, keys
+
+class Filed(Stage):
+    speed_deg_s = 20.0
+    def __init__(self, *, file: Path | str, axes: list[int] = []):
+        self.at_deg, self.file = 0.0, file
 
 class Nowhere(Stage):
     def read(self):
@@ -166,6 +172,7 @@ def read(path: Path) -> BenchSettings:
             "zero_deg = 0.0\nwheel = 1.5",
             'wheel is a number, it must be a whole number or "none"',
         ),
+        ("lab_stage:Filed", 'file = "a"\naxes = [1, "b"]', r"stage.axes\[1\] is text, it must be a whole number"),
         ("lab_stage:Held", "", "the key stage.port is missing; add it: the serial port on which b'STOP"),
         ("lab_stage:Bare", "", "it asks for a line, and has no safe_command; give the class the bytes"),
         ("lab_stage:Bare", 'port = "/dev/a"', "it asks for a line, and has no safe_command; give the class the bytes"),
@@ -198,6 +205,11 @@ def test_a_file_beside_the_rig_file_is_found_and_replaces_nothing_installed(
     assert sys.modules["json"] is json
     with bench(read(rig("lab_stage:Anything", "some = 1\nother = [2]"))) as opened:
         assert opened.stage.logic.device.keys == {"some": 1, "other": [2]}  # type: ignore[attr-defined]
+
+
+def test_an_annotation_that_msgspec_does_not_know_leaves_the_value_to_the_class(rig: Callable[..., Path]) -> None:
+    with bench(read(rig("lab_stage:Filed", 'file = "a"'))) as opened:
+        assert opened.stage.logic.device.file == "a"  # type: ignore[attr-defined]
 
 
 def test_an_error_of_the_class_names_it(rig: Callable[..., Path]) -> None:

@@ -84,6 +84,10 @@ def test_the_required_settings_suffice_and_folders_lie_beside_the_file(tmp_path:
             "it must be one of: laserbox, picolas",
         ),
         (
+            MINIMAL.replace('port = "/dev/b"', 'port = "/dev/b"\ndriver = { name = "laserbox" }'),
+            "laser.driver is {'name': 'laserbox'}, it must be one of: laserbox, picolas",
+        ),
+        (
             MINIMAL.replace("zero_deg = 12.5", "zero_deg = 12.5\nspeed_deg_s = 99.0"),
             r"speed_deg_s is 99.0 deg/s, it must lie in \[0.1, 25\] deg/s",
         ),

@@ -19,7 +19,7 @@ RESULT = (
     *("found", *ANSWER, "doubt", "method", "as_published", "rig", "emulated", "half_width_m"),
     *("marker_trus_m", "marker_sigma_m", "candidates", "acquisitions", "refused", "travel_deg", "elapsed_s", "known_s"),
     *("confirmation", "confirmed", "floor", "others", "surveyed", "other_probability", "curve", "samples"),
-    *("truth_deg", "reference_deg", "error_deg", "seed", "configuration", "notes", "outliers_deg"),
+    *("truth_deg", "reference_deg", "error_deg", "seed", "configuration", "notes", "outliers_deg", "motion"),
     *("near", "near_evidence", "search", "version"),
 )
 SAMPLE = ("angle_deg", "intensity", "lateral_m", "depth_m", "arrival_s", "noise_sigma")

@@ -112,9 +112,12 @@ def test_a_moved_marker_sounds_at_its_present_place_and_the_truth_stays() -> Non
 def test_the_pulses_of_one_acquisition_blur_its_frame_where_the_tissue_moves_on() -> None:
     fast = TissueMotion(breathing_mm=2.0, period_s=4.0, phase=0.25)
     assert moments_s(fast, first_s=1.0, pulses=1, period_s=0.01).tolist() == [1.0]
-    np.testing.assert_allclose(
-        moments_s(fast, first_s=2.0, pulses=16, period_s=0.01), [2.01875, 2.05625, 2.09375, 2.13125]
-    )
+    blurred_s = moments_s(fast, first_s=2.0, pulses=16, period_s=0.01)
+    # 0.52 mm: one for every 0.05 mm.
+    np.testing.assert_allclose(blurred_s, 2.0 + 0.15 * (np.arange(11) + 0.5) / 11)
+    slow = structs.replace(fast, breathing_mm=0.4)
+    assert len(moments_s(slow, first_s=2.0, pulses=16, period_s=0.01)) == 4
+    assert len(moments_s(slow, first_s=2.0, pulses=3, period_s=0.2)) == 3
     pause = structs.replace(fast, phase=0.5)
     np.testing.assert_allclose(moments_s(pause, first_s=0.0, pulses=16, period_s=0.01), [0.075])
 

@@ -30,6 +30,7 @@ from markerseek.core import (
     Found,
     Interval,
     MarkerCurve,
+    MarkerMotion,
     NotFound,
     Sample,
     Tolerance,
@@ -45,7 +46,7 @@ from markerseek.search.evidence import (
     with_half_width,
 )
 from markerseek.search.floor import MAX_CELLS, SearchNoise, above_background, noise_above_background
-from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
+from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg, radius_m
 from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
 from markerseek.search.posterior.sources import (
     BESIDE_DEG,
@@ -267,6 +268,24 @@ class Analysis:
             log_most=math.log(2 * height) if height > 0 and not beyond else math.inf,
         )
 
+    @property
+    def motion(self) -> MarkerMotion:
+        """What was seen of the motion of the strongest source."""
+        first = self.sources[0]
+        motion, sigma_deg = first.posterior.motion, first.posterior.moved_sigma_deg
+        from_axis_m = radius_m(max(first.samples, key=lambda sample: sample.reading.intensity).reading.depth_m)
+        return MarkerMotion(
+            lateral_mm=None if motion is None or motion.lateral_m is None else 1e3 * motion.lateral_m,
+            depth_mm=None if motion is None or motion.depth_m is None else 1e3 * motion.depth_m,
+            turn_sigma_mm=1e3 * from_axis_m * math.radians(sigma_deg),
+        )
+
+    @property
+    def lasts_s(self) -> float | None:
+        """Time from the first sample to the last; None if their frames do not tell it."""
+        times_s = [each.frame.header.started_s for each in self._measured if each.frame is not None]
+        return max(times_s) - min(times_s) if len(times_s) > 1 else None
+
     @cached_property
     def survey(self) -> Survey | None:
         """What may still hide beside the strongest source; None if not known."""
@@ -384,9 +403,23 @@ def _prediction(
     laser = np.array([LASER_ERROR if sample.sweep is None else posterior.sample_error for sample in samples])
     # As in the likelihood: the form of deep tails is known that well at best.
     deep = np.where(fallen > -math.log(DEEP), DEEP_ERROR * math.exp(float(np.mean(posterior.log_snr))), 0.0)
-    own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2) * height**2
+    moved = _moved(posterior, samples, mean=mean)
+    own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2 + moved**2) * height**2
     spread = np.sqrt(own + np.maximum(deep, 1.0) ** 2)
     return posterior.sigma * height, posterior.sigma * spread
+
+
+def _moved(
+    posterior: AnglePosterior, samples: Sequence[Sample], *, mean: Float64[np.ndarray, " samples"]
+) -> Float64[np.ndarray, " samples"]:
+    """Return the standard deviation of ln of the prediction by the motion of the marker."""
+    sigma_deg = posterior.moved_sigma_deg
+    if sigma_deg <= 0:
+        return np.zeros(len(samples))
+    angles_deg = np.array([sample.angle_deg for sample in samples])
+    sides = [posterior.log_heights(angles_deg + side * sigma_deg).mean(axis=0) for side in (-1, 1)]
+    # To second order: beside the top the curve falls to both sides.
+    return np.asarray(np.maximum(np.abs(sides[1] - sides[0]) / 2, np.abs(np.mean(sides, axis=0) - mean)))
 
 
 UNRESOLVED_BEYOND = 0.1
@@ -564,6 +597,7 @@ def answer_of(
         "others": tuple(sorted(beside, key=lambda each: -each.relative_db)),
         "surveyed": None if known.survey is None else known.survey.surveyed,
         "outliers_deg": outliers_deg,
+        "motion": known.motion,
     }
     probability = other_probability(known, others=others)
     # With a prior of a single source, the strongest is the marker. A source that is not known enough may be stronger.
@@ -580,19 +614,35 @@ def answer_of(
     unmeasured = _unmeasured(first, places, known.measured_deg, more=more)
     if unmeasured is None and (rivals or (len(modes) > 1 and others)):
         return Ambiguous(mean_deg=modes[0], modes_deg=modes, **seen_so_far)
-    radius_m = marker_radius_m(first.samples)
+    from_axis_m = marker_radius_m(first.samples)
     found = Found(mean_deg=mean_deg, other_probability=probability, curve=_curve(first), **seen_so_far)
-    found = with_half_width(found, radius_m=radius_m)
+    found = with_half_width(found, radius_m=from_axis_m)
     # An answer that is unsure for its width alone is of the marker: registration takes it.
     other = weaker_than_predicted or unmeasured or known.misfit or known.inconsistency
     if other is None and probability > STATED:
         other = _other(
             known, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"
         )
+    moves = _moves(known)
     if other is not None:
-        return found.as_unsure("source", other)
-    too_wide = beyond_tolerance(found, tolerance, radius_m=radius_m)
-    return found if too_wide is None else found.as_unsure("width", f"{too_wide}; {_cure(posterior, more=more)}")
+        return found.as_unsure("source", other if moves is None else f"{other}; {moves}")
+    too_wide = beyond_tolerance(found, tolerance, radius_m=from_axis_m)
+    if too_wide is None:
+        return found
+    return found.as_unsure("width", f"{too_wide}; {moves or _cure(posterior, more=more)}")
+
+
+def _moves(known: Analysis) -> str | None:
+    """How the marker moves, and what to do about it; None where no motion was seen."""
+    motion = known.motion
+    if not motion.is_seen:
+        return None
+    ways = ((motion.depth_mm, "in depth"), (motion.lateral_mm, "along the array"))
+    seen = [f"by ± {amplitude_mm:.1f} mm {way}" for amplitude_mm, way in ways if amplitude_mm]
+    how = " and ".join(seen) or "as the scatter of the samples shows"
+    lasts_s = known.lasts_s
+    hold = "while it is searched for" if lasts_s is None else f"for the {max(lasts_s, 1.0):.0f} s of a search"
+    return f"the marker moves {how}: hold the ventilation {hold}, or let cameras follow the tissue"
 
 
 def _curve(source: Candidate) -> MarkerCurve | None:

@@ -3,7 +3,9 @@
 1. A coarse grid over the whole range takes each observation once.
 2. Finer grids follow the posterior down where it is narrow.
 3. Once three samples are strong, the likelihood of a symmetric curve (7) replaces the grid's, about the grid's mean.
-4. The posterior of the curve's centre is widened by the shift of asymmetric markers (10).
+4. Where the frames show that the marker moves, or the samples scatter as if it did, its displacements are integrated
+   out (`motion`).
+5. The posterior of the curve's centre is widened by the shift of asymmetric markers (10).
 
 The curve of a point is symmetric. That of a stained spot is not: its absorbers interfere, and the centre of the curve
 lies some tenths of a millimetre beside the centroid of the spot; tissue on the way shifts it as well. All samples of
@@ -45,6 +47,7 @@ from markerseek.search.floor import SearchNoise, above_background, noise_above_b
 from markerseek.search.posterior.arrival import arrival_likelihood
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer, mean_and_sigma
 from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
+from markerseek.search.posterior.motion import SIGMAS_M, TurnMotion, motion_of
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family, log_amplitude_prior, shapes_with
 from markerseek.search.posterior.symmetry import (
     MIN_STRONG,
@@ -52,6 +55,9 @@ from markerseek.search.posterior.symmetry import (
     SAMPLE_ERRORS,
     USUAL_PULSE_ERROR,
     USUAL_SAMPLE_ERROR,
+    Displaced,
+    Grouped,
+    Hypotheses,
     grouped,
     hypotheses_of,
     median_of,
@@ -98,6 +104,10 @@ class AnglePosterior:
     """Mean of the curve's full width at half maximum."""
     centre_sigma_deg: float
     """Standard deviation of the centre of the curve: what more samples can still reduce."""
+    motion: TurnMotion | None = None
+    """What the frames show of the marker's motion; None: it was not looked for."""
+    moved_sigma_deg: float = 0.0
+    """Standard deviation of the angle by which the marker is displaced along the turn at a sample."""
 
     @property
     def mean_deg(self) -> float:
@@ -168,6 +178,22 @@ class Centre:
     """ln of the factor of the spot's energies, `with_energies`; None if the curve is that of the peak."""
     sample_error: float
     """Mean of the relative error of one sample by itself, the laser's energy."""
+    fit: _Fit | None = None
+    """What the symmetric likelihood was computed with; None where it was not."""
+    moved_sigma_deg: float = 0.0
+    """As of `AnglePosterior`."""
+    centre_sigma_deg: float | None = None
+    """Standard deviation of the centre over the places of a marker that moves; None: that of ``probability``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Fit:
+    """What a symmetric likelihood was computed with."""
+
+    shapes: Shapes
+    hypotheses: Hypotheses
+    samples: Grouped
+    log_prior: LogDensity
 
 
 BEYOND_STEPS = 12
@@ -187,12 +213,21 @@ class Inference:
     """The posterior of one search, with the coarse grid that grows with its samples.
 
     ``cues``: which of "intensity", "arrival" and "lateral" count. ``prior``: what is known of the curve before the
-    first sample; None: what the physics table says.
+    first sample; None: what the physics table says. ``motion_m``: amplitude of the tissue's motion that the rig states;
+    None: nothing.
     """
 
-    def __init__(self, *, limits: Interval, cues: frozenset[str], prior: MarkerCurve | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        limits: Interval,
+        cues: frozenset[str],
+        prior: MarkerCurve | None = None,
+        motion_m: float | None = None,
+    ) -> None:
         self.cues = cues
         self._limits, self._prior = limits, prior
+        self._motion_m = motion_m
         self._shapes = family() if prior is None else shapes_with(family(), prior)
         step_deg = limits.width_deg / COARSE_STEPS
         self._coarse_deg = limits.low_deg + step_deg * np.arange(-BEYOND_STEPS, COARSE_STEPS + BEYOND_STEPS + 1)
@@ -211,7 +246,7 @@ class Inference:
 
     def anew(self) -> Inference:
         """An inference as this one was before its first sample."""
-        return Inference(limits=self._limits, cues=self.cues, prior=self._prior)
+        return Inference(limits=self._limits, cues=self.cues, prior=self._prior, motion_m=self._motion_m)
 
     def posterior(
         self, lit: Sequence[Sample], noise: SearchNoise, *, particles: int, bounds: Sequence[Sample] = ()
@@ -238,6 +273,12 @@ class Inference:
         known = coarse.marginals(log_prior(self._coarse_deg), particles=particles)
         observations = self._observations if "intensity" in self.cues else []
         centre = refine(self._shapes, coarse, known, observations, log_prior, particles=particles)
+        mean_deg = float(centre.probability @ centre.angles_deg)
+        motion = motion_of(lit, mean_deg=mean_deg, sigma=self._scale.sigma, stated_m=self._motion_m)
+        if "intensity" in self.cues:
+            strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
+            from_axis_m = radius_m(strongest.depth_m)
+            centre = with_motion(centre, motion, from_axis_m=from_axis_m, particles=particles)
         if self.order_sigma_deg > 0:
             wider = blurred(centre.angles_deg, centre.probability, sigma_deg=self.order_sigma_deg)
             centre = replace(centre, angles_deg=wider[0], probability=wider[1])
@@ -260,13 +301,16 @@ class Inference:
             energy_gain=None if centre.log_gain is None else math.exp(centre.log_gain),
             sample_error=centre.sample_error,
             fwhm_deg=centre.fwhm_deg,
-            centre_sigma_deg=mean_and_sigma(centre.angles_deg, centre.probability)[1],
+            centre_sigma_deg=centre.centre_sigma_deg or mean_and_sigma(centre.angles_deg, centre.probability)[1],
+            motion=motion,
+            moved_sigma_deg=centre.moved_sigma_deg,
         )
 
     def _coarse(self, lit: Sequence[Sample], bounds: Sequence[Sample], noise: SearchNoise) -> Grid:
         """The coarse grid with all samples; computed again when their scale has changed."""
         # Not of the bounds, which may be of a far stronger source: the amplitudes of the grid begin at half the unit.
         scale = scale_of(lit, noise)
+        own = len(lit)
         lit = [*lit, *bounds]
         stated = all(sample.reading.noise_sigma is not None and sample.reading.cells is not None for sample in lit)
         known = [(sample.angle_deg, sample.reading.intensity, sample.reading.cells) for sample in lit]
@@ -290,8 +334,11 @@ class Inference:
                 log_amplitude_prior=prior,
                 energy_error=USUAL_PULSE_ERROR if swept else 0.0,
             )
-        for sample in lit[len(self._observations) :]:
-            observation = self._scale.observation(sample, use_lateral="lateral" in self.cues, swept=swept)
+        for number, sample in list(enumerate(lit))[len(self._observations) :]:
+            # Those of the bounds come last, and say nothing of a displacement.
+            observation = self._scale.observation(
+                sample, use_lateral="lateral" in self.cues, swept=swept, number=number if number < own else -1
+            )
             self._observations.append(observation)
             if "intensity" in self.cues:
                 self._grid.add(observation)
@@ -468,6 +515,167 @@ def refine(
         strong=samples.strong,
         log_gain=log_gain,
         sample_error=sample_error,
+        fit=_Fit(
+            shapes=shapes,
+            hypotheses=hypotheses_of(shapes, _of_each_width(shapes, grid, best), MOVED_ERRORS),
+            samples=samples,
+            log_prior=log_prior,
+        ),
+    )
+
+
+def _of_each_width(shapes: Shapes, grid: Grid, best: Marginals) -> Int64[np.ndarray, " widths"]:
+    """Return the most probable shape of each width: which width it is, looks different where the marker moves."""
+    width_deg = shapes.fwhm_deg[grid.members]
+    order = np.argsort(-best.shape, kind="stable")
+    _, first = np.unique(np.round(width_deg[order], 6), return_index=True)
+    return np.asarray(np.sort(grid.members[order[first]]))
+
+
+MOTION_DOUBT = 0.05
+"""Probability that the marker moves from which its displacements are integrated out."""
+
+SCATTERING = 0.06
+"""Relative error of a sample by itself from which samples at rest scatter as if the marker moved: the laser's energy is
+steadier, and the template's error is the same for samples beside one another."""
+
+MOVED_ERRORS: tuple[tuple[float, float], ...] = ((0.02, 0.45), (0.08, 0.35), (0.25, 0.2))
+"""Relative errors of one sample of a marker that moves, and the prior probability of each. An average of pulses is
+blurred: a marker that moves in depth by half a wavelength meanwhile, some 0.1 mm, loses a part of its height."""
+
+MOTION_ANGLES, MOTION_STEPS = 41, 801
+"""Angles at which the likelihood of each motion is computed, and most steps of the posterior over all of them."""
+
+LEAST_MOTION = 1e-3
+"""Probability by the frames, over that of the most probable, below which a motion is left out."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _MovedCentre:
+    """The posterior of the centre of the curve for one size of the motion."""
+
+    moved_deg: float
+    """Standard deviation of the displacement along the turn."""
+    log_evidence: float
+    angles_deg: Float64[np.ndarray, " angles"]
+    weight: Float64[np.ndarray, "angles hypotheses"]
+    """Probability of each angle and hypothesis; they add up to 1."""
+    log_amplitude: Float64[np.ndarray, "angles hypotheses"]
+
+    @property
+    def probability(self) -> Float64[np.ndarray, " angles"]:
+        """Probability of each angle."""
+        return np.asarray(self.weight.sum(axis=1))
+
+
+def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, particles: int) -> Centre:
+    """Return the posterior of the centre with the displacements along the turn integrated out.
+
+    The place in the pause is the marker's: the centre over its places is blurred by the displacement from it.
+
+    ``from_axis_m``: distance of the marker from the axis. ``particles``: markers to draw.
+    """
+    swept = any(each.sweep is not None for group in centre.strong for each in group)
+    if motion.probability[0] > 1 - MOTION_DOUBT and (swept or centre.sample_error <= SCATTERING):
+        return centre
+    moved_deg = np.degrees(SIGMAS_M / from_axis_m)
+    fit = centre.fit
+    if fit is None:
+        # Too few samples for an evidence of their own.
+        sigma_deg = math.sqrt(float(motion.probability @ moved_deg**2))
+        angles_deg, probability = blurred(centre.angles_deg, centre.probability, sigma_deg=sigma_deg)
+        return replace(centre, angles_deg=angles_deg, probability=probability, moved_sigma_deg=sigma_deg)
+    mean_deg, still_deg = mean_and_sigma(centre.angles_deg, centre.probability)
+    parts = []
+    for sigma_deg, share in zip(moved_deg.tolist(), motion.probability.tolist(), strict=True):
+        if share <= LEAST_MOTION * motion.probability.max():
+            continue
+        # Which way along the turn goes with which way in depth is not known.
+        signs = (1.0, -1.0) if sigma_deg > 0 and motion.seen.any() else (0.0,)
+        for sign in signs:
+            displaced = Displaced(
+                by_deg=np.append(sign * sigma_deg * motion.seen, 0.0),
+                sigma_deg=np.append(sigma_deg * motion.unseen, sigma_deg),
+            )
+            parts.append(
+                _moved_centre(
+                    fit,
+                    displaced,
+                    moved_deg=sigma_deg,
+                    log_share=math.log(share / len(signs)),
+                    angles_deg=mean_deg + math.hypot(still_deg, sigma_deg) * _MOTION_SIGMAS,
+                )
+            )
+    return _mixed(centre, fit, parts, particles=particles)
+
+
+_MOTION_SIGMAS = np.linspace(-HALF_WIDTH_SIGMAS, HALF_WIDTH_SIGMAS, MOTION_ANGLES)
+
+
+def _moved_centre(
+    fit: _Fit, displaced: Displaced, *, moved_deg: float, log_share: float, angles_deg: Float64[np.ndarray, " angles"]
+) -> _MovedCentre:
+    """Return the posterior for one size of the motion; ``log_share``: ln of its probability by the frames."""
+    log_p, log_amplitude = symmetric_log_likelihood(
+        fit.shapes, fit.hypotheses, fit.samples, angles_deg, displaced=displaced
+    )
+    log_p += fit.hypotheses.log_prior + fit.log_prior(angles_deg)[:, None]
+    largest = float(log_p.max())
+    weight = np.exp(log_p - largest)
+    total = float(weight.sum())
+    return _MovedCentre(
+        moved_deg=moved_deg,
+        log_evidence=log_share + largest + math.log(total * float(angles_deg[1] - angles_deg[0])),
+        angles_deg=angles_deg,
+        weight=weight / total,
+        log_amplitude=log_amplitude,
+    )
+
+
+def _mixed(centre: Centre, fit: _Fit, parts: Sequence[_MovedCentre], *, particles: int) -> Centre:
+    """Return the posterior over all motions by their evidence, each blurred by the displacement from the pause."""
+    log_evidence = np.array([each.log_evidence for each in parts])
+    evidence = np.exp(log_evidence - log_evidence.max())
+    kept = [(each, share) for each, share in zip(parts, evidence.tolist(), strict=True) if share > MIN_SHARE]
+    total = sum(share for _, share in kept)
+    kept = [(each, share / total) for each, share in kept]
+    wider = [blurred(each.angles_deg, each.probability, sigma_deg=each.moved_deg) for each, _ in kept]
+    low_deg = min(float(angles_deg[0]) for angles_deg, _ in wider)
+    high_deg = max(float(angles_deg[-1]) for angles_deg, _ in wider)
+    step_deg = min(float(angles_deg[1] - angles_deg[0]) for angles_deg, _ in wider)
+    angles_deg = np.linspace(low_deg, high_deg, min(math.ceil((high_deg - low_deg) / step_deg) + 1, MOTION_STEPS))
+    probability = np.zeros(angles_deg.size)
+    for (_, share), (own_deg, own) in zip(kept, wider, strict=True):
+        density = np.interp(angles_deg, own_deg, own, left=0.0, right=0.0)
+        probability += share * density / density.sum()
+    moments = np.array([mean_and_sigma(each.angles_deg, each.probability) for each, _ in kept])
+    shares = np.array([share for _, share in kept])
+    mean_deg = float(shares @ moments[:, 0])
+    by_shape = sum(share * each.weight.sum(axis=0) for each, share in kept)
+    drawn = [_drawn_moved(fit, each, math.ceil(particles * share)) for each, share in kept]
+    return replace(
+        centre,
+        angles_deg=angles_deg,
+        probability=probability,
+        particles=Particles(
+            theta_deg=np.concatenate([each.theta_deg for each in drawn]),
+            member=np.concatenate([each.member for each in drawn]),
+            log_amplitude=np.concatenate([each.log_amplitude for each in drawn]),
+        ),
+        fwhm_deg=float(by_shape @ fit.shapes.fwhm_deg[fit.hypotheses.member]),
+        sample_error=float(by_shape @ fit.hypotheses.sample_error),
+        moved_sigma_deg=math.sqrt(sum(share * each.moved_deg**2 for each, share in kept)),
+        centre_sigma_deg=math.sqrt(float(shares @ (moments[:, 1] ** 2 + (moments[:, 0] - mean_deg) ** 2))),
+    )
+
+
+def _drawn_moved(fit: _Fit, part: _MovedCentre, count: int) -> Particles:
+    """Markers of equal weight drawn from the posterior for one size of the motion."""
+    row, column = _drawn(part.weight, count)
+    return Particles(
+        theta_deg=part.angles_deg[row],
+        member=fit.hypotheses.member[column],
+        log_amplitude=part.log_amplitude[row, column],
     )
 
 

@@ -96,6 +96,8 @@ class Observation:
     """Standard deviation of the error of its angle by itself."""
     energy_share: float = 1.0
     """What the laser's energy adds to it, over the `Hypotheses.sample_error` of a search."""
+    number: int = -1
+    """Its place among the samples of the search, from 0; -1: none, as that of an upper limit."""
     beside: int = 1
     """How many weak observations, itself included, count as one: what the curve differs from its template by is nearly
     the same in all of them."""
@@ -129,10 +131,10 @@ class Scale:
         # The amplitudes of the coarse grid reach from 0.5 to 82 units.
         return moved or not steady or not former.unit <= self.unit <= 3 * former.unit
 
-    def observation(self, sample: Sample, *, use_lateral: bool, swept: bool) -> Observation:
+    def observation(self, sample: Sample, *, use_lateral: bool, swept: bool, number: int = -1) -> Observation:
         """Return a sample in the terms of the likelihood; its lateral position counts if ``use_lateral``.
 
-        ``swept``: whether the search has sweeps, in which each sample is of one pulse.
+        ``swept``: whether the search has sweeps, in which each sample is of one pulse. ``number``: of `Observation`.
         """
         reading = sample.reading
         sigma = reading.noise_sigma if reading.noise_sigma is not None and reading.noise_sigma > 0 else self.sigma
@@ -156,6 +158,7 @@ class Scale:
             sweep=sample.sweep,
             angle_sigma_deg=sample.angle_sigma_deg,
             energy_share=AT_REST if swept and sample.sweep is None else 1.0,
+            number=number,
         )
 
 

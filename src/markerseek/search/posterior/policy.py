@@ -21,6 +21,7 @@ from markerseek.core import (
     SearchError,
     Tolerance,
     Unsure,
+    require_range,
 )
 from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
 from markerseek.search.floor import above_background
@@ -117,6 +118,8 @@ class Posterior(SearchPolicy):
         has given. Each in the range is asked for once, and the search ends with the last. None: any angle of the range.
     by_hand
         How a person turns the probe: it is asked for the steps of a scale, and seldom to turn back. None: a motor does.
+    motion_mm
+        Amplitude of the tissue's motion that is known, in mm: half of the way; 0: it rests. None: not known.
 
     Raises
     ------
@@ -140,6 +143,7 @@ class Posterior(SearchPolicy):
         tolerance: Tolerance = _USUAL,
         angles_deg: Sequence[float] | None = None,
         by_hand: ByHand | None = None,
+        motion_mm: float | None = None,
     ) -> None:
         super().__init__()
         check_acquisitions(acquisitions, least=2, method=self.name)
@@ -163,7 +167,10 @@ class Posterior(SearchPolicy):
         self._former = prior
         self._others, self.single = others, others == 0
         self._tolerance = tolerance
-        self._inference = Inference(limits=limits, cues=chosen, prior=prior)
+        if motion_mm is not None:
+            require_range("posterior: motion_mm", motion_mm, low=0, high=30, unit="mm")
+        motion_m = None if motion_mm is None else 1e-3 * motion_mm
+        self._inference = Inference(limits=limits, cues=chosen, prior=prior, motion_m=motion_m)
         self._left_deg = None if angles_deg is None else [each for each in angles_deg if each in limits]
         if angles_deg and not self._left_deg:
             raise ConfigError(f"posterior: none of the {len(angles_deg)} angles_deg lies in {limits}")

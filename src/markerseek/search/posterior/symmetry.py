@@ -239,12 +239,14 @@ def symmetric_log_likelihood(
     angles_deg: Float64[np.ndarray, " angles"],
     *,
     blur_deg: float = 0.0,
+    displaced: Displaced | None = None,
 ) -> tuple[Float64[np.ndarray, "angles hypotheses"], Float64[np.ndarray, "angles hypotheses"]]:
     """Return ln p of all observations for each angle and hypothesis, and the ln amplitude that goes with it.
 
     ``hypotheses``: shapes and errors that are considered. ``angles_deg``: angles of the marker that are considered.
     ``blur_deg``: width about each angle over which the likelihood is averaged, to first order: with coarse steps of the
-    angle a narrow maximum is then not stepped over.
+    angle a narrow maximum is then not stepped over. ``displaced``: by how much a moving marker is displaced at each
+    sample (`motion`); None: it rests.
     """
     strong = [each for group in observations.strong for each in group]
     weak = observations.others
@@ -254,6 +256,12 @@ def symmetric_log_likelihood(
         row[:] = log_tables(noise=each.noise, cells=each.cells, errors=errors, ratio=each.lateral_ratio) / each.beside
     log_p = np.empty((angles_deg.size, hypotheses.member.size))
     log_amplitude = np.empty_like(log_p)
+    moved_deg = np.zeros(len(strong) + len(weak))
+    own_deg = np.zeros(len(strong))
+    ways_deg = np.zeros((len(strong), 0))
+    if displaced is not None:
+        moved_deg = displaced.by_deg[[each.number for each in (*strong, *weak)]]
+        own_deg, ways_deg = _unknown_displacements_deg(strong, displaced)
     _fill_in(
         angles_deg,
         hypotheses.member,
@@ -262,13 +270,13 @@ def symmetric_log_likelihood(
         STEP_DEG,
         blur_deg,
         LOG_WIDTH_STEP,
-        np.array([each.angle_deg for each in (*strong, *weak)]),
+        np.array([each.angle_deg for each in (*strong, *weak)]) - moved_deg,
         np.array([each.log_intensity for each in (*strong, *weak)]),
         PEAK_NOISE * np.array([each.noise for each in strong]),
         np.repeat(np.arange(len(observations.strong)), [len(group) for group in observations.strong]),
         np.array([each.energy_share for each in strong]),
-        np.array([each.angle_sigma_deg for each in strong]),
-        shift_sigmas_deg(strong),
+        np.hypot([each.angle_sigma_deg for each in strong], own_deg),
+        np.concatenate([shift_sigmas_deg(strong), ways_deg], axis=1),
         hypotheses.sample_error,
         TEMPLATE_LOG_LEVELS,
         TEMPLATE_SIGMAS,
@@ -282,6 +290,30 @@ def symmetric_log_likelihood(
         log_amplitude,
     )
     return log_p, log_amplitude
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Displaced:
+    """By how much a moving marker is displaced along the turn at each sample of a search, as an angle.
+
+    The last entry is that of an observation without a number.
+    """
+
+    by_deg: Float64[np.ndarray, " samples"]
+    """As far as it is known."""
+    sigma_deg: Float64[np.ndarray, " samples"]
+    """Standard deviation of what is not known, the same displacement for all samples of one way of a sweep."""
+
+
+def _unknown_displacements_deg(
+    observations: Sequence[Observation], displaced: Displaced
+) -> tuple[Float64[np.ndarray, " observations"], Float64[np.ndarray, "observations ways"]]:
+    """Return the unknown displacements of samples at rest, and those that the samples of each way share."""
+    sigma_deg = displaced.sigma_deg[[each.number for each in observations]]
+    way = np.array([_sweep(each) for each in observations])
+    swept = np.array([each.sweep is not None for each in observations])
+    ways = np.unique(way[swept])
+    return np.where(swept, 0.0, sigma_deg), sigma_deg[:, None] * (swept[:, None] & (way[:, None] == ways))
 
 
 def shift_sigmas_deg(observations: Sequence[Observation]) -> Float64[np.ndarray, "observations shifts"]:

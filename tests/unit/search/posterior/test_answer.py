@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from markerseek.core import PAPER_RANGE, Floor, Found, Reading, Sample, Tolerance
+from markerseek.core import PAPER_RANGE, Floor, Found, MarkerMotion, Reading, Sample, Tolerance
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.answer import (
     Analysis,
@@ -148,6 +148,7 @@ def test_further_sources_are_named_the_strongest_first():
     noise = SearchNoise(floor=Floor(level=1.0, source="dark frames"), sigma=1.0)
     known = Mock(spec=Analysis, noise=noise, sources=sources, survey=None, unresolved_rival=None, outliers=[])
     known.misfit = known.inconsistency = None
+    known.motion = MarkerMotion()
     known.measured_deg, known.limits = [-20.0], PAPER_RANGE
     answer = answer_of(known, others=0.0, spent=False, tolerance=Tolerance(), weaker_than_predicted=None)
     assert [round(each.angle_deg) for each in answer.others] == [20, 0]

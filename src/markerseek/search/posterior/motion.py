@@ -1,0 +1,315 @@
+"""Motion of the marker during a search: what the frames show of it, and what they leave open along the turn.
+
+An intensity depends on the angle between probe and marker. So a sample that was taken while the marker was displaced by
+δ along the turn is one at the angle θ − δ/ρ, and only this part of a motion moves the answer. The other two parts are
+seen in every frame: the marker's lateral position v and its depth d, less what the slant range (4) makes of the angle.
+About their means both scatter by a known noise n, with the tails of a Student distribution, and by the motion,
+
+    v_i ~ t₄(v̄, n_i² + σ_v²),        d_i ~ t₄(d̄, n_i² + σ_d²).                                              (12)
+
+Tissue moves to and fro along a line that may have any direction: with σ the standard deviation of the displacement
+along it, and c a unit vector, σ_v = σ|c_v|, σ_d = σ|c_d|, and along the turn σ_t = σ|c_t|. (12) with a prior over σ,
+flat in ln σ, and over c, flat over the sphere, gives the probability of each σ_t (`along_turn`). If nothing is seen in
+the other two directions, the marker rests, or moves just along the turn, for which there is little room on the sphere.
+
+What is not seen is a nuisance: a displacement of each sample at rest, or of each way of a sweep, that is normal with
+σ_t, and the displacement of the place in the pause from the mean over the samples. In the usual model of breathing,
+cos⁴ and cos⁶ of the phase, the latter is 1.03 and 0.87 of the former's standard deviation; it is taken as normal with
+σ_t. The intensities weigh the σ_t in turn, by their evidence (`inference`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from markerseek.core import Float64, Sample
+from markerseek.search.evidence import FACE_RADIUS_M
+from markerseek.search.posterior.arrival import LOBE_DEG, SOUND_SPEED_M_S, off_plane
+
+SIGMAS_M = 1e-3 * np.array([0.0, 0.05, 0.1, 0.17, 0.3, 0.5, 0.85, 1.5, 2.6])
+"""σ_t that are considered: at rest, and moving."""
+
+OVERALL_M = np.geomspace(0.05e-3, 3e-3, 15)
+"""σ that are considered: those of ± 0.07 to ± 4 mm."""
+
+MOVES = 0.1
+"""Prior probability that the marker moves, where nothing is stated of it: phantoms rest, a patient breathes."""
+
+STATED_FACTOR = 1.5
+"""By which factor, as a standard deviation of ln σ, a motion that the rig states may be larger or smaller."""
+
+SIGMA_OF_AMPLITUDE = 0.72
+"""Standard deviation of breathing over its amplitude: 0.73 for cos⁴, 0.715 for cos⁶, 0.707 for a sine."""
+
+SEEN_SHARE, SEEN_SNR = 0.08, 8.0
+"""Intensity over the strongest one's, and over the noise, from which a sample shows where the marker is."""
+
+LEAST_SEEN = 2
+"""Samples at rest, or ways of sweeps, from which a motion is seen."""
+
+POSITION_M, POSITION_NOISE_M = 8e-6, 0.55e-3
+"""Standard deviation of the lateral position of a point from frame to frame, and that by noise times the SNR: of 308
+samples of 60 simulated points."""
+
+EDGE_M = 0.05e-3, 0.15e-3
+"""Standard deviations of lateral position and depth where the edges of the element are stronger than its face, of the
+same."""
+
+GRAINS_M = 0.4e-3
+"""Standard deviation of the position of a spot whose sound is not in phase: its brightest grain is at another place for
+each angle."""
+
+UNKNOWN_COHERENCE = 0.97
+"""Coherence at the best focus that is assumed where no frame tells it."""
+
+DIRECTIONS = 240
+"""Directions in an octant of the sphere that stand for all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnMotion:
+    """What the frames say of the motion of a marker."""
+
+    probability: Float64[np.ndarray, " sigmas"]
+    """Probability of each of `SIGMAS_M`, before the intensities say more."""
+    lateral_m: float | None
+    depth_m: float | None
+    """``lateral_m`` and ``depth_m``: amplitude of the motion along the array and in depth; None: it was not to be seen,
+    because the frames give no places, or too few."""
+    seen: Float64[np.ndarray, " samples"]
+    """Displacement at each sample in the other two directions, over its standard deviation; 0 where it is not known."""
+    unseen: Float64[np.ndarray, " samples"]
+    """Standard deviation of the displacement along the turn that this leaves, over σ_t; 1 where it says nothing."""
+
+    @property
+    def looked_at(self) -> bool:
+        """Whether a motion in the other two directions would have been seen."""
+        return self.lateral_m is not None
+
+
+def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, stated_m: float | None = None) -> TurnMotion:
+    """Return what samples of one marker say of its motion.
+
+    ``mean_deg``: angle of the marker. ``sigma``: noise of one quadrature of readings that do not state theirs.
+    ``stated_m``: amplitude that the rig states; None: nothing.
+    """
+    prior = overall_prior(stated_m)
+    moments = _moments(samples, mean_deg=mean_deg, sigma=sigma)
+    clear = [each for each in moments if each.clear]
+    unknown = np.zeros(len(samples)), np.ones(len(samples))
+    if len(clear) < LEAST_SEEN:
+        # What cannot be seen is not assumed, unless it is stated: the answer says that it was not seen.
+        known = along_turn(overall_prior(stated_m or 0.0), None)
+        return TurnMotion(probability=known, lateral_m=None, depth_m=None, seen=unknown[0], unseen=unknown[1])
+    logs = _log_likelihoods_of(clear)
+    probability = along_turn(prior, logs)
+    seen, unseen = _displacements(moments, count=len(samples)) if probability[0] < SEEN_BELOW else unknown
+    return TurnMotion(
+        probability=probability,
+        lateral_m=_amplitude_m(logs[0]),
+        depth_m=_amplitude_m(logs[1]),
+        seen=seen,
+        unseen=unseen,
+    )
+
+
+SEEN_BELOW = 0.1
+"""Probability of rest below which the displacements that are seen are taken for those of a motion."""
+
+OFF_LINE = 0.3
+"""Displacement beside the line, over that along it, as a standard deviation: tissue that breathes moves on narrow
+loops, and σ_t is considered in steps."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Moment:
+    """Where the marker was at a sample at rest, or during a way of a sweep."""
+
+    samples: tuple[int, ...]
+    """Numbers of its samples."""
+    place_m: tuple[float, float]
+    """Lateral position and depth."""
+    noise_m: tuple[float, float]
+    """Their standard deviations by noise."""
+    clear: bool
+    """Whether the motion is judged by it: near the top of the curve."""
+
+
+def _log_likelihoods_of(
+    moments: Sequence[_Moment],
+) -> tuple[Float64[np.ndarray, " sigmas"], Float64[np.ndarray, " sigmas"]]:
+    place_m = np.array([each.place_m for each in moments])
+    noise_m = np.array([each.noise_m for each in moments])
+    return log_likelihoods(place_m[:, 0], noise_m[:, 0]), log_likelihoods(place_m[:, 1], noise_m[:, 1])
+
+
+def _displacements(
+    moments: Sequence[_Moment], *, count: int
+) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
+    """Return `seen` and `unseen` of a motion: the displacements along the line that explains most of the places."""
+    place_m = np.array([each.place_m for each in moments])
+    noise_m = np.array([each.noise_m for each in moments])
+    clear = np.array([each.clear for each in moments])
+    away_m = place_m - np.average(place_m[clear], axis=0, weights=noise_m[clear] ** -2.0)
+    # The eigenvector of the largest eigenvalue.
+    line = np.linalg.eigh(away_m[clear].T @ away_m[clear])[1][:, -1]
+    along_m = away_m @ line
+    along_m -= along_m[clear].mean()
+    spread_m = math.sqrt(float(np.mean(along_m[clear] ** 2)))
+    error = np.sqrt(noise_m**2 @ line**2) / spread_m
+    seen, unseen = np.zeros(count), np.ones(count)
+    for each, by, sigma in zip(moments, (along_m / spread_m).tolist(), error.tolist(), strict=True):
+        # Where noise hides the displacement, it is the mean.
+        weight = 1 / (1 + sigma**2)
+        seen[list(each.samples)] = weight * by
+        unseen[list(each.samples)] = math.hypot(OFF_LINE, sigma * math.sqrt(weight))
+    return seen, np.minimum(unseen, 1.0)
+
+
+def overall_prior(stated_m: float | None) -> Float64[np.ndarray, " overall"]:
+    """Return the prior probability that the marker rests, and of each of `OVERALL_M`."""
+    if stated_m == 0:
+        moving, shares = 0.0, np.ones(OVERALL_M.size)
+    elif stated_m is None:
+        moving, shares = MOVES, np.ones(OVERALL_M.size)
+    else:
+        moving = 1.0
+        shares = np.exp(-0.5 * (np.log(OVERALL_M / (SIGMA_OF_AMPLITUDE * stated_m)) / math.log(STATED_FACTOR)) ** 2)
+    return np.concatenate([[1 - moving], moving * shares / shares.sum()])
+
+
+SEEN_M = np.concatenate([[0.0], np.geomspace(2e-6, OVERALL_M[-1], 40)])
+"""σ_v and σ_d at which (12) is computed; linear in between."""
+
+
+def log_likelihoods(
+    place_m: Float64[np.ndarray, " moments"], noise_m: Float64[np.ndarray, " moments"]
+) -> Float64[np.ndarray, " sigmas"]:
+    """Return ln of the likelihood (12) of places for each motion of `SEEN_M`, the mean place integrated out."""
+    # A mean beyond the places is less probable than one at their ends.
+    middle_m = np.linspace(place_m.min() - noise_m.min(), place_m.max() + noise_m.min(), 41)
+    scale_m = np.hypot(noise_m, SEEN_M[:, None])[:, None, :]
+    away = (place_m - middle_m[:, None]) / scale_m
+    log_p = -(np.log(scale_m) + 2.5 * np.log1p(away**2 / 4)).sum(axis=-1)
+    largest = log_p.max(axis=-1)
+    return np.asarray(largest + np.log(np.exp(log_p - largest[:, None]).mean(axis=-1)))
+
+
+@lru_cache(maxsize=1)
+def _directions() -> Float64[np.ndarray, "directions 3"]:
+    """Unit vectors, evenly over an octant: along the turn, along the array, in depth."""
+    number = np.arange(DIRECTIONS) + 0.5
+    # Points of equal areas on a spiral (Fibonacci's lattice), with the signs left out.
+    along = number / DIRECTIONS
+    around = np.pi * (1 + math.sqrt(5)) * number
+    across = np.sqrt(1 - along**2)
+    return np.asarray(np.abs(np.stack([along, across * np.cos(around), across * np.sin(around)], axis=1)))
+
+
+def along_turn(
+    prior: Float64[np.ndarray, " overall"],
+    logs: tuple[Float64[np.ndarray, " sigmas"], Float64[np.ndarray, " sigmas"]] | None,
+) -> Float64[np.ndarray, " sigmas"]:
+    """Return the probability of each of `SIGMAS_M`, from the prior over σ and the likelihoods of (12).
+
+    ``logs``: of the lateral positions and of the depths; None: not known.
+    """
+    directions = _directions()
+    sigma_m = OVERALL_M[:, None, None] * directions
+    log_moving = np.zeros(sigma_m.shape[:2])
+    log_rest = 0.0
+    if logs is not None:
+        for log, part_m in zip(logs, (sigma_m[:, :, 1], sigma_m[:, :, 2]), strict=True):
+            log_moving += np.interp(part_m, SEEN_M, log)
+            log_rest += float(log[0])
+    largest = max(log_rest, float(log_moving.max()))
+    moving = prior[1:, None] * np.exp(log_moving - largest) / directions.shape[0]
+    # Each σ_t counts for the two that are nearest to it, so that its square is kept.
+    place = np.interp(sigma_m[:, :, 0] ** 2, SIGMAS_M[1:] ** 2, np.arange(SIGMAS_M.size - 1.0))
+    left = np.minimum(place.astype(np.int64), SIGMAS_M.size - 3)
+    share = place - left
+    by_turn = np.bincount(left.ravel(), (moving * (1 - share)).ravel(), minlength=SIGMAS_M.size - 1)
+    by_turn += np.bincount(left.ravel() + 1, (moving * share).ravel(), minlength=SIGMAS_M.size - 1)
+    # What is smaller than the least is as good as at rest.
+    total = np.concatenate([[prior[0] * math.exp(log_rest - largest)], by_turn])
+    return np.asarray(total / total.sum())
+
+
+def _amplitude_m(log: Float64[np.ndarray, " sigmas"]) -> float:
+    """Return the likeliest amplitude of motion in one direction; 0 where rest explains the places about as well."""
+    best = int(np.argmax(log))
+    if log[best] - log[0] < _SEEN_LOG:
+        return 0.0
+    return float(SEEN_M[best]) / SIGMA_OF_AMPLITUDE
+
+
+_SEEN_LOG = 3.0
+"""ln of the likelihood ratio from which a motion is said to be seen: 1 in 80 of places at rest has it."""
+
+
+def _moments(samples: Sequence[Sample], *, mean_deg: float, sigma: float) -> list[_Moment]:
+    """Where the marker was at each sample at rest and during each way of a sweep, as far as frames show it."""
+    known = [
+        (number, each)
+        for number, each in enumerate(samples)
+        if each.reading.lateral_m is not None and each.reading.depth_m is not None
+    ]
+    if not known:
+        return []
+    strongest = max((sample.reading for _, sample in known), key=lambda reading: reading.intensity)
+    coherences = [each for _, sample in known if (each := sample.reading.focused_coherence) is not None]
+    incoherent = 1 - (float(np.mean(coherences)) if coherences else UNKNOWN_COHERENCE)
+    grains_m = GRAINS_M * min(max(incoherent, 0.0), 1.0)
+    ways: dict[tuple[int, int, bool], list[tuple[int, Sample, float]]] = {}
+    for number, sample in known:
+        snr = sample.reading.intensity / (sample.reading.noise_sigma or sigma)
+        if snr >= SEEN_SNR:
+            # Of a way all pulses are of about one moment.
+            timing = sample.sweep
+            way = (0, number, False) if timing is None else (1, timing.number, timing.speed_deg_s > 0)
+            ways.setdefault(way, []).append((number, sample, snr))
+    depth_m = float(strongest.depth_m or 0.0)
+    least = SEEN_SHARE * strongest.intensity
+    return [_moment(each, mean_deg=mean_deg, depth_m=depth_m, grains_m=grains_m, least=least) for each in ways.values()]
+
+
+def _moment(
+    way: Sequence[tuple[int, Sample, float]], *, mean_deg: float, depth_m: float, grains_m: float, least: float
+) -> _Moment:
+    """Mean place of the samples of a moment: their number, the sample, and its intensity over the noise.
+
+    ``depth_m``: depth of the marker. ``grains_m``: of `GRAINS_M`. ``least``: least intensity of a clear sample.
+    """
+    clear = any(sample.reading.intensity >= least for _, sample, _ in way)
+    counted = [each for each in way if not clear or each[1].reading.intensity >= least]
+    places_m = np.array([_place(sample, mean_deg=mean_deg, depth_m=depth_m) for _, sample, _ in counted])
+    snr = np.array([each for _, _, each in counted])
+    lobes = np.array([((sample.angle_deg - mean_deg) / LOBE_DEG) ** 2 for _, sample, _ in counted])
+    edges = (lobes / (1 + lobes))[:, None]
+    noise_m = np.hypot(np.hypot(POSITION_M, POSITION_NOISE_M / snr)[:, None], np.array(EDGE_M) * edges)
+    weight = noise_m**-2.0
+    lateral, depth = ((weight * places_m).sum(axis=0) / weight.sum(axis=0)).tolist()
+    # What two pulses beside one another have in common does not shrink with their number.
+    lateral_noise, depth_noise = np.hypot(weight.sum(axis=0) ** -0.5, math.hypot(POSITION_M, grains_m)).tolist()
+    return _Moment(
+        samples=tuple(number for number, _, _ in way),
+        place_m=(lateral, depth),
+        noise_m=(lateral_noise, depth_noise),
+        clear=clear,
+    )
+
+
+def _place(sample: Sample, *, mean_deg: float, depth_m: float) -> tuple[float, float]:
+    """Lateral position of the marker, and its depth as it would be in its plane, in metres."""
+    reading = sample.reading
+    lateral_m = float(reading.lateral_m or 0.0)
+    slant_m = float(reading.depth_m or 0.0)
+    if reading.spot is not None:
+        lateral_m, slant_m = reading.spot.lateral_m, reading.spot.depth_m
+    late_s, _ = off_plane(np.array([sample.angle_deg - mean_deg]), FACE_RADIUS_M, max(depth_m, 5e-3))
+    return lateral_m, slant_m - SOUND_SPEED_M_S * float(late_s[0])
