@@ -9,6 +9,7 @@ from .registration import (
     registration_errors,
 )
 from .stereo_motion import (
+    CalibrationErrors,
     RangedPoints,
     StereoMotion,
     StereoPixels,
@@ -22,6 +23,7 @@ from .transform import RigidTransform
 
 __all__ = [
     "MIN_POINTS",
+    "CalibrationErrors",
     "Camera",
     "RangedPoints",
     "Registration",
