@@ -1,4 +1,8 @@
-"""Imports of the quick commands: none of the packages that take a tenth of a second each."""
+"""Imports of the quick commands: none of the packages that they do not need.
+
+`markerseek.core` takes msgspec, of which its values are made: 57 ms of processor time, 71 ms before they were. A start
+without any value takes 8 ms, and goes without it.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +34,8 @@ def command(*words: str) -> str:
     ("program", "allowed"),
     [
         ("import markerseek", set()),
-        ("import markerseek.core", set()),
-        ("from markerseek import Interval, MarkerseekError", set()),
+        ("import markerseek.core", {"msgspec"}),
+        ("from markerseek import Interval, MarkerseekError", {"msgspec"}),
         (command("--version"), set()),
         (command("--help"), {"msgspec", "rich", "typer"}),
         (command("search", "--help"), {"msgspec", "rich", "typer"}),

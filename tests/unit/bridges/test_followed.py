@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from markerseek.bridges import FollowedSession, open_registration
+from markerseek.bridges import RegistrationSource, open_registration
 from markerseek.core import RecordError
 from markerseek.records.journal import line_of
 from markerseek.registration import SessionRecord, SessionView
@@ -18,7 +18,7 @@ from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, kil
 LONGEST_S = 60.0
 
 
-def wait_for(source: FollowedSession, wanted: Callable[[SessionView], bool]) -> SessionView:
+def wait_for(source: RegistrationSource, wanted: Callable[[SessionView], bool]) -> SessionView:
     ends_s = time.monotonic() + LONGEST_S
     while not wanted(source.view):
         assert time.monotonic() < ends_s, source.view

@@ -121,9 +121,9 @@ class Progress:
 class Analysis:
     """Samples with the laser on and off, and what follows from them, each part computed when it is first asked for.
 
-    ``lit``: samples with the laser on, at least one. ``inference``: that of the strongest source, which grows with the
-    samples. ``single``: whether there is one source at most: then a dip does not divide its samples. ``expected``:
-    prior over the angle; None: no prior.
+    ``lit``: samples with the laser on, at least one. ``inference``: that of the strongest source before the newest
+    samples, which is left as it is; `grown` is the one after them. ``single``: whether there is one source at most:
+    then a dip does not divide its samples. ``expected``: prior over the angle; None: no prior.
     """
 
     def __init__(
@@ -207,17 +207,28 @@ class Analysis:
             parts += self._divided(replace(group, side=(*group.side, side), samples=own, bounds=bounds))
         return parts
 
-    @cached_property
+    @property
     def first(self) -> Candidate:
         """The source of the strongest arrival that is evidence of one."""
+        return self._strongest[0]
+
+    @property
+    def grown(self) -> Inference:
+        """The inference with the samples of that source."""
+        return self._strongest[1]
+
+    @cached_property
+    def _strongest(self) -> tuple[Candidate, Inference]:
+        """The first source, and the inference with its samples."""
+        inference = self._inference.copy()
         particles = PARTICLES if self.detected else UNDETECTED_PARTICLES
         for group in self._groups:
             # A background that is the same at all angles may be stronger than the marker.
             if self._why_missing(group) is None:
-                return self._candidate(group, None, self._inference, particles)
+                return self._candidate(group, None, inference, particles), inference
         # Before a source exceeds the noise, and where there are no positions, all samples count together.
         everything = SourceSamples(source=None, samples=self.lit)
-        return self._candidate(everything, self._why_missing(everything), self._inference, particles)
+        return self._candidate(everything, self._why_missing(everything), inference, particles), inference
 
     @cached_property
     def sources(self) -> list[Candidate]:

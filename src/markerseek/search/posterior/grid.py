@@ -6,6 +6,7 @@ cells of one angle and one shape are a row. Rows that are too improbable to come
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -115,6 +116,13 @@ class Grid:
         if log_amplitude_prior is not None:
             mean, sigma = log_amplitude_prior
             self._cells += (-((self.log_amplitude - mean) ** 2) / (2 * sigma**2)).astype(np.float32)
+
+    def copy(self) -> Grid:
+        """Return a grid that is the same, and that observations can be added to by itself."""
+        twin = copy.copy(self)
+        # Only the cells are written in place.
+        twin._cells = self._cells.copy()  # noqa: SLF001 - of this class
+        return twin
 
     def add(self, observation: Observation) -> None:
         """Add the log-likelihood of one observation."""

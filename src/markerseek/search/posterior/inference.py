@@ -33,6 +33,7 @@ interfere differently at each), and the wider the curve, the larger is the shift
 
 from __future__ import annotations
 
+import copy
 import math
 import statistics
 from collections.abc import Callable, Sequence
@@ -247,6 +248,13 @@ class Inference:
     def anew(self) -> Inference:
         """An inference as this one was before its first sample."""
         return Inference(limits=self._limits, cues=self.cues, prior=self._prior, motion_m=self._motion_m)
+
+    def copy(self) -> Inference:
+        """Return an inference with the same samples, which takes further ones by itself."""
+        twin = copy.copy(self)
+        twin._observations = list(self._observations)  # noqa: SLF001 - of this class
+        twin._grid = None if self._grid is None else self._grid.copy()  # noqa: SLF001 - of this class
+        return twin
 
     def posterior(
         self, lit: Sequence[Sample], noise: SearchNoise, *, particles: int, bounds: Sequence[Sample] = ()

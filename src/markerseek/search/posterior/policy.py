@@ -273,12 +273,12 @@ class Posterior(SearchPolicy):
         if at_end and not isinstance(self.estimate(), Found):
             return True
         analysis = self._analysis
-        if analysis.detected and not at_end and self._comes_first(analysis.first):
+        if analysis.detected and not at_end and self._comes_first(self._decisive.first):
             return False
         assert self._expected is not None  # noqa: S101 - there is one where the search is narrowed
         # Evenly spread over the window, the acquisitions of the plan miss the fewest markers.
         missed = not analysis.detected and len(self._lit) >= len(PLAN)
-        return missed or self._expected.is_contradicted(analysis.sources[0], former=self._former)
+        return missed or self._expected.is_contradicted(self._decisive.sources[0], former=self._former)
 
     def widen(self) -> None:
         """Give up the prior over the angle: search the whole range, keep all samples, count the acquisitions from 0."""
@@ -304,7 +304,7 @@ class Posterior(SearchPolicy):
             )
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
-        first = self._analysis.first
+        first = self._decisive.first
         (above,) = above_background([sample], self._analysis.noise.background)
         self._confirmation_taken = True
         self._confirmation_failure = weaker_than_predicted(first, above)
@@ -334,10 +334,10 @@ class Posterior(SearchPolicy):
 
     @property
     def progress(self) -> Progress | None:
-        """How well the strongest source is known; None before one is detected."""
+        """How well the strongest source is known, for a decision; None before one is detected."""
         if not self._lit or not self._analysis.detected:
             return None
-        first = self._analysis.first
+        first = self._decisive.first
         return None if first.missing is not None else self._progress_of(first)
 
     def progress_near(self, other: Posterior) -> Progress | None:
@@ -361,6 +361,16 @@ class Posterior(SearchPolicy):
             fwhm_deg=first.posterior.fwhm_deg,
             target_deg=self._needed_sigma_deg(first),
         )
+
+    @property
+    def _decisive(self) -> Analysis:
+        """What the samples say so far, for a decision of the search: later analyses grow from this one.
+
+        What only looks at the search takes `_analysis`, and changes nothing of what follows.
+        """
+        analysis = self._analysis
+        self._inference = analysis.grown
+        return analysis
 
     @property
     def _analysis(self) -> Analysis:
@@ -397,7 +407,7 @@ class Posterior(SearchPolicy):
         # Three samples near the marker say more about it than one sample where the prior does not expect it.
         if not self._lit or not self._analysis.detected or (self.is_narrowed and len(self._lit) < MIN_SAMPLES):
             return self._detection_deg()
-        first = self._analysis.first
+        first = self._decisive.first
         if len(self._lit) < MIN_ACQUISITIONS or self._comes_first(first):
             return self._informative_deg(first)
         return self._remaining_deg()
@@ -500,7 +510,7 @@ class Posterior(SearchPolicy):
             return planned_deg(since_deg, limits=self._searched, descending=self._descending, plan=plan)
         level = noise.floor.level / noise.sigma
         return most_detectable_deg(
-            self._analysis.first.posterior,
+            self._decisive.first.posterior,
             measured_deg,
             limits=self._limits,
             level=level,
