@@ -1,3 +1,4 @@
+from .endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, SeenEndoscope
 from .plan import REGISTRATION_TOLERANCE_MM, SessionPlan
 from .points import point_pairs, spot_pairs
 from .record import (
@@ -51,7 +52,9 @@ __all__ = [
     "Continued",
     "DeviceRoom",
     "Ended",
+    "EndoscopeMotion",
     "EndoscopeMove",
+    "EndoscopeNotKnown",
     "ExpectedError",
     "KnownRegistration",
     "MovedMarker",
@@ -63,6 +66,7 @@ __all__ = [
     "RegistrationSession",
     "Room",
     "Searching",
+    "SeenEndoscope",
     "SessionPlan",
     "SessionRecord",
     "SessionView",

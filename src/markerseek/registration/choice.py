@@ -55,6 +55,8 @@ class SeenMarker:
     camera_covariance_m2: Float64[np.ndarray, "3 3"]
     camera_shared_m: Float64[np.ndarray, "3 errors"]
     """``camera_m``, ``camera_covariance_m2`` and ``camera_shared_m``: the spot, as `seen_point` gives it."""
+    camera_motion_m: Float64[np.ndarray, "3 motions"] | None = None
+    """Displacements of the spot by the errors of the motions by which it was carried; None: by none."""
 
     def pair(self, candidate: int) -> PointPair:
         """The point with one of the candidates."""

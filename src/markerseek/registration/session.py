@@ -28,12 +28,14 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
+from markerseek.registration.endoscope_motion import EndoscopeWatch, SeenEndoscope
 from markerseek.registration.plan import MOST_MARKERS, SessionPlan
 from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
 from markerseek.registration.report import registered_pairs, triple
 from markerseek.registration.room import Room
-from markerseek.registration.spots import SPOT_PAIRS, SpotError, SpotFinder
+from markerseek.registration.spots import SPOT_PAIRS, Looked, SpotError, SpotFinder
+from markerseek.registration.stations import station_names
 from markerseek.registration.steps import (
     Continued,
     Ended,
@@ -97,6 +99,10 @@ class RegistrationSession:
         self._curve: MarkerCurve | None = None
         self._refused: SpotRefused | None = None
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
+        self._watch: EndoscopeWatch | None = None
+        """Compares the images of the markers; None: the endoscope is held."""
+        if not self._plan.endoscope_held:
+            self._watch = self._watch_of_markers()
         self._possible: Poses | None = None
         """Possible poses of the cameras; drawn after each marker."""
 
@@ -158,6 +164,27 @@ class RegistrationSession:
             self.view = self._record.view
         return step
 
+    def _watch_of_markers(self) -> EndoscopeWatch:
+        """Return what compares images with those of the markers so far."""
+        watch = EndoscopeWatch(self._room.stereo.cameras)
+        for name in dict.fromkeys(station_names(self.view.markers).values()):
+            watch.begin(name, None if self._record is None else self._record.kept_pair(name))
+        return watch
+
+    def _endoscope(self, looked: Looked) -> SeenEndoscope | None:
+        """Return whether the endoscope has moved since the markers so far."""
+        if self._watch is None or not self.view.markers:
+            return None
+        return self._watch.look(looked.dark[-1], after=self.view.markers[-1].name)
+
+    def _keep(self, name: str, looked: Looked, endoscope: SeenEndoscope | None) -> None:
+        """Keep the images of a marker if the endoscope stands where it did not stand before."""
+        if self._watch is None or (endoscope is not None and endoscope.state == "at rest"):
+            return
+        self._watch.begin(name, looked.dark[-1])
+        if self._record is not None:
+            self._record.keep_pair(name, looked.dark[-1])
+
     def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
         """Take a marker; None if it has to be done once more.
 
@@ -180,6 +207,7 @@ class RegistrationSession:
         seen = self._spots.seen(name, looked.spot)
         if again is None:
             self._require_new(seen)
+        endoscope = self._endoscope(looked)
         prediction = self._prediction(seen)
         journal = None if self._record is None else self._record.journal_path(name)
         yield self._recorded(
@@ -190,6 +218,7 @@ class RegistrationSession:
                 prediction=prediction,
                 journal=None if journal is None else journal.name,
                 pulses=self._room.fired,
+                endoscope=endoscope,
             )
         )
         self._room.arm()
@@ -219,7 +248,10 @@ class RegistrationSession:
             journal=None if journal is None else journal.name,
             at=datetime.now(UTC).isoformat(timespec="seconds"),
             again=None if again is None else again.name,
+            endoscope=endoscope,
         )
+        if again is None:
+            self._keep(name, looked, endoscope)
         yield self._recorded(taken)
         return taken
 

@@ -15,6 +15,7 @@ from typing import Literal, NamedTuple, Self, TypeAlias
 from msgspec import structs
 
 from markerseek.core import RecordError
+from markerseek.registration.endoscope_motion import SeenEndoscope
 from markerseek.registration.plan import USUAL_TRE_MM, SessionPlan
 from markerseek.registration.report import KnownRegistration, RegistrationReport
 from markerseek.registration.steps import (
@@ -68,6 +69,8 @@ class SessionView:
     """Why the last spot was not accepted; None after an accepted spot."""
     searched: SpotSeen | None = None
     """The spot whose marker is searched."""
+    endoscope: SeenEndoscope | None = None
+    """Whether the endoscope has moved since the markers before, as it was seen last; None: nobody looked."""
     last: Registered | None = None
     """What the markers so far say together; None before the first marker."""
     registration: KnownRegistration | None = None
@@ -103,7 +106,7 @@ class SessionView:
             case SpotRefused():
                 return replace(running, refused=step, searched=None)
             case SpotSeen():
-                return replace(running, searched=step, waiting=None, refused=None)
+                return replace(running, searched=step, waiting=None, refused=None, endoscope=step.endoscope)
             case TakenMarker():
                 return _after_marker(running, step)
             case Registered():
