@@ -160,6 +160,7 @@ def _of_session(over: SessionOver) -> Report:
         "goal_m": view.goal_m,
         "goal_reached": view.goal_reached,
         "left_out": list(view.left_out),
+        "lost": list(view.lost),
         "rig_s": view.rig_s,
         "session": str(over.folder),
     }
@@ -184,6 +185,8 @@ def _session_rows(over: SessionOver) -> list[tuple[str, str]]:
     ]
     if view.endoscope is not None:
         rows.append(("endoscope", view.endoscope.said))
+    if view.lost:
+        rows.append(("lost", f"marker {', '.join(view.lost)}: it is not known where the endoscope sees it now"))
     if view.left_out:
         rows.insert(1, ("left out", f"marker {', '.join(view.left_out)}: it does not fit the others"))
     if over.truth is None:

@@ -25,6 +25,7 @@ from .report import (
 )
 from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .session import RegistrationSession
+from .stations import station_names
 from .steps import (
     Begun,
     Continued,
@@ -92,6 +93,7 @@ __all__ = [
     "register_pairs",
     "session_folder",
     "spot_pairs",
+    "station_names",
     "target_pixels",
     "view_of",
 ]

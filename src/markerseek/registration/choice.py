@@ -23,6 +23,7 @@ from markerseek.registration.report import (
     MIN_PROBABILITY,
     PointPair,
     RegistrationReport,
+    motion_m,
     register_pairs,
     registered_pairs,
 )
@@ -68,6 +69,7 @@ class SeenMarker:
             trus_covariance_m2=position.covariance_m2,
             camera_covariance_m2=self.camera_covariance_m2,
             camera_shared_m=self.camera_shared_m,
+            camera_motion_m=self.camera_motion_m,
         )
 
 
@@ -185,7 +187,7 @@ def _distance_misfits(markers: Sequence[SeenMarker]) -> Float64[np.ndarray, "pla
     from_camera, camera_variance = _distances(
         np.array([pair.camera_m for pair in pairs]),
         np.array([pair.camera_covariance_m2 for pair in pairs]),
-        np.array([pair.camera_shared_m for pair in pairs]),
+        np.concatenate([np.array([pair.camera_shared_m for pair in pairs]), motion_m(pairs)], axis=2),
     )
     return np.asarray((from_trus - from_camera) ** 2 / (trus_variance + camera_variance + _TINY_M2))
 

@@ -50,6 +50,9 @@ class PointPair:
     camera_shared_m: Float64[np.ndarray, "3 errors"] | None = None
     """Displacement of the camera point by the errors that all share, as `camera_shared_m` gives it; None: of the focal
     length alone."""
+    camera_motion_m: Float64[np.ndarray, "3 motions"] | None = None
+    """Displacement of the camera point by the errors of motions of the endoscope by which it was carried; None: it was
+    carried by none."""
 
 
 Triple = tuple[float, float, float]
@@ -204,14 +207,24 @@ def registered_pairs(pairs: Sequence[PointPair]) -> Registration:
     trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
     weighed = bool(pairs) and pairs[0].trus_covariance_m2 is not None
     known = bool(pairs) and pairs[0].camera_shared_m is not None
+    shared_m = np.array([pair.camera_shared_m for pair in pairs]) if known else focal_shared_m(camera_m)
     return register_points(
         camera_m,
         trus_m,
         source_covariances_m2=np.array([pair.camera_covariance_m2 for pair in pairs]) if weighed else None,
         target_covariances_m2=np.array([pair.trus_covariance_m2 for pair in pairs]) if weighed else None,
-        source_shared_m=np.array([pair.camera_shared_m for pair in pairs]) if known else focal_shared_m(camera_m),
+        source_shared_m=np.concatenate([shared_m, motion_m(pairs)], axis=2),
         target_shared_m=trus_shared_m(trus_m),
     )
+
+
+def motion_m(pairs: Sequence[PointPair]) -> Float64[np.ndarray, "points 3 motions"]:
+    """Return the displacements of camera points by the errors of motions of the endoscope."""
+    count = max((pair.camera_motion_m.shape[1] for pair in pairs if pair.camera_motion_m is not None), default=0)
+    still = np.zeros((3, count))
+    return np.array(
+        [still if pair.camera_motion_m is None else pair.camera_motion_m for pair in pairs], dtype=float
+    ).reshape(len(pairs), 3, count)
 
 
 def _alike(pairs: Sequence[PointPair]) -> list[PointPair]:

@@ -15,7 +15,7 @@ import numpy as np
 from markerseek.core import Float64
 from markerseek.geometry import effect_of_motion
 from markerseek.registration.choice import SeenMarker
-from markerseek.registration.endoscope_motion import EndoscopeMotion, SeenEndoscope
+from markerseek.registration.endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, SeenEndoscope
 from markerseek.registration.steps import TakenMarker
 
 
@@ -46,7 +46,7 @@ def carry(markers: Sequence[TakenMarker], *, now: SeenEndoscope | None = None) -
         if isinstance(now, EndoscopeMotion):
             motions[here] = now
     elif isinstance(now, EndoscopeMotion):
-        here = stations[now.since]
+        here = stations.get(now.since, now.since)
     carried = {marker.name: _carried(marker.seen, stations[marker.name], here, motions) for marker in markers}
     return CarriedMarkers(
         seen=_alike([each for each in carried.values() if each is not None]),
@@ -71,6 +71,17 @@ def station_names(markers: Sequence[TakenMarker]) -> dict[str, str]:
         else:
             stations[marker.name] = marker.name
     return stations
+
+
+def stands_elsewhere(markers: Sequence[TakenMarker], now: SeenEndoscope | None) -> bool:
+    """Whether the endoscope has moved since the last marker, or may have; ``now``: as of `carry`."""
+    if now is None or not markers:
+        return False
+    if isinstance(now, EndoscopeNotKnown) or now.state == "moved":
+        return True
+    stations = station_names(markers)
+    # It may be back where it stood at an earlier marker.
+    return stations.get(now.since) != stations[markers[-1].name]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -205,6 +205,8 @@ class Registered(Choice, frozen=True, kw_only=True, tag="registered"):
     """Whether the session ends here."""
     said: str
     """The state in a sentence."""
+    lost: tuple[str, ...] = ()
+    """Markers that do not count: the endoscope has moved since, or may have, and it is not known by how much."""
 
 
 class MovedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="again"):
