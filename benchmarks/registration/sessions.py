@@ -66,6 +66,8 @@ class _NoImages:
 
     def __init__(self, endoscope: SimulatedEndoscope) -> None:
         self.show = endoscope.show
+        self.pose = endoscope.pose
+        self.move = endoscope.move
 
     def newest(self) -> list[StereoPair]:
         return []
@@ -86,7 +88,9 @@ class _Room(SimulatedRoom):
 
     def spot(self) -> Spot:
         """The spot, as the mean of some images shows it."""
-        exact_px = self._endoscope._spot_px  # noqa: SLF001  what no image source tells
+        # What no image source tells.
+        now = self._endoscope._scene(self.rig.scanner.clock.now_s())  # noqa: SLF001
+        exact_px = self._endoscope._places(now)  # noqa: SLF001
         if exact_px is None or exact_px["left"] is None or exact_px["right"] is None:
             raise ConfigError("the spot is behind a camera")
         places = []

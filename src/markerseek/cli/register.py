@@ -261,6 +261,12 @@ def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
         ("FRE", f"{1e3 * report.fre_m:.2f} mm, {1e3 * report.expected_fre_m:.2f} mm expected{assumed}"),
         ("expected TRE", f"{1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm"),
         ("at", f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the TRUS frame"),
+        *(
+            (("spot and source", f"{1e3 * report.offset_m:.2f} mm apart in the middle"),)
+            if report.offset_m is not None
+            else ()
+        ),
+        *(("in doubt", escape(doubt)) for doubt in report.doubts),
         # The points say nothing about the other shared errors.
         *(
             (error.name, f"{error.value:+.2g} ± {error.sigma:.2g} {error.unit} too large according to the points")

@@ -105,6 +105,7 @@ from markerseek.core.reading import (
     SpotEnergy,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
+from markerseek.core.spot import SpotToSource
 from markerseek.core.sweep import (
     MAX_AHEAD_DEG,
     MAX_RESOLUTION_DEG,
@@ -206,6 +207,7 @@ __all__ = [
     "Searched",
     "SimulationOptions",
     "SpotEnergy",
+    "SpotToSource",
     "Stage",
     "StageReading",
     "Started",

@@ -14,7 +14,7 @@ from typing import Annotated, Any, get_type_hints
 
 import msgspec
 
-from markerseek.core import ConfigError, Within, require_fields
+from markerseek.core import ConfigError, SpotToSource, Within, require_fields
 from markerseek.drivers.entry import (
     PARTS,
     DeviceKeys,
@@ -86,6 +86,8 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     firing: FiringLimits = FiringLimits()
     """Limits of the laser's pulses."""
     supervisor: BenchSupervisor = BenchSupervisor()
+    spot: SpotToSource = SpotToSource()
+    """Where the light of a visible spot is absorbed, for a registration."""
     trace: str | None = None
     """File to which all that devices say and are told is appended, a line each, while the rig is open."""
 

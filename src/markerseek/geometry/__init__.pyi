@@ -1,6 +1,7 @@
 from .cameras import Camera, StereoCameras, Triangulated, triangulate
 from .registration import (
     MIN_POINTS,
+    OFFSET_FACTORS,
     Registration,
     RegistrationErrors,
     best_rotation,
@@ -10,6 +11,7 @@ from .registration import (
     registration_errors,
 )
 from .stereo_motion import (
+    CalibrationErrors,
     RangedPoints,
     StereoMotion,
     StereoPixels,
@@ -23,6 +25,8 @@ from .transform import RigidTransform
 
 __all__ = [
     "MIN_POINTS",
+    "OFFSET_FACTORS",
+    "CalibrationErrors",
     "Camera",
     "RangedPoints",
     "Registration",

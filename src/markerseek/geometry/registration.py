@@ -5,6 +5,11 @@ quaternions", J. Opt. Soc. Am. A 4 (1987). Where covariances are known it is the
 the error of a camera in depth is many times that across. Points that cannot determine a transform are refused here;
 whether the result is good enough is the caller's decision.
 
+Two measurements of a point may differ by more than their covariances say: a camera sees a spot of light, a probe hears
+where the light is absorbed. The size of that offset is a variance that all points have, with a prior; so may a shared
+error be larger than it is assumed. Both are summed over: each size and each such error is a linear model of its own,
+weighted by its evidence (`_posterior`).
+
 The expected errors, FRE and TRE at any target, are of first order. For points with equal, isotropic errors they are the
 result of Fitzpatrick, West and Maurer (IEEE Trans. Med. Imaging 17, 1998). Covariances that differ in direction and
 from point to point, and weights, follow from the same linear equations (Danilchenko and Fitzpatrick, IEEE Trans. Med.
@@ -17,8 +22,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtrc, gammaincinv
+from scipy.special import chdtrc, gammainc, gammaincinv, logsumexp, softmax
 
 from markerseek.core import ConfigError, Float64
 from markerseek.geometry.transform import RigidTransform
@@ -35,6 +41,17 @@ MAX_SPREAD_M = 1.0
 MIN_WIDTH = 0.1
 """Least width of the points over their length (root mean squares), below which they count as on a line."""
 
+OFFSET_FACTORS = (3.0, 1.7)
+"""Factors by which the offset between two measurements of a point may be smaller and larger than stated: its logarithm
+has a Gaussian prior on either side, of which two thirds lie within. A point in a phantom has no offset."""
+
+DOUBT, WIDER = 0.05, 4.0
+"""Probability that one of the shared errors is larger than assumed, and its standard deviation then over the assumed
+one."""
+
+_OFFSETS = np.linspace(-3.0, 3.5, 14)
+"""Sizes of the offset that are summed over, in standard deviations of the logarithm."""
+
 _STEPS = 200
 """Most steps of the refinement; some six are usual."""
 
@@ -44,15 +61,23 @@ _SMALL = 1e-8
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegistrationErrors:
-    """Expected errors of a registration."""
+    """Expected errors of a registration: a mixture of Gaussian distributions with one mean."""
 
-    covariance: Float64[np.ndarray, "unknowns unknowns"]
-    """Covariance of the small rotation about the middle of the points (rad), of the translation (m), and of the errors
-    that all points share, in their standard deviations, where these were estimated; shape (6 + errors, 6 + errors)."""
+    covariances: Float64[np.ndarray, "parts unknowns unknowns"]
+    """Covariance, in each part of the mixture, of the small rotation about the middle of the points (rad), of the
+    translation (m), and of the errors that all points share, in their standard deviations, where these were estimated;
+    6 + errors unknowns."""
+    weights: Float64[np.ndarray, " parts"]
+    """Probability of each part; the sum is 1."""
     middle_m: Float64[np.ndarray, " 3"]
     """That middle, in the frame of the target points."""
     fre_m: float
     """Expected fiducial registration error (FRE), root mean square."""
+
+    @property
+    def covariance(self) -> Float64[np.ndarray, "unknowns unknowns"]:
+        """Covariance of the whole mixture."""
+        return np.asarray(np.einsum("k,kij->ij", self.weights, self.covariances))
 
     def tre_covariance_m2(self, target_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "3 3"]:
         """Covariance of the position of a target, given in the frame of the target points, in m²."""
@@ -66,14 +91,28 @@ class RegistrationErrors:
     def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
         """Length in metres that 95 % of the errors at a target do not exceed.
 
-        The square of a Gaussian vector's length is a sum of chi squares; its quantile is that of the gamma distribution
-        with the same mean and variance (Satterthwaite), exact for equal variances and for one direction only.
+        The square of a Gaussian vector's length is a sum of chi squares; its distribution is taken for the gamma
+        distribution with the same mean and variance (Satterthwaite), exact for equal variances and for one direction
+        only.
         """
-        spread = self.tre_covariance_m2(target_m)
-        mean, half_variance = np.trace(spread), np.sum(spread**2)
-        if mean == 0:
+        effect = effect_of_motion(target_m[None, :] - self.middle_m)[0]
+        spreads = effect @ self.covariances[:, :6, :6] @ effect.T
+        means = np.trace(spreads, axis1=1, axis2=2)
+        if not means.any():
             return 0.0
-        return float(np.sqrt(half_variance / mean * 2 * gammaincinv(mean**2 / half_variance / 2, 0.95)))
+        # The mean is shape times scale, half the variance of the sum of squares is Σ λ² = shape times scale² / 2.
+        shapes = means**2 / np.sum(spreads**2, axis=(1, 2)) / 2
+        scales = means / shapes
+        quantiles = scales * gammaincinv(shapes, 0.95)
+        if np.ptp(quantiles) <= 1e-9 * quantiles.max():
+            return math.sqrt(float(quantiles[0]))
+        square_m2 = brentq(
+            lambda square: float(self.weights @ gammainc(shapes, square / scales)) - 0.95,
+            quantiles.min(),
+            quantiles.max(),
+            xtol=1e-6 * quantiles.max(),
+        )
+        return math.sqrt(square_m2)
 
 
 def registration_errors(
@@ -120,7 +159,12 @@ def registration_errors(
         + np.einsum("nij,jk,nik->", motion, moved, motion)
         + np.sum(left**2)
     ) / len(points_m)
-    return RegistrationErrors(covariance=covariance, middle_m=middle_m, fre_m=float(np.sqrt(max(mean_square, 0.0))))
+    return RegistrationErrors(
+        covariances=covariance[None],
+        weights=np.ones(1),
+        middle_m=middle_m,
+        fre_m=float(np.sqrt(max(mean_square, 0.0))),
+    )
 
 
 def effect_of_motion(offsets_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 6"]:
@@ -173,6 +217,18 @@ def mirror_image_fre(source_m: Float64[np.ndarray, "points 3"], target_m: Float6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Doubt:
+    """A shared error that may be larger than assumed, along one direction of their space."""
+
+    probability: float
+    """Probability that it is."""
+    value: float
+    sigma: float
+    """``value`` and ``sigma``: its estimate then and the standard deviation of that, in the assumed standard
+    deviation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Registration:
     """A rigid transform found from points, and its errors."""
 
@@ -186,8 +242,19 @@ class Registration:
     """Estimates of the errors that all points share, in their standard deviations: those of the source points, then
     those of the target points. 0 where they were not estimated."""
     misfit: float
-    """Sum of the squared residuals over what the covariances let expect, and of the squared `shared` errors (chi
-    squared by its degrees of freedom); 1 where no covariances were given. Above 1, `tre_m` is larger by its root."""
+    """Sum of the squared residuals over what the covariances and the stated offset let expect, and of the squared
+    `shared` errors (chi squared by its degrees of freedom); 1 where no covariances were given."""
+    probability: float
+    """Probability of residuals as large or larger (chi squared), if the covariances are right and the offset has its
+    prior."""
+    offset_sigma_m: float | None = None
+    """Estimate of the offset between two measurements of a point, as a standard deviation along each direction; None:
+    there is none. Then, for a `misfit` above 1, `tre_m` is larger by its root."""
+    log_evidence: float | None = None
+    """Logarithm of the probability density of the points, for any transform; None where the offset is not
+    estimated."""
+    doubts: tuple[Doubt, ...] = ()
+    """What the points say of each direction that may be in doubt."""
 
     @property
     def distances_m(self) -> Float64[np.ndarray, " points"]:
@@ -199,27 +266,26 @@ class Registration:
         """Fiducial registration error: root mean square of the residuals, in metres."""
         return float(np.sqrt(np.mean(self.distances_m**2)))
 
-    def tre_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
-        """Expected target registration error, root mean square in metres, at a point of the target frame.
+    @property
+    def scale(self) -> float:
+        """Factor of the expected errors.
 
-        Residuals larger than the covariances explain mean that these are too small; then the error is scaled up as the
-        Particle Data Group scales that of a mean.
+        Residuals larger than the covariances explain mean that these are too small; then the errors are scaled up as
+        the Particle Data Group scales that of a mean, unless the offset accounts for it.
         """
-        return self.errors.tre_m(target_m) * math.sqrt(max(1.0, self.misfit))
+        return 1.0 if self.offset_sigma_m is not None else math.sqrt(max(1.0, self.misfit))
+
+    def tre_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
+        """Expected target registration error, root mean square in metres, at a point of the target frame."""
+        return self.errors.tre_m(target_m) * self.scale
 
     def tre_covariance_m2(self, target_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "3 3"]:
         """Covariance of a target's position in its frame, in m²; scaled as `tre_m`."""
-        return self.errors.tre_covariance_m2(target_m) * max(1.0, self.misfit)
+        return self.errors.tre_covariance_m2(target_m) * self.scale**2
 
     def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
         """Length in metres that 95 % of the errors at a target stay below; scaled as `tre_m`."""
-        return self.errors.tre95_m(target_m) * math.sqrt(max(1.0, self.misfit))
-
-    @property
-    def probability(self) -> float:
-        """Probability of residuals as large or larger, if the covariances are right (chi squared)."""
-        freedom = 3 * len(self.residuals_m) - 6
-        return float(chdtrc(freedom, self.misfit * freedom))
+        return self.errors.tre95_m(target_m) * self.scale
 
 
 def register_points(
@@ -230,6 +296,8 @@ def register_points(
     target_covariances_m2: Float64[np.ndarray, "points 3 3"] | None = None,
     source_shared_m: Float64[np.ndarray, "points 3 source_errors"] | None = None,
     target_shared_m: Float64[np.ndarray, "points 3 target_errors"] | None = None,
+    offset_sigma_m: float | None = None,
+    doubtful: Float64[np.ndarray, "directions errors"] | None = None,
     source: str = "DaVinci",
     target: str = "ProbeHome",
     refined: bool = True,
@@ -241,6 +309,11 @@ def register_points(
     - ``source_shared_m``, ``target_shared_m``: how far one standard deviation of each error that all points share
       displaces each point, in its own frame. Maximum likelihood estimates these errors too, each with a Gaussian prior;
       all count in the TRE.
+    - ``offset_sigma_m``: usual offset between the two measurements of a point, beyond their covariances: standard
+      deviation along each direction. It is estimated from the residuals (`OFFSET_FACTORS`) and counts in all errors;
+      None: there is none.
+    - ``doubtful``: directions, as unit vectors in the space of the shared errors, along which they may be larger than
+      assumed (`DOUBT`, `WIDER`); with an offset only.
     - ``refined``: whether to go on from Horn's closed form, which weighs a point equally in all directions, to the
       transform of maximum likelihood.
     """
@@ -255,19 +328,24 @@ def register_points(
         target_m=target_m,
         from_source=zeros if source_covariances_m2 is None else source_covariances_m2,
         from_target=zeros if target_covariances_m2 is None else target_covariances_m2,
+        offset_m2=0.0 if offset_sigma_m is None else offset_sigma_m**2,
         source_shared_m=zeros[:, :, :0] if source_shared_m is None else source_shared_m,
         target_shared_m=zeros[:, :, :0] if target_shared_m is None else target_shared_m,
     )
     if known:
         _require_positive(points.noise(np.eye(3)))
     # Horn's closed form takes one weight a point: the inverse of its mean variance.
-    total = np.trace(points.from_source + points.from_target, axis1=1, axis2=2)
+    total = np.trace(points.noise(np.eye(3)), axis1=1, axis2=2)
     weights = 3 / total if known else np.ones(len(source_m))
     rotation, translation_m = best_rotation(source_m, target_m, weights)
     refine = known and refined
     fit = _Fit(rotation=rotation, translation_m=translation_m, shared=np.zeros(points.shared(rotation).shape[2]))
     if refine:
         fit = _refine(points, fit)
+    if refine and offset_sigma_m is not None:
+        return _with_offset(
+            points, fit, np.zeros((0, len(fit.shared))) if doubtful is None else doubtful, source, target
+        )
     transform = RigidTransform(source=source, target=target, rotation=fit.rotation, translation_m=fit.translation_m)
     residuals_m = transform.apply(source_m) - target_m
     freedom = 3 * len(source_m) - 6
@@ -278,6 +356,7 @@ def register_points(
         # Equal, isotropic errors of the size that the residuals show.
         noise = np.tile(np.eye(3) * float(np.sum(residuals_m**2)) / freedom, (len(source_m), 1, 1))
         weighing = np.tile(np.eye(3), (len(source_m), 1, 1))
+    misfit = points.chi_squared(fit) / freedom if known else 1.0
     return Registration(
         transform=transform,
         residuals_m=residuals_m,
@@ -285,8 +364,42 @@ def register_points(
             target_m, noise, weighing, shared_m=points.shared(fit.rotation), shared_estimated=refine
         ),
         shared=fit.shared,
-        misfit=points.chi_squared(fit) / freedom if known else 1.0,
+        misfit=misfit,
+        probability=float(chdtrc(freedom, misfit * freedom)),
     )
+
+
+def _with_offset(
+    points: _Points, fit: _Fit, doubtful: Float64[np.ndarray, "directions errors"], source: str, target: str
+) -> Registration:
+    """Registration with an offset of unknown size, from the fit with the stated one."""
+    misfit = points.chi_squared(fit) / points.freedom
+    posterior = _posterior(points, fit, doubtful)
+    fit = fit.moved(posterior.mean, posterior.middle_m)
+    transform = RigidTransform(source=source, target=target, rotation=fit.rotation, translation_m=fit.translation_m)
+    noise = points.noise(fit.rotation)
+    stated = registration_errors(points.target_m, noise, np.linalg.inv(noise), shared_m=points.shared(fit.rotation))
+    kept = posterior.weights > _NEGLIGIBLE * posterior.weights.max()
+    return Registration(
+        transform=transform,
+        residuals_m=transform.apply(points.source_m) - points.target_m,
+        errors=RegistrationErrors(
+            covariances=posterior.covariances[kept],
+            weights=posterior.weights[kept] / posterior.weights[kept].sum(),
+            middle_m=posterior.middle_m,
+            fre_m=stated.fre_m,
+        ),
+        shared=fit.shared,
+        misfit=misfit,
+        probability=posterior.probability,
+        offset_sigma_m=posterior.offset_sigma_m,
+        log_evidence=posterior.log_evidence,
+        doubts=posterior.doubts,
+    )
+
+
+_NEGLIGIBLE = 1e-4
+"""Share of the most probable part of a mixture below which another part is left out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -297,6 +410,15 @@ class _Fit:
     translation_m: Float64[np.ndarray, " 3"]
     shared: Float64[np.ndarray, " errors"]
 
+    def moved(self, step: Float64[np.ndarray, " unknowns"], middle_m: Float64[np.ndarray, " 3"]) -> _Fit:
+        """Return the fit after a small rotation about a point, a translation, and a change of the shared errors."""
+        turn = Rotation.from_rotvec(step[:3]).as_matrix()
+        return _Fit(
+            rotation=turn @ self.rotation,
+            translation_m=turn @ (self.translation_m - middle_m) + middle_m + step[3:6],
+            shared=self.shared + step[6:],
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Points:
@@ -306,12 +428,19 @@ class _Points:
     target_m: Float64[np.ndarray, "points 3"]
     from_source: Float64[np.ndarray, "points 3 3"]
     from_target: Float64[np.ndarray, "points 3 3"]
+    offset_m2: float
+    """Variance of the stated offset along each direction."""
     source_shared_m: Float64[np.ndarray, "points 3 source_errors"]
     target_shared_m: Float64[np.ndarray, "points 3 target_errors"]
 
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of chi squared; each shared error is an unknown, and its prior an observation."""
+        return 3 * len(self.source_m) - 6
+
     def noise(self, rotation: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "points 3 3"]:
-        """Covariance of each residual; that of the source points turns with them."""
-        return np.asarray(rotation @ self.from_source @ rotation.T + self.from_target)
+        """Covariance of each residual, with the stated offset; that of the source points turns with them."""
+        return np.asarray(rotation @ self.from_source @ rotation.T + self.from_target + self.offset_m2 * np.eye(3))
 
     def shared(self, rotation: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "points 3 errors"]:
         """Change of each residual by each error that all points share."""
@@ -322,6 +451,23 @@ class _Points:
         residuals = self.source_m @ fit.rotation.T + fit.translation_m - self.target_m
         return np.asarray(residuals + self.shared(fit.rotation) @ fit.shared)
 
+    def linear(
+        self, fit: _Fit
+    ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 3 unknowns"], Float64[np.ndarray, " 3"]]:
+        """Residuals that a fit leaves, their derivatives by rotation, translation and shared errors, and the middle.
+
+        The derivative is taken at the most likely true points, between the two measurements of each: that of the whole
+        likelihood, in which also the noise depends on the rotation. At the measured points it would not converge where
+        a camera's depth is poor.
+        """
+        left_m = self.unexplained(fit)
+        pull = np.linalg.solve(self.noise(fit.rotation), left_m[:, :, None])[:, :, 0]
+        errors_m = self.target_shared_m @ fit.shared[self.source_shared_m.shape[2] :]
+        likely_m = self.target_m - errors_m + np.einsum("nij,nj->ni", self.from_target, pull)
+        middle_m = likely_m.mean(axis=0)
+        effect = np.concatenate([effect_of_motion(likely_m - middle_m), self.shared(fit.rotation)], axis=2)
+        return left_m, effect, middle_m
+
     def chi_squared(self, fit: _Fit) -> float:
         """Minus twice the logarithm of the probability of all errors, but for a constant."""
         left = self.unexplained(fit)
@@ -330,33 +476,19 @@ class _Points:
 
 
 def _refine(points: _Points, fit: _Fit) -> _Fit:
-    """Maximum likelihood by Gauss-Newton steps.
-
-    The derivative is taken at the most likely true points, between the two measurements of each: that of the whole
-    likelihood, in which also the noise depends on the rotation. At the measured points it would not converge where a
-    camera's depth is poor.
-    """
+    """Maximum likelihood by Gauss-Newton steps."""
     misfit = points.chi_squared(fit)
     prior = np.concatenate([np.zeros(6), np.ones(len(fit.shared))])
     for _ in range(_STEPS):
-        inverse = np.linalg.inv(points.noise(fit.rotation))
-        pull = np.einsum("nij,nj->ni", inverse, points.unexplained(fit))
-        errors_m = points.target_shared_m @ fit.shared[points.source_shared_m.shape[2] :]
-        likely = points.target_m - errors_m + np.einsum("nij,nj->ni", points.from_target, pull)
-        middle = likely.mean(axis=0)
-        effect = np.concatenate([effect_of_motion(likely - middle), points.shared(fit.rotation)], axis=2)
-        normal = np.einsum("nij,nik,nkl->jl", effect, inverse, effect) + np.diag(prior)
-        downhill = -np.einsum("nij,ni->j", effect, pull)
+        left_m, effect, middle_m = points.linear(fit)
+        weighted = np.swapaxes(effect, 1, 2) @ np.linalg.inv(points.noise(fit.rotation))
+        normal = np.einsum("nij,njk->ik", weighted, effect) + np.diag(prior)
+        downhill = -np.einsum("nij,nj->i", weighted, left_m)
         downhill[6:] -= fit.shared
         step = np.linalg.solve(normal, downhill)
         # Shorter steps where a whole one overshoots; the last bits of the misfit are rounding.
         while True:
-            turn = Rotation.from_rotvec(step[:3]).as_matrix()
-            tried = _Fit(
-                rotation=turn @ fit.rotation,
-                translation_m=turn @ (fit.translation_m - middle) + middle + step[3:6],
-                shared=fit.shared + step[6:],
-            )
+            tried = fit.moved(step, middle_m)
             reached = points.chi_squared(tried)
             if reached <= misfit * (1 + 1e-9) or np.abs(step).max() < _SMALL:
                 break
@@ -366,6 +498,95 @@ def _refine(points: _Points, fit: _Fit) -> _Fit:
             break
     # Three points far from a camera can leave a flat valley: every step was downhill, and the end is as good as any.
     return fit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Posterior:
+    """What is known of a step from a fit, over all sizes of the offset and all shared errors in doubt."""
+
+    mean: Float64[np.ndarray, " unknowns"]
+    middle_m: Float64[np.ndarray, " 3"]
+    """The point about which the step turns."""
+    weights: Float64[np.ndarray, " parts"]
+    covariances: Float64[np.ndarray, "parts unknowns unknowns"]
+    """Second moments of each part about the mean of all."""
+    offset_sigma_m: float
+    probability: float
+    log_evidence: float
+    doubts: tuple[Doubt, ...]
+
+
+def _posterior(points: _Points, fit: _Fit, doubtful: Float64[np.ndarray, "directions errors"]) -> _Posterior:
+    """Posterior about a fit.
+
+    For one size of the offset, with residuals e = r + A x + noise of covariance N, and the shared errors s + x of prior
+    covariance D: H = Aᵀ N⁻¹ A + D⁻¹, x = H⁻¹ b, b = −(Aᵀ N⁻¹ r + D⁻¹ s), chi² = rᵀ N⁻¹ r + sᵀ D⁻¹ s − bᵀ x. The
+    evidence for any transform is (2π)^(3 − 3n/2) (|N| |D| |H|)^(−1/2) exp(−chi²/2).
+    """
+    left_m, effect, middle_m = points.linear(fit)
+    noise = points.noise(fit.rotation) - points.offset_m2 * np.eye(3)
+    smaller, larger = OFFSET_FACTORS
+    offsets_m2 = points.offset_m2 * np.where(_OFFSETS < 0, smaller, larger) ** (2 * _OFFSETS)
+    noises = noise + offsets_m2[:, None, None, None] * np.eye(3)
+    weighted = np.swapaxes(effect, 1, 2) @ np.linalg.inv(noises)
+    normals = np.einsum("knij,njl->kil", weighted, effect)
+    downhill = -np.einsum("knij,nj->ki", weighted, left_m)
+    squares = np.einsum("ni,knij,nj->k", left_m, np.linalg.inv(noises), left_m)
+    # First all errors as assumed, then each direction wider: D = 1 + (WIDER² − 1) u uᵀ.
+    count = len(fit.shared)
+    precisions = np.zeros((1 + len(doubtful), 6 + count, 6 + count))
+    precisions[:, 6:, 6:] = np.eye(count)
+    precisions[1:, 6:, 6:] -= (1 - WIDER**-2) * doubtful[:, :, None] * doubtful[:, None, :]
+    widened = np.where(np.arange(len(precisions)) > 0, 2 * math.log(WIDER), 0.0)
+    so_far = np.concatenate([np.zeros(6), fit.shared])
+    normal = normals[:, None] + precisions
+    downhills = downhill[:, None] - precisions @ so_far
+    steps = np.linalg.solve(normal, downhills[..., None])[..., 0]
+    chi_squared = squares[:, None] + so_far @ precisions @ so_far - np.einsum("kji,kji->kj", downhills, steps)
+    logs = np.linalg.slogdet(noises)[1].sum(axis=1)[:, None] + widened + np.linalg.slogdet(normal)[1]
+    log_likelihoods = -(chi_squared + logs + points.freedom * math.log(2 * math.pi)) / 2
+    shares = np.full(len(precisions), DOUBT / max(len(doubtful), 1))
+    shares[0] = 1 - shares[1:].sum()
+    sizes = np.exp(-(_OFFSETS**2) / 2)
+    prior = np.outer(sizes / sizes.sum(), shares)
+    log_evidence = float(logsumexp(log_likelihoods, b=prior))
+    weights = prior * np.exp(log_likelihoods - log_evidence)
+    mean = np.einsum("kj,kji->i", weights, steps)
+    apart = steps - mean
+    covariances = np.linalg.inv(normal) + apart[..., :, None] * apart[..., None, :]
+    return _Posterior(
+        mean=mean,
+        middle_m=middle_m,
+        weights=weights.ravel(),
+        covariances=covariances.reshape(-1, 6 + count, 6 + count),
+        offset_sigma_m=math.sqrt(float(weights.sum(axis=1) @ offsets_m2)),
+        probability=float(np.sum(prior * chdtrc(points.freedom, chi_squared))),
+        log_evidence=log_evidence,
+        doubts=_doubts(
+            np.log(prior[:, 1:]) + log_likelihoods[:, 1:] - log_evidence,
+            fit.shared + steps[:, 1:, 6:],
+            np.linalg.inv(normal)[:, 1:, 6:, 6:],
+            doubtful,
+        ),
+    )
+
+
+def _doubts(
+    log_weights: Float64[np.ndarray, "offsets directions"],
+    shared: Float64[np.ndarray, "offsets directions errors"],
+    covariances: Float64[np.ndarray, "offsets directions errors errors"],
+    doubtful: Float64[np.ndarray, "directions errors"],
+) -> tuple[Doubt, ...]:
+    """Probability and estimate of the shared errors along each direction, if it is the wider one."""
+    values = np.einsum("kji,ji->kj", shared, doubtful)
+    variances = np.einsum("ji,kjil,jl->kj", doubtful, covariances, doubtful)
+    found = []
+    for log_weight, value, variance in zip(log_weights.T, values.T, variances.T, strict=True):
+        share = softmax(log_weight)
+        mean = float(share @ value)
+        spread = float(share @ (variance + (value - mean) ** 2))
+        found.append(Doubt(probability=float(np.exp(log_weight).sum()), value=mean, sigma=math.sqrt(spread)))
+    return tuple(found)
 
 
 def _require_points(points_m: Float64[np.ndarray, "points 3"], frame: str) -> None:

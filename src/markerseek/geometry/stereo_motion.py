@@ -6,14 +6,15 @@ for the four pixel coordinates that both cameras see of each point now; the erro
 
 Random samples of three points find the motion that the majority shares (least median of squares: Rousseeuw, J. Am.
 Stat. Assoc. 79, 1984). The covariance is that of a jackknife over parts of the image, because the errors of
-neighbouring points are alike: light, surface and deformation change over millimetres. Errors of the calibration are
-not in it.
+neighbouring points are alike: light, surface and deformation change over millimetres. What a wrong calibration does to
+a motion is added; it does nothing to a scene at rest.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri, fdtri
@@ -40,6 +41,35 @@ _SMALL = 1e-8
 
 _OUTER = 0.001
 """Probability with which a point of the majority lies beyond its limit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationErrors:
+    """Standard deviations of a stereo calibration's errors."""
+
+    focal_share: float = 0.005
+    """Of the focal lengths of both cameras, over these."""
+    base_share: float = 0.005
+    """Of the base, over its length."""
+    vergence_px: float = 0.2
+    """Of the angle between the cameras, as a displacement of the right image across."""
+
+    def displaced(self, cameras: StereoCameras) -> tuple[StereoCameras, ...]:
+        """Return the cameras with each error in turn, one standard deviation large."""
+        share = 1 + self.focal_share
+        left, right = (
+            msgspec.structs.replace(camera, focal_px=(camera.focal_px[0] * share, camera.focal_px[1] * share))
+            for camera in (cameras.left, cameras.right)
+        )
+        between = cameras.left_to_right
+        longer = replace(between, translation_m=between.translation_m * (1 + self.base_share))
+        turn = Rotation.from_euler("y", self.vergence_px / cameras.right.focal_px[0]).as_matrix()
+        turned = replace(between, rotation=turn @ between.rotation, translation_m=turn @ between.translation_m)
+        return (
+            replace(cameras, left=left, right=right),
+            replace(cameras, left_to_right=longer),
+            replace(cameras, left_to_right=turned),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -173,6 +203,7 @@ def rigid_motion(
     start: RigidTransform,
     parts: Int64[np.ndarray, " points"],
     regions: Int64[np.ndarray, " points"],
+    calibration: CalibrationErrors | None = None,
     rng: np.random.Generator,
 ) -> StereoMotion | None:
     """Return the motion that the majority of points shares; None if no majority determines one.
@@ -192,6 +223,8 @@ def rigid_motion(
     regions
         Number of the region in which each point was: larger parts, of a dozen points or more, that would move each in
         its own way if the scene deformed.
+    calibration
+        How well the cameras are calibrated; None: exactly.
     rng
         Draws the samples.
     """
@@ -221,7 +254,10 @@ def rigid_motion(
     covariance = _jackknife(pull, shared, parts)
     if covariance is None:
         return None
-    covariance = covariance + _from_smooth_errors(pull[shared], now[shared], cameras)
+    covariance = covariance + _effect(pull[shared], _smooth_errors(now[shared], cameras))
+    if calibration is not None:
+        displaced_px = _calibration_errors(points[shared], transform, cameras, calibration)
+        covariance = covariance + _effect(pull[shared], displaced_px)
     # The rotation stays, the displacement is that of the middle of the points that share the motion.
     positions_m = transform.apply(points.positions_m[shared])
     effect = np.eye(6)
@@ -429,24 +465,42 @@ def _jackknife(
     return np.asarray(_student(6, count) * (count - 1) / count * apart.T @ apart)
 
 
-def _from_smooth_errors(pull: _Linear, now: StereoPixels, cameras: StereoCameras) -> Float64[np.ndarray, "6 6"]:
-    """Return the covariance from errors that are alike at neighbouring pixels: no jackknife sees them."""
-    count = len(pull.residual)
-    errors = np.zeros((count, 4, 12))
+def _effect(pull: _Linear, errors_px: Float64[np.ndarray, "points 4 errors"]) -> Float64[np.ndarray, "6 6"]:
+    """Return the covariance of the motion from errors that all points share, given for one standard deviation each."""
+    weighted = np.swapaxes(pull.effect, 1, 2) @ pull.weight
+    gain = np.linalg.solve(pull.normals.sum(axis=0), (weighted @ errors_px).sum(axis=0))
+    return np.asarray(gain @ gain.T)
+
+
+def _smooth_errors(now: StereoPixels, cameras: StereoCameras) -> Float64[np.ndarray, "points 4 errors"]:
+    """Return errors that are alike, or change linearly, over an image: no jackknife sees them."""
+    count = len(now.left_px)
+    errors_px = np.zeros((count, 4, 12))
     for side, (places, camera) in enumerate(((now.left_px, cameras.left), (now.right_px, cameras.right))):
         across = 2 * places / np.array(camera.size_px) - 1
         linear = np.concatenate([np.ones((count, 1)), across], axis=1)
         for axis in (0, 1):
             row = 2 * side + axis
-            errors[:, row, 3 * row : 3 * row + 3] = _SMOOTH_PX * linear
-    weighted = np.swapaxes(pull.effect, 1, 2) @ pull.weight
-    gain = np.linalg.solve(pull.normals.sum(axis=0), (weighted @ errors).sum(axis=0))
-    return np.asarray(gain @ gain.T)
+            errors_px[:, row, 3 * row : 3 * row + 3] = _SMOOTH_PX * linear
+    return errors_px
+
+
+def _calibration_errors(
+    points: RangedPoints, transform: RigidTransform, cameras: StereoCameras, calibration: CalibrationErrors
+) -> Float64[np.ndarray, "points 4 errors"]:
+    """Return by how far other cameras, which saw the points where these did before, would see them elsewhere now."""
+    before = seen_after(points, at_rest(), cameras)
+    now = np.concatenate(seen_after(points, transform, cameras), axis=1)
+    upright = np.tile(np.eye(2), (len(now), 1, 1))
+    errors_px = [
+        np.concatenate(seen_after(range_points(*before, upright, other), transform, other), axis=1) - now
+        for other in calibration.displaced(cameras)
+    ]
+    return np.stack(errors_px, axis=2)
 
 
 _SMOOTH_PX = 0.02
-"""Standard deviation of errors that are alike, or change linearly, over an image: what interpolation, compression and
-calibration leave."""
+"""Standard deviation of what interpolation and compression leave over a whole image."""
 
 
 def _student(unknowns: int, parts: int) -> float:

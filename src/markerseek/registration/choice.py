@@ -3,43 +3,62 @@
 A search that answers `ambiguous` names several candidates, and even one that found may have found another source. The
 camera has seen where the spots are, so that a wrong candidate does not fit the others. Most sets are ruled out by the
 distances between their points, which no rigid transform changes; the others are registered, and compared by the product
-of the probabilities of their candidates and of their residuals. A marker none of whose candidates fits is left out; it
-counts as improbable, so that as few as possible are.
+of the probabilities of their candidates and of the evidence of their points.
+
+A marker is left out only against evidence. Any three fit, so that four must remain, and four for each that is left
+out. The newest is never left out: if the endoscope has moved before it, it is the only one that is right, and the next
+marker tells the two apart. Sets that may not be taken compete all the same, and so does that all markers are displaced
+among themselves, as in tissue that moves: a registration is decided only if all of these are improbable beside it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
-from scipy.special import chdtri
+from msgspec import structs
+from scipy.special import chdtri, softmax
 
-from markerseek.core import ConfigError, Float64, MarkerCandidate
-from markerseek.geometry import MIN_POINTS
+from markerseek.core import ConfigError, Float64, MarkerCandidate, SpotToSource
+from markerseek.geometry import MIN_POINTS, OFFSET_FACTORS
 from markerseek.registration.report import (
+    MEDIAN_LENGTH,
     MIN_PROBABILITY,
+    WRONG,
+    WRONG_M3,
     PointPair,
     RegistrationReport,
     motion_m,
     register_pairs,
     registered_pairs,
 )
-from markerseek.registration.shared_errors import trus_shared_m
+from markerseek.registration.shared_errors import source_shared_m, sources_m, trus_shared_m
 
 MIN_SHARE = 0.99
-"""Least probability, among all sets that fit, of the set that is taken."""
+"""Least probability, among all sets, of the set that is taken."""
 
-LEFT_OUT = 0.01
-"""Probability that none of the candidates of a marker is the marker."""
+MOVED = 0.05
+"""Probability that the newest marker does not belong to the others because the endoscope has moved before it."""
+
+DISPLACED, DISPLACED_M = 0.05, 2e-3
+"""Probability that all markers are displaced among themselves, because tissue or endoscope move, and the usual standard
+deviation of that along each direction."""
+
+AGREEING = 4
+"""Fewest markers that must agree if another one is left out, and for each that is: any three agree."""
+
+OVER_AFTER = 6
+"""Markers after which a session is over if they do not fit."""
 
 MOST_CANDIDATES = 4
 """Most candidates of a marker that are tried, the likeliest."""
 
-_MOST_SETS = 60
-"""Most sets that are registered, the likeliest first."""
+_MOST_SETS, _MOST_WITHOUT, _MOST_GROWN = 40, 15, 150
+"""Most sets that are registered, the likeliest first, with all markers and for each number of markers that are left
+out; and most that are grown by another marker."""
 
 _MOST_APART = 1.5
 """Factor of the largest chi squared of a registration that is accepted, beyond which one distance rules a set out."""
@@ -88,62 +107,137 @@ class Choice(msgspec.Struct, frozen=True, kw_only=True):
     """Markers for which another candidate, or none, is still too probable; more markers decide."""
     reason: str | None = None
     """Why there is no registration, or not for certain; None if there is."""
+    over: bool = False
+    """Whether more markers do not help: too many do not fit."""
 
 
-def choose(markers: Sequence[SeenMarker], *, target_trus_m: tuple[float, float, float] | None = None) -> Choice:
+def choose(
+    markers: Sequence[SeenMarker],
+    *,
+    target_trus_m: tuple[float, float, float] | None = None,
+    spot: SpotToSource | None = None,
+) -> Choice:
     """Choose the candidates that fit one rigid transform.
 
-    ``target_trus_m``: where the error is wanted, as of `register_pairs`.
+    ``markers``: in the order in which they were measured. ``target_trus_m``: where the error is wanted, and ``spot``:
+    where the light is absorbed, both as of `register_pairs`.
     """
+    spot = spot or SpotToSource()
     useful = [marker for marker in markers if marker.candidates]
     first = {marker.name: 0 for marker in useful}
     if len(useful) < MIN_POINTS:
         return Choice(report=None, decided=False, chosen=first, reason=f"{len(useful)} of {MIN_POINTS} markers")
-    fits: list[tuple[float, dict[str, int]]] = []
-    """Sets that fit, and the logarithm of their probability but for a constant."""
-    problem = ""
-    apart = _distance_misfits(useful)
-    # Three more must agree, and most of all.
-    most_left_out = 0 if len(useful) == MIN_POINTS else max(1, (len(useful) - MIN_POINTS) // 2)
-    # As few markers as possible are left out: one more only where no set without it fits.
+    may_be_left_out = (len(useful) - 1) // AGREEING
+    fits, problem = _fits(useful, spot, most_left_out=max(may_be_left_out, int(len(useful) > MIN_POINTS)))
+    newest = useful[-1].name
+    accepted = [
+        fit
+        for fit in fits
+        if fit.probability >= MIN_PROBABILITY
+        and len(useful) - len(fit.chosen) <= may_be_left_out
+        and newest in fit.chosen
+    ]
+    if not accepted:
+        return _unfit(useful, fits, problem, target_trus_m, spot)
+    best = max(accepted, key=lambda fit: fit.log_probability)
+    left = tuple(name for name in first if name not in best.chosen)
+    displaced = _displaced(useful, best.chosen, spot)
+    rivals = [fit for fit in fits if fit is not best]
+    # Where all fit, the offset counts what they are displaced.
+    logs = [best.log_probability, displaced.log_probability if left else -math.inf]
+    shares = softmax(logs + [fit.log_probability for fit in rivals])
+    report = register_pairs(chosen_pairs(useful, best.chosen), target_trus_m=target_trus_m, spot=spot)
+    if shares[0] >= MIN_SHARE:
+        return Choice(report=report, decided=report.registered, chosen=best.chosen, left_out=left)
+    doubtful = [fit for fit, share in zip(rivals, shares[2:], strict=True) if share > (1 - MIN_SHARE) / len(fits)]
+    unsure = tuple(name for name in first if any(best.chosen.get(name) != rival.chosen.get(name) for rival in doubtful))
+    over = len(useful) >= OVER_AFTER and bool(shares[0] < shares[1])
+    if shares[1] > shares[2:].sum():
+        reason = f"{_in_words(displaced)}: {_HELD_STILL if over else 'one more marker decides'}"
+    else:
+        missing = {name for rival in doubtful for name in best.chosen if name not in rival.chosen}
+        what = "may be wrong, or the endoscope has moved before it" if missing else "may be another source"
+        reason = f"marker {' or '.join(unsure)} {what} ({100 * (1 - shares[0]):.0f} %): one more marker decides"
+    return Choice(
+        report=report, decided=False, chosen=best.chosen, left_out=left, open=unsure, reason=reason, over=over
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Fit:
+    """A set of candidates, and how well it fits."""
+
+    chosen: dict[str, int]
+    log_probability: float
+    """Logarithm of its probability, but for a constant of all sets."""
+    probability: float
+    """Probability of residuals as large or larger."""
+    offset_sigma_m: float
+
+
+def _fits(markers: Sequence[SeenMarker], spot: SpotToSource, *, most_left_out: int) -> tuple[list[_Fit], str]:
+    """All sets whose distances fit, and why others determine no transform."""
+    found, problem = list[_Fit](), ""
+    apart = _distance_misfits(markers, spot)
     for left_out in range(most_left_out + 1):
-        for chosen in _sets(useful, apart, left_out=left_out):
+        for chosen in _sets(markers, apart, left_out=left_out):
             try:
-                found = registered_pairs(chosen_pairs(useful, chosen))
+                found.append(_fit(markers, chosen, spot))
             except ConfigError as refusal:
                 problem = problem or str(refusal)
-                continue
-            if found.probability >= MIN_PROBABILITY:
-                chi_squared = found.misfit * (3 * len(found.residuals_m) - 6)
-                fits.append((_log_prior(useful, chosen) - chi_squared / 2, chosen))
-        if fits:
-            break
-    if not fits:
-        return _unfit(useful, first, problem, target_trus_m)
-    (best_log, best), *others = sorted(fits, key=lambda fit: -fit[0])
-    share = 1 / (1 + sum(math.exp(log - best_log) for log, _ in others))
-    report = register_pairs(chosen_pairs(useful, best), target_trus_m=target_trus_m)
-    left = tuple(name for name in first if name not in best)
-    if share >= MIN_SHARE:
-        return Choice(report=report, decided=report.registered, chosen=best, left_out=left)
-    rivals = [other for log, other in others if log - best_log > math.log(1 - MIN_SHARE) - math.log(len(others))]
-    unsure = tuple(sorted(name for name in first if any(best.get(name) != rival.get(name) for rival in rivals)))
-    reason = f"marker {' or '.join(unsure)} may be another source ({100 * (1 - share):.0f} %): one more marker decides"
-    return Choice(report=report, decided=False, chosen=best, left_out=left, open=unsure, reason=reason)
+    return found, problem
+
+
+def _fit(markers: Sequence[SeenMarker], chosen: dict[str, int], spot: SpotToSource) -> _Fit:
+    """How well a set fits; `ConfigError` if it determines no transform."""
+    found = registered_pairs(chosen_pairs(markers, chosen), spot=spot)
+    assert found.log_evidence is not None and found.offset_sigma_m is not None  # noqa: S101, PT018  all have sigmas
+    return _Fit(
+        chosen=chosen,
+        log_probability=_log_prior(markers, chosen) + found.log_evidence,
+        probability=found.probability,
+        offset_sigma_m=found.offset_sigma_m,
+    )
+
+
+def _displaced(markers: Sequence[SeenMarker], chosen: Mapping[str, int], spot: SpotToSource) -> _Fit:
+    """How well all markers fit if each is displaced; those that were not chosen by their first candidate."""
+    all_of_them = {marker.name: chosen.get(marker.name, 0) for marker in markers}
+    fit = _fit(markers, all_of_them, structs.replace(spot, offset_sigma_m=DISPLACED_M))
+    return replace(fit, log_probability=fit.log_probability + math.log(DISPLACED))
+
+
+def _in_words(displaced: _Fit) -> str:
+    """How much markers disagree: the median length of their displacements."""
+    return f"the markers disagree among themselves by {1e3 * MEDIAN_LENGTH * displaced.offset_sigma_m:.1f} mm"
+
+
+_HELD_STILL = "register again, with endoscope and tissue held still"
 
 
 def _unfit(
     useful: Sequence[SeenMarker],
-    first: dict[str, int],
+    fits: Sequence[_Fit],
     problem: str,
     target_trus_m: tuple[float, float, float] | None,
+    spot: SpotToSource,
 ) -> Choice:
-    """Message if no set fits: why the most probable candidates do not."""
+    """Say why no set may be taken, and what to do."""
+    first = {marker.name: 0 for marker in useful}
     try:
-        report = register_pairs(chosen_pairs(useful, first), target_trus_m=target_trus_m)
+        report = register_pairs(chosen_pairs(useful, first), target_trus_m=target_trus_m, spot=spot)
+        displaced = _displaced(useful, first, spot)
     except ConfigError as refusal:
         return Choice(report=None, decided=False, chosen=first, reason=problem or str(refusal))
-    return Choice(report=report, decided=report.registered, chosen=first, reason=report.reason)
+    likeliest = max(fits, key=lambda fit: fit.log_probability, default=displaced)
+    odd = [name for name in first if name not in likeliest.chosen]
+    # The next marker tells whether the newest is wrong, or the endoscope has moved before it.
+    over = len(useful) >= OVER_AFTER and odd != [useful[-1].name]
+    fits_worst = f"marker {' and '.join(odd) or report.worst} fits worst"
+    cure = "it is wrong, or endoscope or tissue have moved: one more marker may decide"
+    reason = f"{_in_words(displaced)}; {fits_worst}: {_HELD_STILL if over else cure}"
+    refused = structs.replace(report, registered=False, davinci_to_trus=None, reason=reason)
+    return Choice(report=refused, decided=False, chosen=first, reason=reason, over=over)
 
 
 def _sets(
@@ -155,26 +249,29 @@ def _sets(
     """
     used = len(markers) - left_out
     most = _MOST_APART * float(chdtri(3 * used - 6, MIN_PROBABILITY))
+    misfits = apart.tolist()
     candidates: list[tuple[str, int]] = []
     """Name and number of each that is tried, by its place in `apart`."""
     # Grown marker by marker: a set whose distances do not fit has no other that holds it.
-    grown: list[tuple[int, ...]] = [()]
+    grown: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
+    """Logarithm of the probability of each set, by its candidates and its distances, and the candidates' places."""
     for number, marker in enumerate(markers):
         first = len(candidates)
-        candidates += [(marker.name, each) for each in range(min(len(marker.candidates), MOST_CANDIDATES))]
-        with_it = [
-            (*places, place)
-            for places in grown
-            for place in range(first, len(candidates))
-            if all(apart[before, place] <= most for before in places)
-        ]
-        without = [places for places in grown if number - len(places) < left_out]
-        grown = [*with_it, *without]
-    whole = [dict(candidates[place] for place in places) for places in grown if len(places) == used]
-    return sorted(whole, key=lambda chosen: -_log_prior(markers, chosen))[:_MOST_SETS]
+        tried = marker.candidates[:MOST_CANDIDATES]
+        candidates += [(marker.name, each) for each in range(len(tried))]
+        further = [(log, places) for log, places in grown if number - len(places) < left_out]
+        for log, places in grown:
+            for place, candidate in enumerate(tried, start=first):
+                squares = [misfits[before][place] for before in places]
+                if all(square <= most for square in squares):
+                    likely = math.log(max(candidate.probability, 1e-12)) - sum(squares) / 2 / max(len(squares), 1)
+                    further.append((log + likely, (*places, place)))
+        grown = sorted(further, key=lambda each: -each[0])[:_MOST_GROWN]
+    whole = [dict(candidates[place] for place in places) for _, places in grown if len(places) == used]
+    return whole[: _MOST_WITHOUT if left_out else _MOST_SETS]
 
 
-def _distance_misfits(markers: Sequence[SeenMarker]) -> Float64[np.ndarray, "places places"]:
+def _distance_misfits(markers: Sequence[SeenMarker], spot: SpotToSource) -> Float64[np.ndarray, "places places"]:
     """Chi squared of the distance between each two candidates, against that of their spots; markers in their order."""
     pairs = [
         marker.pair(number) for marker in markers for number in range(min(len(marker.candidates), MOST_CANDIDATES))
@@ -184,12 +281,21 @@ def _distance_misfits(markers: Sequence[SeenMarker]) -> Float64[np.ndarray, "pla
         np.array([pair.trus_covariance_m2 for pair in pairs]),
         trus_shared_m(np.array([pair.trus_m for pair in pairs])),
     )
+    camera_m = np.array([pair.camera_m for pair in pairs])
     from_camera, camera_variance = _distances(
-        np.array([pair.camera_m for pair in pairs]),
+        sources_m(camera_m, spot),
         np.array([pair.camera_covariance_m2 for pair in pairs]),
-        np.concatenate([np.array([pair.camera_shared_m for pair in pairs]), motion_m(pairs)], axis=2),
+        np.concatenate(
+            [
+                source_shared_m(camera_m, np.array([pair.camera_shared_m for pair in pairs]), spot),
+                motion_m(pairs),
+            ],
+            axis=2,
+        ),
     )
-    return np.asarray((from_trus - from_camera) ** 2 / (trus_variance + camera_variance + _TINY_M2))
+    # Each of two points may be off by an offset that is as large as it is in one of 20 rigs.
+    offsets_m2 = 2 * (OFFSET_FACTORS[1] ** 2 * spot.offset_sigma_m) ** 2
+    return np.asarray((from_trus - from_camera) ** 2 / (trus_variance + camera_variance + offsets_m2 + _TINY_M2))
 
 
 def _distances(
@@ -216,8 +322,12 @@ def chosen_pairs(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> li
 
 
 def _log_prior(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> float:
-    """Logarithm of the probability of a set before the camera is asked."""
-    shares = [
-        marker.candidates[chosen[marker.name]].probability if marker.name in chosen else LEFT_OUT for marker in markers
-    ]
-    return sum(math.log(max(share, 1e-12)) for share in shares)
+    """Logarithm of the probability of a set before the camera is asked; for a marker that is left out, a density."""
+    total = 0.0
+    for marker in markers:
+        wrong = MOVED if marker is markers[-1] else WRONG
+        if marker.name in chosen:
+            total += math.log((1 - wrong) * max(marker.candidates[chosen[marker.name]].probability, 1e-12))
+        else:
+            total += math.log(wrong / WRONG_M3)
+    return total

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import AnglePrior, ConfigError, Float64, Interval
+from markerseek.core import AnglePrior, ConfigError, Float64, Interval, SpotToSource
 from markerseek.geometry import (
     MIN_POINTS,
     Registration,
@@ -24,7 +24,7 @@ from markerseek.geometry import (
 )
 from markerseek.registration.choice import Choice, SeenMarker, chosen_pairs
 from markerseek.registration.report import PointPair, default_target, motion_m, registered_pairs, triple
-from markerseek.registration.shared_errors import seen_point, trus_shared_m
+from markerseek.registration.shared_errors import seen_point, source_shared_m, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.rigs import Rig
 
@@ -54,14 +54,18 @@ EDGE_DEG, EDGE_PX = 5.0, 60
 """Distance from the ends of the range, in degrees, and from the edges of both images, in pixels, of a place that is
 proposed."""
 
-APART_M = 10e-3
-"""Least distance of a place that is proposed from the spots before."""
+APART_M, CORNER_APART_M = 10e-3, 15e-3
+"""Least distance of a place that is proposed from the spots before, once a spot lies near each corner that can be
+reached, and until then."""
+
+LEAST_CORNERS = 2
+"""Markers from which corners are asked for: two show the roll of the camera to some degrees."""
+
+SURE, FAIRLY_SURE = 0.95, 0.7
+"""Least probability that a corner is in reach: by a registration, and by two markers, which leave one rotation open."""
 
 MISSED = 0.1
 """Probability that a marker in reach is not found."""
-
-IN_REACH = 0.95
-"""Least probability, by a registration, that a place that is proposed is in reach."""
 
 NEARLY = 0.03
 """Share of the expected TRE by which a place may be worse than the best, if the probe is nearer to it."""
@@ -129,6 +133,20 @@ class Prediction(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _InView:
+    """A place of the tissue that both cameras see."""
+
+    left_px: Float64[np.ndarray, " 2"]
+    right_px: Float64[np.ndarray, " 2"]
+    camera_m: Float64[np.ndarray, " 3"]
+    share: float
+    """Probability that the probe reaches it."""
+    angle_deg: float
+    lateral_m: float
+    """``angle_deg`` and ``lateral_m``: where it is for the probe, in the middle of all poses."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Poses:
     """Possible transforms from the camera to the probe."""
 
@@ -138,6 +156,8 @@ class Poses:
     """The points by which they were drawn."""
     registration: Registration | None
     """Registration of these points; None where rotations are open."""
+    spot: SpotToSource
+    """Where the light of a spot is absorbed."""
 
     @classmethod
     def of(
@@ -147,15 +167,18 @@ class Poses:
         reach: Reach,
         *,
         missed_m: Sequence[Float64[np.ndarray, " 3"]] = (),
+        spot: SpotToSource | None = None,
         rng: np.random.Generator,
     ) -> Poses | None:
         """The poses that the markers allow; None before the first.
 
         ``missed_m``: spots in the camera's frame whose markers were not found: they were probably out of reach.
+        ``spot``: as of `register_pairs`.
         """
+        spot = spot or SpotToSource()
         pairs = chosen_pairs(markers, choice.chosen)
         if len(pairs) >= MIN_POINTS and choice.report is not None:
-            return cls._registered(tuple(pairs), rng=rng)
+            return cls._registered(tuple(pairs), spot, rng=rng)
         # Of more that lie on a line, or do not fit, the first two.
         pairs = pairs[: MIN_POINTS - 1]
         if not pairs:
@@ -181,18 +204,24 @@ class Poses:
         kept = rng.random(len(matrices)) < likely
         if not kept.any():
             return None
-        return cls(rotations=matrices[kept], translations_m=translations_m[kept], pairs=tuple(pairs), registration=None)
+        return cls(
+            rotations=matrices[kept],
+            translations_m=translations_m[kept],
+            pairs=tuple(pairs),
+            registration=None,
+            spot=spot,
+        )
 
     @classmethod
-    def _registered(cls, pairs: tuple[PointPair, ...], *, rng: np.random.Generator) -> Poses:
-        found = registered_pairs(pairs)
-        covariance = found.errors.covariance[:6, :6] * max(1.0, found.misfit)
+    def _registered(cls, pairs: tuple[PointPair, ...], spot: SpotToSource, *, rng: np.random.Generator) -> Poses:
+        found = registered_pairs(pairs, spot=spot)
+        covariance = found.errors.covariance[:6, :6] * found.scale**2
         steps = rng.multivariate_normal(np.zeros(6), covariance, size=DRAWS // 10)
         turns = Rotation.from_rotvec(steps[:, :3]).as_matrix()
         middle_m = found.errors.middle_m
         moved_m = turns @ (found.transform.translation_m - middle_m) + middle_m + steps[:, 3:]
         rotations = turns @ found.transform.rotation
-        return cls(rotations=rotations, translations_m=moved_m, pairs=pairs, registration=found)
+        return cls(rotations=rotations, translations_m=moved_m, pairs=pairs, registration=found, spot=spot)
 
     def positions(self, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "poses 3"]:
         """Where a point of the camera's frame is in that of the probe, for each pose."""
@@ -244,40 +273,84 @@ class Poses:
         probe_deg: float,
         avoid_m: Sequence[Float64[np.ndarray, " 3"]] = (),
     ) -> Place | None:
-        """The place for the next spot that lowers the expected TRE at the target most; None if nothing is in reach.
+        """The place for the next spot; None if nothing is in reach.
 
-        Before there is a registration: a place that is far from the spots so far and from the line through them, and
-        probably in reach. ``probe_deg``: where the probe is, in degrees. ``avoid_m``: points in the camera's frame near
-        which no marker was found.
+        From the second marker on, a corner of what probe and cameras reach; once all are taken, the place that lowers
+        the expected TRE at the target most. Before: a place that is far from the spot and probably in reach.
+        ``probe_deg``: where the probe is, in degrees. ``avoid_m``: points in the camera's frame near which no marker
+        was found.
         """
         spots_m = np.array([pair.camera_m for pair in self.pairs])
         taken_m = np.concatenate([spots_m, np.array([*avoid_m]).reshape(-1, 3)])
-        cameras = stereo.cameras
+        seen = self._in_view(stereo, reach, spots_m)
+        wanted = self._corners(seen, reach, taken_m)
+        if not wanted:
+            apart_m = CORNER_APART_M if len(self.pairs) < MIN_POINTS else APART_M
+            wanted = [each for each in seen if np.linalg.norm(taken_m - each.camera_m, axis=1).min() >= apart_m]
         found: list[tuple[float, float, Place]] = []
-        for left_px, ray in _lines_of_sight(stereo):
-            points_m = self._on_tissue(ray, spots_m)
-            camera_m = np.median(points_m, axis=0)
-            right_px = _seen_right(cameras, camera_m)
-            if right_px is None or np.linalg.norm(taken_m - camera_m, axis=1).min() < APART_M:
-                continue
-            trus_m = np.einsum("nij,nj->ni", self.rotations, points_m) + self.translations_m
-            share = float(np.mean(reach.holds(*_polar(trus_m))))
+        for each in wanted:
             tre_m = None
             if self.registration is None:
-                worth = share * _new_span(spots_m, camera_m)
-            elif share < IN_REACH:
+                worth = each.share * _new_span(spots_m, each.camera_m)
+            elif each.share < SURE:
                 continue
             else:
-                tre_m = self._tre_with(camera_m, left_px, right_px, cameras, stereo.calibration_sigma_px, target_trus_m)
+                calibration_px = stereo.calibration_sigma_px
+                tre_m = self._tre_with(
+                    each.camera_m, each.left_px, each.right_px, stereo.cameras, calibration_px, target_trus_m
+                )
                 worth = -tre_m
-            place = Place(left_px=_pair(left_px), right_px=_pair(right_px), camera_m=triple(camera_m), tre_m=tre_m)
-            found.append((worth, abs(float(np.median(_polar(trus_m)[0])) - probe_deg), place))
+            place = Place(
+                left_px=_pair(each.left_px), right_px=_pair(each.right_px), camera_m=triple(each.camera_m), tre_m=tre_m
+            )
+            found.append((worth, abs(each.angle_deg - probe_deg), place))
         if not found:
             return None
         most = max(worth for worth, _, _ in found)
         # Of places that are nearly as good, the one to which the probe turns least.
         good = [each for each in found if each[0] >= most - NEARLY * abs(most)]
         return min(good, key=lambda each: each[1])[2]
+
+    def _in_view(self, stereo: StereoSettings, reach: Reach, spots_m: Float64[np.ndarray, "spots 3"]) -> list[_InView]:
+        """Places of the tissue that both cameras see, on a grid."""
+        found = []
+        for left_px, ray in _lines_of_sight(stereo):
+            points_m = self._on_tissue(ray, spots_m)
+            camera_m = np.median(points_m, axis=0)
+            right_px = _seen_right(stereo.cameras, camera_m)
+            if right_px is None:
+                continue
+            trus_m = np.einsum("nij,nj->ni", self.rotations, points_m) + self.translations_m
+            angle_deg, lateral_m, radius_m = _polar(trus_m)
+            found.append(
+                _InView(
+                    left_px=left_px,
+                    right_px=right_px,
+                    camera_m=camera_m,
+                    share=float(np.mean(reach.holds(angle_deg, lateral_m, radius_m))),
+                    angle_deg=float(np.median(angle_deg)),
+                    lateral_m=float(np.median(lateral_m)),
+                )
+            )
+        return found
+
+    def _corners(self, seen: Sequence[_InView], reach: Reach, taken_m: Float64[np.ndarray, "taken 3"]) -> list[_InView]:
+        """The places nearest to the corners of what probe and cameras reach, near which no spot was lit."""
+        if len(self.pairs) < LEAST_CORNERS:
+            return []
+        sure = SURE if self.registration is not None else FAIRLY_SURE
+        inside = [each for each in seen if each.share >= sure]
+        if not inside:
+            return []
+        half_deg = reach.angles.width_deg / 2
+        across = np.array([(each.angle_deg - reach.angles.centre_deg) / half_deg for each in inside])
+        along = np.array([each.lateral_m / reach.lateral_m for each in inside])
+        corners = []
+        for left, low in ((-1, -1), (-1, 1), (1, 1), (1, -1)):
+            corner = inside[int(np.argmin(np.hypot(across - left, along - low)))]
+            if np.linalg.norm(taken_m - corner.camera_m, axis=1).min() >= CORNER_APART_M:
+                corners.append(corner)
+        return corners
 
     def _on_tissue(
         self, ray: Float64[np.ndarray, " 3"], spots_m: Float64[np.ndarray, "spots 3"]
@@ -315,16 +388,21 @@ class Poses:
         trus_m = np.array([pair.trus_m for pair in self.pairs])
         from_trus = np.array([pair.trus_covariance_m2 for pair in self.pairs])
         from_camera = np.array([*(pair.camera_covariance_m2 for pair in self.pairs), covariance_m2])
-        camera_shared = np.array([*(pair.camera_shared_m for pair in self.pairs), shared_m])
+        cameras_m = np.array([*(pair.camera_m for pair in self.pairs), camera_m])
+        camera_shared = source_shared_m(
+            cameras_m, np.array([*(pair.camera_shared_m for pair in self.pairs), shared_m]), self.spot
+        )
         points_m = np.concatenate([trus_m, found.transform.apply(camera_m)[None]])
-        noise = rotation @ from_camera @ rotation.T + np.concatenate([from_trus, from_trus.mean(axis=0)[None]])
+        offset_m2 = (found.offset_sigma_m or 0.0) ** 2 * np.eye(3)
+        from_trus = np.concatenate([from_trus, from_trus.mean(axis=0)[None]]) + offset_m2
+        noise = rotation @ from_camera @ rotation.T + from_trus
         motion = motion_m(self.pairs)
         # The camera stands where it sees the new place: no motion displaces it.
         motion = np.concatenate([motion, np.zeros((1, *motion.shape[1:]))])
         shared = np.concatenate([-rotation @ camera_shared, -rotation @ motion, trus_shared_m(points_m)], axis=2)
         errors = registration_errors(points_m, noise, np.linalg.inv(noise), shared_m=shared)
         target_m = default_target(points_m) if target_trus_m is None else target_trus_m
-        return errors.tre_m(np.array(target_m)) * math.sqrt(max(1.0, found.misfit))
+        return errors.tre_m(np.array(target_m)) * found.scale
 
 
 def _prior(made: Callable[[], AnglePrior], limits: Interval) -> AnglePrior | None:

@@ -11,18 +11,32 @@ from typing import Any, Literal, Self, TypeAlias
 
 import msgspec
 import numpy as np
-from scipy.special import chdtrc
+from msgspec import structs
+from scipy.special import chdtrc, softmax
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError, Float64, RecordError
+from markerseek.core import ConfigError, Float64, RecordError, SpotToSource
 from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, mirror_image_fre, register_points
 from markerseek.registration.plan import require_target
-from markerseek.registration.shared_errors import FOCAL_ERROR, TRUS_ERRORS, focal_shared_m, trus_shared_m
+from markerseek.registration.shared_errors import (
+    SharedError,
+    shared_directions,
+    source_shared_m,
+    sources_m,
+    trus_shared_m,
+)
 from markerseek.registration.stereo_files import StereoSettings
 
 MIN_PROBABILITY = 1e-3
 """Probability of residuals as large, or larger, below which points do not fit (a chi-squared test)."""
+
+WRONG, WRONG_M3 = 0.02, 1e-4
+"""Probability that a point is wrong before it is compared with others, and the volume in which it then lies anywhere:
+what a probe can reach."""
+
+MIN_RIGHT = 0.99
+"""Least probability that no point is wrong; below it, points with sigmas are not accepted."""
 
 ASSUMED_SIGMA_M = 1e-3
 """Standard deviation of each coordinate of a residual, in metres, by which points without sigmas are judged: points at
@@ -30,6 +44,13 @@ which a tool is pressed on tissue are off by 1.7 mm altogether."""
 
 MIRROR_SHARE = 0.5
 """Where points do not fit, a mirror image is reported if its FRE is below this share of the registration's."""
+
+MEDIAN_LENGTH = 1.538
+"""Median length of a vector whose coordinates have the standard deviation 1 (the root of the chi-squared median of
+three degrees of freedom)."""
+
+DOUBTED = 0.5
+"""Probability that some shared error is larger than assumed, above which that is said."""
 
 TARGET_DEPTH_M = 20e-3
 """Usual target: this far under the middle of the points, towards the axis of the probe, in metres."""
@@ -83,7 +104,7 @@ class SharedReport(msgspec.Struct, frozen=True, kw_only=True):
     """An error that all points share: by how much its value was assumed too large, in ``unit``.
 
     ``value`` and ``sigma`` are the estimate and its standard deviation, ``assumed_sigma`` is that of the prior. Where
-    the points show nothing of it both are alike.
+    the points show nothing of it both are alike. ``larger`` is the probability that this error is larger than assumed.
     """
 
     name: str
@@ -91,6 +112,7 @@ class SharedReport(msgspec.Struct, frozen=True, kw_only=True):
     value: float
     sigma: float
     assumed_sigma: float
+    larger: float = 0.0
 
 
 class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -102,8 +124,10 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     degrees of freedom, and ``probability`` that of residuals as large or larger. ``tre_m`` is the expected root mean
     square error at ``target_trus_m``, 95 % of the errors there are below ``tre95_m``, and their covariance is
     ``target_covariance_m2``, in the TRUS frame; errors that all points share are in all three. ``shared`` are those
-    that were estimated, none without sigmas. ``weights`` says whether the sigmas were used. ``worst`` is the point
-    without which the others fit best, and ``without`` are those that the user left out.
+    that were estimated, none without sigmas, and ``doubts`` says which of them the points show to be larger than
+    assumed, with the cure. ``offset_sigma_m`` is the estimate of the distance between spot and source, as a standard
+    deviation along each direction; None without sigmas. ``weights`` says whether the sigmas were used. ``worst`` is the
+    point without which the others fit best, and ``without`` are those that the user left out.
     """
 
     registered: bool
@@ -124,7 +148,14 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     without: list[str]
     shared: list[SharedReport]
     points: list[PointReport]
+    offset_sigma_m: float | None = None
+    doubts: list[str] = []
     version: str = __version__
+
+    @property
+    def offset_m(self) -> float | None:
+        """Median distance between spot and source; None without sigmas."""
+        return None if self.offset_sigma_m is None else MEDIAN_LENGTH * self.offset_sigma_m
 
     @property
     def expected(self) -> str:
@@ -140,7 +171,11 @@ FRAMES = {
 
 
 def register_pairs(
-    pairs: Sequence[PointPair], *, target_trus_m: Triple | None = None, without: Sequence[str] = ()
+    pairs: Sequence[PointPair],
+    *,
+    target_trus_m: Triple | None = None,
+    without: Sequence[str] = (),
+    spot: SpotToSource | None = None,
 ) -> RegistrationReport:
     """Register point pairs, and judge the result.
 
@@ -148,26 +183,30 @@ def register_pairs(
     exact.
 
     ``pairs``: at least three that are not on a line. ``target_trus_m``: where the error is wanted, in the TRUS frame;
-    None: `TARGET_DEPTH_M` under the middle of the points. ``without``: names of points that are left out.
+    None: `TARGET_DEPTH_M` under the middle of the points. ``without``: names of points that are left out. ``spot``:
+    where the light of a spot is absorbed; None: as usual. It counts where sigmas are used.
     """
+    spot = spot or SpotToSource()
     require_target(target_trus_m)
     names = [pair.name for pair in pairs]
     unknown = next((name for name in without if name not in names), None)
     if unknown is not None:
         raise ConfigError(f"--without is {unknown!r}, which is no point; there are {', '.join(names)}")
     pairs = _alike([pair for pair in pairs if pair.name not in without])
-    found = registered_pairs(pairs)
+    found = registered_pairs(pairs, spot=spot)
     weighed = pairs[0].trus_covariance_m2 is not None
     fit = _Fit.of(found, len(pairs), weighed=weighed)
-    rests = _without_each(pairs)
+    rests = _without_each(pairs, spot)
     rest_fits = {name: _Fit.of(rest, len(pairs) - 1, weighed=weighed) for name, rest in rests.items()}
     # The point without which the others fit best; that of the largest residual if none can be left out.
     farthest = pairs[int(np.argmax(found.distances_m))].name
-    worst = min(rest_fits, key=lambda name: rest_fits[name].chi_squared, default=farthest)
+    worst = min(rest_fits, key=lambda name: _rank(rest_fits[name]), default=farthest)
     trus_m = np.array([pair.trus_m for pair in pairs])
     mirror_fre_m = mirror_image_fre(np.array([pair.camera_m for pair in pairs]), trus_m)
-    reason = None if fit.accepted else _refusal(found, fit, rest_fits, worst, mirror_fre_m)
+    right = _all_right(found, rests)
+    reason = None if fit.accepted and right >= MIN_RIGHT else _refusal(found, fit, rest_fits, worst, mirror_fre_m)
     target = default_target(trus_m) if target_trus_m is None else target_trus_m
+    shared, doubts = _shared(found, pairs, spot) if weighed else ([], [])
     return RegistrationReport(
         registered=reason is None,
         reason=reason,
@@ -185,7 +224,9 @@ def register_pairs(
         weights="sigmas of both" if weighed else "equal",
         worst=worst,
         without=list(without),
-        shared=_shared(found) if weighed else [],
+        shared=shared,
+        offset_sigma_m=found.offset_sigma_m,
+        doubts=doubts,
         points=[
             PointReport(
                 name=pair.name,
@@ -193,28 +234,39 @@ def register_pairs(
                 camera_m=triple(pair.camera_m),
                 transformed_m=triple(pair.trus_m + residual_m),
                 residual_m=float(np.linalg.norm(residual_m)),
-                left_out_m=_distance_m(pair, rests[pair.name]) if pair.name in rests else None,
+                left_out_m=_distance_m(pair, rests[pair.name], spot) if pair.name in rests else None,
             )
             for pair, residual_m in zip(pairs, found.residuals_m, strict=True)
         ],
     )
 
 
-def registered_pairs(pairs: Sequence[PointPair]) -> Registration:
-    """The transform of point pairs with its covariance, not judged."""
+def registered_pairs(pairs: Sequence[PointPair], *, spot: SpotToSource) -> Registration:
+    """The transform of point pairs with its covariance, not judged; ``spot`` as of `register_pairs`."""
     pairs = _alike(pairs)
     camera_m = np.array([pair.camera_m for pair in pairs], dtype=float).reshape(-1, 3)
     trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
-    weighed = bool(pairs) and pairs[0].trus_covariance_m2 is not None
-    known = bool(pairs) and pairs[0].camera_shared_m is not None
-    shared_m = np.array([pair.camera_shared_m for pair in pairs]) if known else focal_shared_m(camera_m)
+    camera_shared = _camera_shared(pairs)
+    if not pairs or pairs[0].trus_covariance_m2 is None:
+        # Points at which a tool was pressed have no depth.
+        pressed = structs.replace(spot, depth_sigma_m=0.0)
+        return register_points(
+            camera_m,
+            trus_m,
+            source_shared_m=source_shared_m(camera_m, camera_shared, pressed),
+            target_shared_m=trus_shared_m(trus_m),
+        )
+    moved_m = motion_m(pairs)
+    directions = shared_directions(camera_m, camera_shared, spot, motions=moved_m.shape[2])
     return register_points(
-        camera_m,
+        sources_m(camera_m, spot),
         trus_m,
-        source_covariances_m2=np.array([pair.camera_covariance_m2 for pair in pairs]) if weighed else None,
-        target_covariances_m2=np.array([pair.trus_covariance_m2 for pair in pairs]) if weighed else None,
-        source_shared_m=np.concatenate([shared_m, motion_m(pairs)], axis=2),
+        source_covariances_m2=np.array([pair.camera_covariance_m2 for pair in pairs]),
+        target_covariances_m2=np.array([pair.trus_covariance_m2 for pair in pairs]),
+        source_shared_m=np.concatenate([source_shared_m(camera_m, camera_shared, spot), moved_m], axis=2),
         target_shared_m=trus_shared_m(trus_m),
+        offset_sigma_m=spot.offset_sigma_m,
+        doubtful=np.array([each for error, each in directions if error.cure]),
     )
 
 
@@ -227,6 +279,13 @@ def motion_m(pairs: Sequence[PointPair]) -> Float64[np.ndarray, "points 3 motion
     ).reshape(len(pairs), 3, count)
 
 
+def _camera_shared(pairs: Sequence[PointPair]) -> Float64[np.ndarray, "points 3 errors"] | None:
+    """Displacements by errors of the camera, of points that are alike; None: their pixels are not known."""
+    known = [pair.camera_shared_m for pair in pairs if pair.camera_shared_m is not None]
+    # A record of points on which no error acts has no column.
+    return np.array(known) if known and known[0].shape[1] > 0 else None
+
+
 def _alike(pairs: Sequence[PointPair]) -> list[PointPair]:
     """The points without covariances unless all have both, and without shared errors unless all have them."""
     if any(pair.trus_covariance_m2 is None or pair.camera_covariance_m2 is None for pair in pairs):
@@ -236,19 +295,35 @@ def _alike(pairs: Sequence[PointPair]) -> list[PointPair]:
     return list(pairs)
 
 
-def _without_each(pairs: Sequence[PointPair]) -> dict[str, Registration]:
+def _without_each(pairs: Sequence[PointPair], spot: SpotToSource) -> dict[str, Registration]:
     """The registration of the others, by the name of each point without which they determine one."""
     rests = {}
     for pair in pairs:
         # The others may be too few, or lie on a line.
         with suppress(ConfigError):
-            rests[pair.name] = registered_pairs([other for other in pairs if other is not pair])
+            rests[pair.name] = registered_pairs([other for other in pairs if other is not pair], spot=spot)
     return rests
 
 
-def _distance_m(pair: PointPair, rest: Registration) -> float:
+def _rank(fit: _Fit) -> float:
+    """The smaller, the better points fit: by their evidence or, without sigmas, by their residuals."""
+    return fit.chi_squared if fit.log_evidence is None else -fit.log_evidence
+
+
+def _all_right(found: Registration, rests: Mapping[str, Registration]) -> float:
+    """Probability that no point is wrong, against one of them being so; 1 without sigmas."""
+    if found.log_evidence is None:
+        return 1.0
+    prior = math.log(WRONG / (1 - WRONG) / WRONG_M3)
+    odds = [rest.log_evidence - found.log_evidence + prior for rest in rests.values() if rest.log_evidence is not None]
+    return float(softmax([0.0, *odds])[0])
+
+
+def _distance_m(pair: PointPair, rest: Registration, spot: SpotToSource) -> float:
     """Distance of a point from where a registration puts it."""
-    return float(np.linalg.norm(rest.transform.apply(pair.camera_m) - pair.trus_m))
+    weighed = rest.offset_sigma_m is not None
+    camera_m = sources_m(pair.camera_m[None], spot)[0] if weighed else pair.camera_m
+    return float(np.linalg.norm(rest.transform.apply(camera_m) - pair.trus_m))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -258,22 +333,29 @@ class _Fit:
     chi_squared: float
     freedom: int
     expected_fre_m: float
+    probability: float
+    """Probability of residuals as large or larger."""
+    log_evidence: float | None = None
+    """As of `Registration`."""
 
     @classmethod
     def of(cls, found: Registration, count: int, *, weighed: bool) -> _Fit:
         freedom = 3 * count - 6
         if weighed:
-            return cls(chi_squared=found.misfit * freedom, freedom=freedom, expected_fre_m=found.errors.fre_m)
+            return cls(
+                chi_squared=found.misfit * freedom,
+                freedom=freedom,
+                expected_fre_m=found.errors.fre_m,
+                probability=found.probability,
+                log_evidence=found.log_evidence,
+            )
+        chi_squared = count * (found.fre_m / ASSUMED_SIGMA_M) ** 2
         return cls(
-            chi_squared=count * (found.fre_m / ASSUMED_SIGMA_M) ** 2,
+            chi_squared=chi_squared,
             freedom=freedom,
             expected_fre_m=ASSUMED_SIGMA_M * math.sqrt(freedom / count),
+            probability=float(chdtrc(freedom, chi_squared)),
         )
-
-    @property
-    def probability(self) -> float:
-        """Probability of residuals as large or larger."""
-        return float(chdtrc(self.freedom, self.chi_squared))
 
     @property
     def accepted(self) -> bool:
@@ -294,7 +376,7 @@ def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: s
         f"(FRE {fre_mm:.2f} mm, {expected_mm:.2f} mm expected); point {worst} fits worst"
     )
     same = "check that its marker and its camera point are the same spot"
-    fitting = [name for name in sorted(rests, key=lambda name: rests[name].chi_squared) if rests[name].accepted]
+    fitting = _suspects(rests)
     if len(fitting) > 1:
         return (
             f"{larger}, but the others also fit without {' or '.join(fitting[1:])}: check these, then leave the wrong "
@@ -306,20 +388,53 @@ def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: s
     return f"{larger}{alone}: {same}, and that no sigma is too small"
 
 
-def _shared(found: Registration) -> list[SharedReport]:
-    """The errors that all points share; those of the camera come first, and shifts of its images are not reported."""
-    sigmas = np.sqrt(np.diag(found.errors.covariance)[6:])
-    first = len(sigmas) - len(TRUS_ERRORS)
-    return [
-        SharedReport(
-            name=error.name,
-            unit=error.unit,
-            value=float(error.sigma * found.shared[number]),
-            sigma=float(error.sigma * sigmas[number]),
-            assumed_sigma=error.sigma,
+def _suspects(rests: Mapping[str, _Fit]) -> list[str]:
+    """Points without which the others fit, the likeliest to be wrong first; far less likely ones are left out."""
+    fitting = [name for name in sorted(rests, key=lambda name: _rank(rests[name])) if rests[name].accepted]
+    known = {name: log for name in fitting if (log := rests[name].log_evidence) is not None}
+    most = max(known.values(), default=0.0)
+    return [name for name in fitting if known.get(name, most) >= most - _FAR_LESS_LIKELY]
+
+
+_FAR_LESS_LIKELY = 3.0
+"""Logarithm of how much less likely a point is to be the wrong one that is not named."""
+
+
+def _shared(
+    found: Registration, pairs: Sequence[PointPair], spot: SpotToSource
+) -> tuple[list[SharedReport], list[str]]:
+    """The errors that all points share, and those that are larger than assumed in words."""
+    camera_m = np.array([pair.camera_m for pair in pairs])
+    directions = shared_directions(camera_m, _camera_shared(pairs), spot, motions=motion_m(pairs).shape[2])
+    covariance = found.errors.covariance[6:, 6:]
+    doubts = iter(found.doubts)
+    reports, doubted = [], []
+    for error, direction in directions:
+        doubt = next(doubts) if error.cure else None
+        larger = 0.0 if doubt is None else doubt.probability
+        reports.append(
+            SharedReport(
+                name=error.name,
+                unit=error.unit,
+                value=error.sigma * float(direction @ found.shared),
+                sigma=error.sigma * math.sqrt(float(direction @ covariance @ direction)),
+                assumed_sigma=error.sigma,
+                larger=larger,
+            )
         )
-        for number, error in ((0, FOCAL_ERROR), *enumerate(TRUS_ERRORS, start=first))
-    ]
+        if doubt is not None:
+            doubted.append((larger, error, _in_words(error, error.sigma * doubt.value, error.sigma * doubt.sigma)))
+    if sum(larger for larger, _, _ in doubted) < DOUBTED:
+        return reports, []
+    most = max(larger for larger, _, _ in doubted)
+    said = sorted((each for each in doubted if each[0] >= most / 2), key=lambda each: -each[0])
+    return reports, [f"{words}: {error.cure}" for _, error, words in said]
+
+
+def _in_words(error: SharedError, value: float, sigma: float) -> str:
+    """An error that is larger than assumed: "base 1.9 ± 0.6 % too long"."""
+    side = error.large if value > 0 else error.small
+    return f"{error.name} {abs(value):.2g} ± {sigma:.1g} {error.unit} {side}"
 
 
 def default_target(trus_m: Float64[np.ndarray, "points 3"]) -> Triple:

@@ -17,7 +17,7 @@ from markerseek.core import Float64, StereoImages
 from markerseek.geometry import RigidTransform
 from markerseek.registration.poses import reach_of
 from markerseek.registration.report import KnownRegistration
-from markerseek.registration.shared_errors import FOCAL_LENGTH, trus_shared_m
+from markerseek.registration.shared_errors import BASE_LENGTH, FOCAL_LENGTH, trus_shared_m
 from markerseek.registration.steps import TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.registration.view import SessionView
@@ -234,7 +234,8 @@ class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
     """What only a simulation knows of a session.
 
     ``target_error_m`` is the true error at the target, None without a registration. ``marker_errors_m`` are the
-    distances of the chosen markers from where the spots were, without the errors that all share. ``by_hand_s`` is what
+    distances of the chosen markers from the sources of their spots, without the errors that all share, and
+    ``beside_spot_m`` those of these sources from the spots. ``by_hand_s`` is what
     the paper gives for a search by hand.
     """
 
@@ -243,6 +244,7 @@ class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
     target_error_m: float | None
     marker_errors_m: dict[str, float]
     rig_s: float
+    beside_spot_m: dict[str, float] = {}
     by_hand_s: tuple[float, float] = BY_HAND_S
 
 
@@ -277,9 +279,14 @@ class SimulatedRoom:
         self._tissue: TexturedTissue | None = None
         if settings.textured:
             self._tissue = TexturedTissue.drawn(seed=seed, level_m=tissue_m, relief_m=RELIEF_M, contrast=CONTRAST)
-        # Sound speed, face radius, zero of the angle and focal length are wrong, as a registration assumes of each.
+        # Sound speed, face radius, zero of the angle, focal length, base, vergence and the depth of the source are
+        # wrong, as a registration assumes of each.
         drawn = rng.standard_normal(4)
         self._shared = drawn[:3]
+        self._beside = np.random.default_rng((seed, 1))
+        base, vergence, depth = self._beside.standard_normal(3).tolist()
+        spot = settings.rig.spot
+        self._depth_m = max(spot.depth_m + spot.depth_sigma_m * depth, 0.0)
         cameras = endoscope()
         look, motion = settings.look, self._movable.world.motion
         self.stereo = StereoSettings.of(cameras, calibration_sigma_px=look.calibration_sigma_px)
@@ -292,10 +299,13 @@ class SimulatedRoom:
             clock=self.rig.scanner.clock,
             flashes=lambda: len(self._movable.world.flashes),
             focal_error=FOCAL_LENGTH * float(drawn[3]),
+            base_error=BASE_LENGTH * base,
+            vergence_px=math.sqrt(2) * look.calibration_sigma_px * vergence,
             tissue=self._tissue,
             displacement_m=lambda at_s: motion.displacement_m(np.array([at_s]))[0],
         )
         self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
+        self._sources_m: dict[tuple[float, ...], Float64[np.ndarray, " 3"]] = {}
         self._turn, self._asked = 0, dict[str, int]()
         self._recalled: set[str] = set()
 
@@ -350,7 +360,7 @@ class SimulatedRoom:
             marker.name: float(
                 np.linalg.norm(
                     np.array(marker.candidates[chosen[marker.name]].position.position_m)
-                    - self._seen_m(self._spots_m[marker.name])
+                    - self._heard_m(self._spots_m[marker.name])
                 )
             )
             for marker in view.markers
@@ -363,17 +373,31 @@ class SimulatedRoom:
             target_error_m=None if known is None else _error_m(known, self.true),
             marker_errors_m=errors_m,
             rig_s=view.rig_s,
+            beside_spot_m={
+                name: float(np.linalg.norm(self._source_m(self._spots_m[name]) - self._spots_m[name]))
+                for name in errors_m
+            },
         )
 
     def _light(self, spot_m: Float64[np.ndarray, " 3"]) -> None:
         """Put the fibre there: the camera sees it, and the probe hears it where its errors put it."""
         self.images.show(spot_m)
-        x, y, z = self._seen_m(spot_m).tolist()
+        x, y, z = self._heard_m(spot_m).tolist()
         self.rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
 
-    def _seen_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
-        """Where a probe whose sound speed, face radius and zero are wrong finds a spot."""
-        return np.asarray(spot_m + trus_shared_m(spot_m[None])[0] @ self._shared)
+    def _heard_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
+        """Where a probe whose sound speed, face radius and zero are wrong finds the source of a spot."""
+        source_m = self._source_m(spot_m)
+        return np.asarray(source_m + trus_shared_m(source_m[None])[0] @ self._shared)
+
+    def _source_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
+        """Where the light of a spot is absorbed: below it, and beside it; the same whenever the spot comes back."""
+        key = tuple(spot_m.tolist())
+        if key not in self._sources_m:
+            sight = spot_m - self.true.translation_m
+            beside_m = self._settings.rig.marker.beside_spot_m * self._beside.standard_normal(3)
+            self._sources_m[key] = spot_m + self._depth_m * sight / np.linalg.norm(sight) + beside_m
+        return self._sources_m[key]
 
     def _draw(self, waiting: Waiting) -> Float64[np.ndarray, " 3"]:
         """Where the person lights the tissue: near the place that is asked for, else anywhere in reach."""

@@ -319,15 +319,16 @@ class RegistrationSession:
         )
 
     def _choose(self, markers: Sequence[SeenMarker]) -> Choice:
-        return choose(markers, target_trus_m=self._plan.target_trus_m)
+        return choose(markers, target_trus_m=self._plan.target_trus_m, spot=self._room.rig.spot)
 
     def _poses(self, markers: Sequence[SeenMarker], choice: Choice) -> Poses | None:
         """Return the poses of the camera that the markers allow."""
-        return Poses.of(markers, choice, reach_of(self._room.rig), missed_m=_missed_m(markers), rng=self._rng)
+        rig = self._room.rig
+        return Poses.of(markers, choice, reach_of(rig), missed_m=_missed_m(markers), spot=rig.spot, rng=self._rng)
 
     def _is_done(self, choice: Choice, place: Place | None) -> bool:
         """Whether the session ends: the goal is reached, or another marker would not help."""
-        if len(self.view.markers) >= MOST_MARKERS:
+        if choice.over or len(self.view.markers) >= MOST_MARKERS:
             return True
         if not choice.decided or choice.report is None:
             return False
@@ -347,6 +348,7 @@ class RegistrationSession:
             return f"not registered: {choice.reason}{left}"
         if not choice.decided:
             return f"not certain: {choice.reason}; {report.expected}"
+        left += "".join(f"; {doubt}" for doubt in report.doubts)
         if report.tre_m <= self._plan.goal_m:
             return f"registered: {report.expected}{left}"
         more = (
@@ -389,7 +391,7 @@ class RegistrationSession:
         """How far the marker has moved from where the registration and its spot say that it is now."""
         markers = carry(self.view.markers).seen
         then = next(marker for marker in markers if marker.name == first.name)
-        transform = registered_pairs(chosen_pairs(markers, chosen)).transform
+        transform = registered_pairs(chosen_pairs(markers, chosen), spot=self._room.rig.spot).transform
         spots_m = transform.apply(np.array([then.camera_m, again.camera_m]))
         was, now = first.candidates[chosen[first.name]].position, again.candidates[0].position
         apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from markerseek.core import Float64
+from markerseek.core import Float64, SpotToSource
 from markerseek.geometry import StereoCameras, Triangulated, triangulate
 
-SOUND_SPEED, FACE_RADIUS_M, ANGLE_ZERO_DEG, FOCAL_LENGTH = 0.01, 0.2e-3, 0.1, 0.005
+SOUND_SPEED, FACE_RADIUS_M, ANGLE_ZERO_DEG, FOCAL_LENGTH, BASE_LENGTH = 0.01, 0.2e-3, 0.1, 0.005, 0.005
 """Standard deviations of the sound speed (relative), of the distance of the array's face from the axis (metres), of the
-angle at which the stage finds its zero again (degrees), and of the focal length (relative)."""
+angle at which the stage finds its zero again (degrees), of the focal length and of the distance between the cameras
+(both relative)."""
 
 USUAL_FACE_M = 10e-3
 """Distance of the array's face from the axis, in metres, from which depth counts. A marker's position does not say it;
@@ -24,22 +25,92 @@ USUAL_FACE_M = 10e-3
 
 
 class SharedError(NamedTuple):
-    """An error that all points share: its name, and its standard deviation in a unit."""
+    """An error that all points share: its name, its standard deviation in a unit, and words for it."""
 
     name: str
     sigma: float
     unit: str
+    large: str
+    """Word for a value that was assumed too large: "too long"."""
+    small: str
+    cure: str
+    """What to do if it is larger than assumed; empty: nothing is in doubt."""
 
+
+_CALIBRATE_CAMERAS = "calibrate the endoscope again, at the focus that is used"
+_CALIBRATE_PROBE = "calibrate the probe again"
 
 TRUS_ERRORS = (
-    SharedError("sound speed", 100 * SOUND_SPEED, "%"),
-    SharedError("face radius", 1e3 * FACE_RADIUS_M, "mm"),
-    SharedError("zero of the angle", ANGLE_ZERO_DEG, "deg"),
+    SharedError("sound speed", 100 * SOUND_SPEED, "%", "too high", "too low", "measure the sound speed of the tissue"),
+    SharedError("face radius", 1e3 * FACE_RADIUS_M, "mm", "too long", "too short", _CALIBRATE_PROBE),
+    SharedError("zero of the angle", ANGLE_ZERO_DEG, "deg", "too large", "too small", _CALIBRATE_PROBE),
 )
 """The errors of `trus_shared_m`, in its order."""
 
-FOCAL_ERROR = SharedError("focal length", 100 * FOCAL_LENGTH, "%")
+FOCAL_ERROR = SharedError("focal length", 100 * FOCAL_LENGTH, "%", "too long", "too short", _CALIBRATE_CAMERAS)
 """The first error of `camera_shared_m`; four shifts of the images follow where the pixels are known."""
+
+BASE_ERROR = SharedError("base", 100 * BASE_LENGTH, "%", "too long", "too short", _CALIBRATE_CAMERAS)
+
+
+def depth_error(spot: SpotToSource) -> SharedError:
+    """The error of the depth at which light is absorbed."""
+    return SharedError("depth of the source", 1e3 * spot.depth_sigma_m, "mm", "too deep", "not deep enough", "")
+
+
+def vergence_error(depth_share: float) -> SharedError:
+    """The error of the angle between the cameras, by its effect on a distance from them, relative to it."""
+    return SharedError("vergence", 100 * depth_share, "% of depth", "too far", "too near", _CALIBRATE_CAMERAS)
+
+
+def source_shared_m(
+    camera_m: Float64[np.ndarray, "points 3"],
+    camera_shared: Float64[np.ndarray, "points 3 errors"] | None,
+    spot: SpotToSource,
+) -> Float64[np.ndarray, "points 3 all_errors"]:
+    """Displacements, in the camera's frame, of the sources below spots: those of `camera_shared_m`, base, and depth.
+
+    ``camera_shared``: as of `camera_shared_m`; None: of points without known pixels.
+    """
+    known = focal_shared_m(camera_m) if camera_shared is None else camera_shared
+    # The base scales all coordinates of a stereo pair.
+    base_m = BASE_LENGTH * camera_m
+    depth_m = spot.depth_sigma_m * _along_sight(camera_m)
+    return np.concatenate([known, base_m[:, :, None], depth_m[:, :, None]], axis=2)
+
+
+def sources_m(camera_m: Float64[np.ndarray, "points 3"], spot: SpotToSource) -> Float64[np.ndarray, "points 3"]:
+    """Where the light of visible spots is absorbed: below them, along the line of sight."""
+    return np.asarray(camera_m + spot.depth_m * _along_sight(camera_m))
+
+
+def _along_sight(camera_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+    return np.asarray(camera_m / np.maximum(np.linalg.norm(camera_m, axis=1), 1e-9)[:, None])
+
+
+def shared_directions(
+    camera_m: Float64[np.ndarray, "points 3"],
+    camera_shared: Float64[np.ndarray, "points 3 errors"] | None,
+    spot: SpotToSource,
+    *,
+    motions: int = 0,
+) -> list[tuple[SharedError, Float64[np.ndarray, " errors"]]]:
+    """The errors that a registration reports, and where each is among those of `source_shared_m` and `trus_shared_m`.
+
+    ``motions``: number of errors of motions of the endoscope, which follow those of the camera. Each is a unit vector.
+    Shifts of the images count by their vergence: the one combination that changes distances.
+    """
+    shifts = 0 if camera_shared is None else camera_shared.shape[2] - 1
+    count = 1 + shifts + 2 + motions + len(TRUS_ERRORS)
+    axes = np.eye(count)
+    found = [(FOCAL_ERROR, axes[0])]
+    if camera_shared is not None and shifts > 0:
+        effect = np.mean(camera_shared[:, 2, 1:] / camera_m[:, 2:], axis=0)
+        share = float(np.linalg.norm(effect))
+        if share > 0:
+            found.append((vergence_error(share), np.concatenate([[0.0], effect / share, np.zeros(count - 1 - shifts)])))
+    found += [(BASE_ERROR, axes[1 + shifts]), (depth_error(spot), axes[2 + shifts])]
+    return found + [(error, axes[3 + shifts + motions + number]) for number, error in enumerate(TRUS_ERRORS)]
 
 
 def trus_shared_m(trus_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 3"]:

@@ -289,6 +289,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         receiver=receiver,
         scanner=scanner,
         imaging=imaging,
+        spot=settings.spot,
         dark_frames=DARK_FRAMES,
         # If the receiver's frames come one acquisition late, a final dark frame contains light, and shows it.
         closing_dark=True,

@@ -15,7 +15,7 @@ import msgspec
 from msgspec.structs import replace
 
 from markerseek._closing import Closing
-from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, Stage
+from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, SpotToSource, Stage
 from markerseek.drivers import BenchSettings, bench_settings_from
 from markerseek.files import read_toml, settings_from
 from markerseek.guard import Limits
@@ -49,6 +49,8 @@ class Rig(Closing):
     scanner: Scanner
     imaging: ImageReader | None
     """Imaging chain of its channel data; None if there are intensities only."""
+    spot: SpotToSource = field(default_factory=SpotToSource)
+    """Where the light of a visible spot is absorbed, for a registration."""
     dark_frames: int
     """Number of dark frames at the start of a search; 0 if the rig cannot take any."""
     angles_deg: tuple[float, ...] | None = None
@@ -115,6 +117,9 @@ def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBan
         plain = hashable_values(of)
     elif isinstance(of, BenchSettings):
         plain = of.table()
+        # Fingerprints of rigs are older than this key.
+        if of.spot == SpotToSource():
+            del plain["spot"]
     else:
         facts = msgspec.to_builtins(of.facts)
         known = {name: value for name, value in facts.items() if value is not None}

@@ -113,6 +113,7 @@ def rig_in_world(
         receiver=receiver,
         scanner=scanner,
         imaging=imaging,
+        spot=settings.spot,
         dark_frames=DARK_FRAMES,
         recipe=recipe,
     )

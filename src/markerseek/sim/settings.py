@@ -8,7 +8,15 @@ import msgspec
 from msgspec import structs
 
 from markerseek.acoustics import Bursts, Probe
-from markerseek.core import ConfigError, Interval, SceneOptions, SimulationOptions, Within, require_fields
+from markerseek.core import (
+    ConfigError,
+    Interval,
+    SceneOptions,
+    SimulationOptions,
+    SpotToSource,
+    Within,
+    require_fields,
+)
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim.motion import TissueMotion
 from markerseek.sim.stage import StageMotion
@@ -29,6 +37,10 @@ class MarkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     source_radius_m: Annotated[float | None, Within(0, 5e-3, "m", open_low=True, cure="0.15 mm is usual")] = None
     """Radius of a single Gaussian absorber in place of the material's spot: the larger it is, the wider the intensity
     curve. None leaves the spot as the material has it."""
+
+    beside_spot_m: Annotated[float, Within(0, 5e-3, "m", cure="0.1 to 0.5 mm are usual in tissue")] = 0.0
+    """True standard deviation, along each direction, of the way from the visible spot of a registration to the centroid
+    of the absorbed energy; a point in a phantom has none."""
 
     def __post_init__(self) -> None:
         require_fields(self, "marker")
@@ -120,6 +132,8 @@ class SimulatedSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     motion: TissueMotion = TissueMotion()
     """How the tissue moves; the marker's place is that in the pause of breathing."""
     limits: Limits = Limits()
+    spot: SpotToSource = SpotToSource()
+    """Where the light of a visible spot is absorbed, as a registration assumes; the depth is drawn from this."""
 
     def __post_init__(self) -> None:
         if self.start_deg not in self.limits.travel:
@@ -191,11 +205,13 @@ def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
     usual: dict[str, Any] = msgspec.to_builtins(SimulatedSettings())
     newer = [("receiver", name) for name in _NEWER_RECEIVER]
     newer += [("laser", name) for name in _NEWER_LASER]
-    newer += [("stage", "stated_backlash_deg")]
+    newer += [("stage", "stated_backlash_deg"), ("marker", "beside_spot_m")]
     for part, name in newer:
         if values[part][name] == usual[part][name]:
             del values[part][name]
-    for part in ("second", "motion"):
+    del values["second"]["beside_spot_m"]
+    del usual["second"]["beside_spot_m"]
+    for part in ("second", "motion", "spot"):
         if values[part] == usual[part]:
             del values[part]
     if settings.receiver.peak_counts is None:

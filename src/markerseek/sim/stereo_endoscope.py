@@ -286,7 +286,8 @@ class SimulatedEndoscope:
 
     ``cameras``: the calibration, as the session has it. ``camera_to_trus``: where the left camera stands, the transform
     ``DaVinciToProbeHome``. ``flashes``: number of flashes fired so far: ``lambda: len(world.flashes)``. ``clock``: that
-    of the rig. ``focal_error``: by which share the calibration states the focal lengths of both cameras too large.
+    of the rig. ``focal_error``, ``base_error``: by which share the calibration states the focal lengths of both
+    cameras, and their distance, too large; ``vergence_px``: by how much farther to the right the right camera sees.
     ``tissue``: what the cameras look at; None: brightness without texture. ``displacement_m``: how far the tissue has
     moved in the TRUS frame, at a time of the clock; None: it is at rest.
     """
@@ -303,13 +304,23 @@ class SimulatedEndoscope:
         clock: Clock,
         flashes: Callable[[], int],
         focal_error: float = 0.0,
+        base_error: float = 0.0,
+        vergence_px: float = 0.0,
         tissue: TexturedTissue | None = None,
         displacement_m: Callable[[float], Float64[np.ndarray, " 3"]] | None = None,
     ) -> None:
         require_range("endoscope: focal_error", focal_error, low=-0.5, high=0.5)
+        require_range("endoscope: base_error", base_error, low=-0.5, high=0.5)
+        require_range("endoscope: vergence_px", vergence_px, low=-20, high=20, unit="px")
         self._settings, self._rng, self._clock, self._flashes = settings, rng, clock, flashes
+        right = _refocused(cameras.right, focal_error)
+        x_px, y_px = right.centre_px
+        base_m = cameras.left_to_right.translation_m / (1 + base_error)
         self._true = replace(
-            cameras, left=_refocused(cameras.left, focal_error), right=_refocused(cameras.right, focal_error)
+            cameras,
+            left=_refocused(cameras.left, focal_error),
+            right=structs.replace(right, centre_px=(x_px + vergence_px, y_px)),
+            left_to_right=replace(cameras.left_to_right, translation_m=base_m),
         )
         self._poses = [_Pose(since_s=-math.inf, lasts_s=0.0, before=camera_to_trus, after=camera_to_trus)]
         self._displacement_m = displacement_m

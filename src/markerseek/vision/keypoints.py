@@ -15,7 +15,7 @@ from markerseek.core import Float32, Float64, UInt8
 from markerseek.geometry import Camera, RangedPoints, RigidTransform, at_rest
 from markerseek.vision.images import opencv
 
-PURPOSE = "finding a scene again"
+_PURPOSE = "finding a scene again"
 
 MIN_MATCHES = 12
 """Fewest keypoints that must agree on a pose."""
@@ -59,7 +59,7 @@ def motion_of_keypoints(
     keypoints: Keypoints, image: UInt8[np.ndarray, "rows columns"], camera: Camera
 ) -> RigidTransform | None:
     """Return the motion since the reference on which most keypoints of the left image agree; None without any."""
-    cv2 = opencv(PURPOSE)
+    cv2 = opencv(_PURPOSE)
     places, descriptors = _detected(image)
     if min(len(places), len(keypoints.positions_m)) < MIN_MATCHES:
         return None
@@ -92,7 +92,7 @@ def motion_of_keypoints(
 def _detected(
     image: UInt8[np.ndarray, "rows columns"],
 ) -> tuple[Float64[np.ndarray, "keypoints 2"], Float32[np.ndarray, "keypoints 128"]]:
-    cv2 = opencv(PURPOSE)
+    cv2 = opencv(_PURPOSE)
     small = cv2.pyrDown(cv2.pyrDown(image))
     found, descriptors = cv2.SIFT_create(nfeatures=_KEYPOINTS, contrastThreshold=0.01).detectAndCompute(small, None)
     if descriptors is None:

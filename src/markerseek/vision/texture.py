@@ -14,12 +14,20 @@ import msgspec
 import numpy as np
 
 from markerseek.core import Bool, ConfigError, Float64, Int64, StereoPair, UInt8
-from markerseek.geometry import Camera, RangedPoints, RigidTransform, StereoCameras, range_points, seen_after
+from markerseek.geometry import (
+    CalibrationErrors,
+    Camera,
+    RangedPoints,
+    RigidTransform,
+    StereoCameras,
+    range_points,
+    seen_after,
+)
 from markerseek.vision.images import opencv
 from markerseek.vision.keypoints import Keypoints, ranged_keypoints
 from markerseek.vision.patches import Patches, best_of, cut_patches, find_patches
 
-PURPOSE = "following the texture of a scene"
+_PURPOSE = "following the texture of a scene"
 
 Cause: TypeAlias = Literal[
     "dark",
@@ -44,7 +52,7 @@ class NotKnown(msgspec.Struct, frozen=True, kw_only=True, tag="not-known"):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Side:
+class CameraPatches:
     """The patches of one camera."""
 
     places_px: Float64[np.ndarray, "patches 2"]
@@ -61,12 +69,14 @@ class SceneTexture:
     at_s: float
     """Time of the pair."""
     cameras: StereoCameras
+    calibration: CalibrationErrors
+    """How well these are calibrated."""
     points: RangedPoints
     """Where they are, in the left camera's frame."""
     slopes_per_m: Float64[np.ndarray, "patches 2"]
     """Change of the inverse depth of the surface by one pixel to the right and one down in the left image."""
-    left: Side
-    right: Side
+    left: CameraPatches
+    right: CameraPatches
     parts: Int64[np.ndarray, " patches"]
     """Number of the part of the left image that each is in."""
     regions: Int64[np.ndarray, " patches"]
@@ -77,13 +87,13 @@ class SceneTexture:
     """Fine contrast of the left image over its brightness."""
 
 
-GRID = (20, 16)
+_CELLS = (20, 16)
 """Columns and rows of cells, of which each gives the patch of its best texture."""
 
-PARTS = (8, 6)
+_PARTS = (8, 6)
 """Columns and rows of the parts of the image whose errors count as independent."""
 
-REGIONS = (4, 3)
+_REGIONS = (4, 3)
 """Columns and rows of the regions that would move each in its own way if the scene deformed."""
 
 MIN_PATCHES = 40
@@ -128,13 +138,17 @@ class Levels:
     @classmethod
     def of(cls, image: UInt8[np.ndarray, "rows columns"]) -> Levels:
         """Make both."""
-        cv2 = opencv(PURPOSE)
+        cv2 = opencv(_PURPOSE)
         fine = cv2.GaussianBlur(image, (5, 5), _BLUR_PX)
         return cls(fine=fine, coarse=cv2.pyrDown(cv2.pyrDown(image)))
 
 
-def scene_texture(pair: StereoPair, cameras: StereoCameras) -> SceneTexture | NotKnown:
+def scene_texture(
+    pair: StereoPair, cameras: StereoCameras, *, calibration: CalibrationErrors | None = None
+) -> SceneTexture | NotKnown:
     """Choose the patches of a reference pair, without the laser's light, and measure their depths.
+
+    ``calibration``: how well the cameras are calibrated; None: as is usual.
 
     Raises `ConfigError` if the images have not the size of the calibration.
     """
@@ -155,16 +169,17 @@ def scene_texture(pair: StereoPair, cameras: StereoCameras) -> SceneTexture | No
     return SceneTexture(
         at_s=pair.at_s,
         cameras=cameras,
+        calibration=calibration or CalibrationErrors(),
         points=points,
         slopes_per_m=_surface_slopes(points, cameras.left),
-        left=Side(
+        left=CameraPatches(
             places_px=places, fine=cut_patches(left.fine, places, half=FINE_HALF_PX), coarse=_coarse(left, places)
         ),
-        right=Side(
+        right=CameraPatches(
             places_px=matched, fine=cut_patches(right.fine, matched, half=FINE_HALF_PX), coarse=_coarse(right, matched)
         ),
-        parts=_parts(places, pair.left.shape, PARTS),
-        regions=_parts(places, pair.left.shape, REGIONS),
+        parts=_parts(places, pair.left.shape, _PARTS),
+        regions=_parts(places, pair.left.shape, _REGIONS),
         keypoints=ranged_keypoints(pair.left, cameras.left, places, points),
         grain=grain(left.fine),
     )
@@ -195,7 +210,7 @@ def noise_counts(image: UInt8[np.ndarray, "rows columns"]) -> float:
     The difference of two Laplacians (J. Immerkær, Comput. Vis. Image Underst. 64, 1996) has six times that of a pixel
     and none of a smooth image; its median is little changed by texture.
     """
-    cv2 = opencv(PURPOSE)
+    cv2 = opencv(_PURPOSE)
     kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], dtype=np.float32)
     # Every other pixel of every other row of the filtered image is plenty.
     filtered = cv2.filter2D(image, cv2.CV_32F, kernel)[::4, ::4]
@@ -207,13 +222,13 @@ def noise_counts(image: UInt8[np.ndarray, "rows columns"]) -> float:
 
 def grain(image: UInt8[np.ndarray, "rows columns"]) -> float:
     """Return the fine contrast of an image over its brightness."""
-    cv2 = opencv(PURPOSE)
+    cv2 = opencv(_PURPOSE)
     return float(np.abs(cv2.Laplacian(image, cv2.CV_16S)).mean() / max(1.0, float(image.mean())))
 
 
 def _chosen(left: Levels, noise: float) -> Float64[np.ndarray, "patches 2"]:
     """Return the place of the best texture in each cell of the image that has enough of it."""
-    cv2 = opencv(PURPOSE)
+    cv2 = opencv(_PURPOSE)
     half = cv2.resize(left.fine, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     strength = cv2.cornerMinEigenVal(half, 9)
     usable = cv2.erode(
@@ -222,8 +237,8 @@ def _chosen(left: Levels, noise: float) -> Float64[np.ndarray, "patches 2"]:
     strength[usable == 0] = 0
     border = _BORDER_PX // 2 + 1
     inner = strength[border:-border, border:-border]
-    columns = np.linspace(0, inner.shape[1], GRID[0] + 1).astype(int)
-    rows = np.linspace(0, inner.shape[0], GRID[1] + 1).astype(int)
+    columns = np.linspace(0, inner.shape[1], _CELLS[0] + 1).astype(int)
+    rows = np.linspace(0, inner.shape[0], _CELLS[1] + 1).astype(int)
     places = []
     for top, bottom in pairwise(rows):
         for first, last in pairwise(columns):
@@ -318,7 +333,7 @@ def _by_pixel(points: RangedPoints, camera: Camera) -> Float64[np.ndarray, "poin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Prediction:
+class ExpectedView:
     """Where and in which form both cameras see the patches after a motion."""
 
     left_px: Float64[np.ndarray, "patches 2"]
@@ -327,14 +342,14 @@ class Prediction:
     right_forms: Float64[np.ndarray, "patches 2 2"]
 
 
-def predict(texture: SceneTexture, motion: RigidTransform) -> Prediction:
+def predict(texture: SceneTexture, motion: RigidTransform) -> ExpectedView:
     """Return where and in which form both cameras see the patches after a motion of the scene."""
     left_px, right_px = seen_after(texture.points, motion, texture.cameras)
     left_forms, right = _forms(texture, motion)
     still = RigidTransform(source=motion.source, target=motion.target, rotation=np.eye(3), translation_m=np.zeros(3))
     # A patch of the right image is cut where that camera saw the point at first.
     right_forms = right @ np.linalg.inv(_forms(texture, still)[1])
-    return Prediction(left_px=left_px, right_px=right_px, left_forms=left_forms, right_forms=right_forms)
+    return ExpectedView(left_px=left_px, right_px=right_px, left_forms=left_forms, right_forms=right_forms)
 
 
 def _forms(

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
 
 from markerseek.core import ConfigError
 from markerseek.geometry import (
@@ -21,6 +24,7 @@ from markerseek.geometry import (
     register_points,
     triangulate,
 )
+from markerseek.geometry.registration import effect_of_motion
 from markerseek.sim.stereo_endoscope import endoscope
 
 GRID_M = np.array([[x, y, 60.0] for x in (-20, 0, 20) for y in (-20, 0, 20)]) * 1e-3
@@ -154,10 +158,61 @@ def test_a_frame_registered_to_itself_has_no_error() -> None:
 def test_the_length_that_95_of_100_errors_stay_below(variances: tuple[float, float, float]) -> None:
     covariance = np.zeros((6, 6))
     covariance[3:, 3:] = 1e-6 * np.diag(variances)
-    errors = RegistrationErrors(covariance=covariance, middle_m=np.zeros(3), fre_m=0.0)
+    errors = RegistrationErrors(covariances=covariance[None], weights=np.ones(1), middle_m=np.zeros(3), fre_m=0.0)
     drawn_m = np.random.default_rng(1).normal(size=(200_000, 3)) * 1e-3 * np.sqrt(variances)
     share = np.mean(np.linalg.norm(drawn_m, axis=1) < errors.tre95_m(np.zeros(3)))
     assert share == pytest.approx(0.95, abs=0.003)
+
+
+def test_the_length_of_a_mixture_is_the_quantile_of_draws_from_it() -> None:
+    covariances = np.zeros((2, 6, 6))
+    covariances[0, 3:, 3:] = 1e-6 * np.diag([1.0, 0.3, 0.1])
+    covariances[1, 3:, 3:] = 1e-6 * np.diag([9.0, 9.0, 4.0])
+    weights = np.array([0.8, 0.2])
+    errors = RegistrationErrors(covariances=covariances, weights=weights, middle_m=np.zeros(3), fre_m=0.0)
+    rng = np.random.default_rng(1)
+    parts = rng.choice(2, size=200_000, p=weights)
+    drawn_m = rng.normal(size=(200_000, 3)) * np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)[parts, 3:])
+    share = np.mean(np.linalg.norm(drawn_m, axis=1) < errors.tre95_m(np.zeros(3)))
+    assert share == pytest.approx(0.95, abs=0.004)
+    assert errors.tre_m(np.zeros(3)) == pytest.approx(np.sqrt(np.mean(np.sum(drawn_m**2, axis=1))), rel=0.01)
+
+
+def test_an_offset_of_unknown_size_is_summed_over_as_dense_gaussians_say() -> None:
+    """Residuals marginalised over transform, shared errors and offset: one Gaussian a size, without any block form."""
+    rng = np.random.default_rng(4)
+    covariances = np.tile(np.diag([0.05e-3, 0.04e-3, 0.4e-3]) ** 2, (5, 1, 1))
+    shared_m = 0.3e-3 * rng.standard_normal((5, 3, 2))
+    target_m = POINTS_M[:5] + 0.3e-3 * rng.standard_normal((5, 3))
+    doubtful = np.array([[1.0, 0.0]])
+    found = register_points(
+        POINTS_M[:5],
+        target_m,
+        target_covariances_m2=covariances,
+        target_shared_m=shared_m,
+        offset_sigma_m=0.2e-3,
+        doubtful=doubtful,
+    )
+    # About the transform that was found: residuals are linear in what is left of it, which may be anything.
+    middle_m = target_m.mean(axis=0)
+    motion = effect_of_motion(target_m - middle_m).reshape(15, 6)
+    flat = np.linalg.svd(motion)[0][:, 6:]
+    residuals = found.residuals_m.ravel() @ flat
+    logs, sizes = [], np.linspace(-3.0, 3.5, 14)
+    prior = np.exp(-(sizes**2) / 2)
+    prior /= prior.sum()
+    for size, share in zip(sizes, prior, strict=True):
+        offset_m2 = (0.2e-3 * (3.0 if size < 0 else 1.7) ** size) ** 2
+        for wider, probability in ((1.0, 0.95), (4.0, 0.05)):
+            columns = shared_m.reshape(15, 2) * [wider, 1.0]
+            dense = block_diag(*covariances) + offset_m2 * np.eye(15) + columns @ columns.T
+            spread = flat.T @ dense @ flat
+            log = multivariate_normal.logpdf(residuals, cov=spread)
+            # The density of residuals across the directions of the motion, whose volume is that of its columns.
+            logs.append(log + np.log(share * probability) - np.linalg.slogdet(motion.T @ motion)[1] / 2)
+    assert found.log_evidence == pytest.approx(logsumexp(logs), abs=0.1)
+    larger = np.exp(logsumexp(logs[1::2]) - logsumexp(logs))
+    assert found.doubts[0].probability == pytest.approx(larger, rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(3))

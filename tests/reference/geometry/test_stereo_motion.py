@@ -8,8 +8,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from markerseek.geometry import (
+    CalibrationErrors,
     RangedPoints,
     RigidTransform,
+    StereoCameras,
     StereoMotion,
     StereoPixels,
     at_rest,
@@ -184,6 +186,52 @@ def test_a_scene_that_deforms_is_uneven(width_mm: float) -> None:
     assert still is not None
     assert still.unevenness < 2.5
     assert deformed is None or deformed.unevenness > 4 or deformed.shared.mean() < 0.7
+
+
+def test_a_wrong_calibration_is_in_the_covariance_of_a_move_and_not_of_a_rest() -> None:
+    """Moves seen through cameras with errors drawn as stated, and measured with the calibration without them."""
+    rng = np.random.default_rng(11)
+    stated = CalibrationErrors()
+    move = motion((3, -2, 4), (4, -3, 6))
+    squares, exact, rest = [], [], []
+    for trial in range(60):
+        factors = rng.standard_normal(3)
+        drawn = CalibrationErrors(
+            focal_share=factors[0] * stated.focal_share,
+            base_share=factors[1] * stated.base_share,
+            vergence_px=factors[2] * stated.vergence_px,
+        )
+        true = CAMERAS
+        for number in range(3):
+            true = drawn.displaced(true)[number]
+        points_m = scene(rng) * [0.8, 0.8, 1.0]
+        covariances = np.tile(SIGMA_PX**2 * np.eye(2), (COUNT, 1, 1))
+
+        def seen(places_m: np.ndarray, true: StereoCameras = true) -> list[np.ndarray]:
+            return [each + SIGMA_PX * rng.standard_normal(each.shape) for each in true.project(places_m)]
+
+        points = range_points(true.left.project(points_m), seen(points_m)[1], covariances, CAMERAS)
+        for truth, kept in ((move, squares), (at_rest(), rest)):
+            left, right = seen(truth.apply(points_m))
+            now = StereoPixels(left_px=left, right_px=right, left_px2=covariances, right_px2=covariances)
+            for calibration, told in ((stated, kept), (None, exact if truth is move else [])):
+                answer = rigid_motion(
+                    points,
+                    now,
+                    CAMERAS,
+                    start=truth,
+                    parts=parts(points, 8, 6),
+                    regions=parts(points, 4, 3),
+                    calibration=calibration,
+                    rng=np.random.default_rng(trial),
+                )
+                assert answer is not None
+                miss = error(answer, truth)
+                told.append(miss @ np.linalg.solve(answer.covariance, miss))
+    assert np.mean(np.array(squares) <= 12.59) >= 0.88
+    assert np.mean(np.array(rest) <= 12.59) >= 0.88
+    # Without them the covariance is far too small.
+    assert np.mean(np.array(exact) <= 12.59) < 0.5
 
 
 def test_points_on_a_line_determine_nothing() -> None:

@@ -112,3 +112,53 @@ def test_sigmas_that_are_too_small_are_said_and_not_accepted() -> None:
     # Three others fit: which of four is wrong, three cannot say for certain.
     choice = choose(markers)
     assert choice.left_out == ("1",) or not choice.decided
+
+
+def moved_endoscope(scene: ForgedScene, off_m: tuple[float, float, float]) -> None:
+    """Move the camera of a scene along the axes of the probe."""
+    scene.true = replace(scene.true, translation_m=scene.true.translation_m + np.array(off_m))
+
+
+@pytest.mark.parametrize("before", [4, 5, 6])
+def test_the_newest_marker_is_not_left_out_if_the_endoscope_has_moved_before_it(before: int) -> None:
+    for seed in range(5):
+        scene = ForgedScene(seed)
+        spots = scene.wide(before)
+        markers = [scene.seen(str(number), spot) for number, spot in enumerate(spots[:-1], start=1)]
+        moved_endoscope(scene, (4e-3, 3e-3, 0))
+        markers.append(scene.seen(str(before), spots[-1]))
+        choice = choose(markers)
+        assert not choice.decided
+        # Which of four is wrong, nobody can say.
+        assert before == 4 or f"marker {before}" in str(choice.reason)
+        assert not choice.over
+        assert choice.report is None or choice.report.davinci_to_trus is None or choice.open
+
+
+def test_two_of_six_that_do_not_fit_end_the_session() -> None:
+    scene = ForgedScene(3)
+    spots = scene.wide(6)
+    markers = [scene.seen(str(number), spot) for number, spot in enumerate(spots[:4], start=1)]
+    moved_endoscope(scene, (4e-3, 3e-3, 0))
+    markers += [scene.seen(str(number), spot) for number, spot in enumerate(spots[4:], start=5)]
+    choice = choose(markers)
+    assert not choice.decided
+    assert choice.over
+    assert "the markers disagree among themselves by" in str(choice.reason)
+    assert "register again" in str(choice.reason)
+
+
+def test_a_wrong_marker_among_five_is_left_out_once_the_next_agrees_with_the_others() -> None:
+    left_out = 0
+    for seed in range(8):
+        scene = ForgedScene(seed)
+        spots = scene.wide(5)
+        markers = scene.markers(spots)
+        x, y, z = markers[3].candidates[0].position.position_m
+        wrong = MarkerPosition(position_m=(x + 4e-3, y - 4e-3, z), sigma_m=markers[3].candidates[0].position.sigma_m)
+        markers[3] = replace(markers[3], candidates=(structs.replace(markers[3].candidates[0], position=wrong),))
+        assert not choose(markers[:4]).decided
+        choice = choose(markers)
+        assert choice.left_out in ((), ("4",))
+        left_out += choice.decided and choice.left_out == ("4",)
+    assert left_out >= 6

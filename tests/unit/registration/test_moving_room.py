@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
+from markerseek.core import SpotToSource
 from markerseek.registration import EndoscopeMove, SimulatedRoom, SimulatedRoomSettings, Waiting
 from markerseek.sim import SimulatedSettings, TissueMotion
 
@@ -64,3 +66,28 @@ def test_what_is_drawn_for_a_session_does_not_depend_on_the_look_of_the_tissue()
     one_m, other_m = (room._spots_m["A"] for room in (plain, textured))
     np.testing.assert_array_equal(one_m[:2], other_m[:2])
     assert abs(one_m[2] - other_m[2]) < 5e-3
+
+
+def test_the_source_of_a_spot_lies_below_and_beside_it_and_stays_there() -> None:
+    below_m, beside_m = [], []
+    for seed in range(20):
+        settings = SimulatedSettings()
+        marker = structs.replace(settings.marker, beside_spot_m=0.3e-3)
+        spot = SpotToSource(depth_m=1e-3, depth_sigma_m=0.0)
+        room = SimulatedRoom(
+            SimulatedRoomSettings(rig=structs.replace(settings, marker=marker, spot=spot), places_m=PLACES_M), seed=seed
+        )
+        assert room.rig.spot == spot
+        for name in "ABC":
+            assert room.ask(waiting(name))
+            spot_m = room._spots_m[name]
+            way_m = room._source_m(spot_m) - spot_m
+            assert room.ask(waiting(name))
+            np.testing.assert_array_equal(room._source_m(spot_m) - spot_m, way_m)
+            sight = spot_m - room.true.translation_m
+            sight /= np.linalg.norm(sight)
+            below_m.append(way_m @ sight)
+            beside_m += [(way_m - (way_m @ sight) * sight) @ each for each in np.eye(3)]
+    assert np.mean(below_m) == pytest.approx(1e-3, abs=0.15e-3)
+    # Two of three directions are across the line of sight.
+    assert np.std(beside_m) == pytest.approx(0.3e-3 * np.sqrt(2 / 3), rel=0.2)

@@ -76,6 +76,26 @@ def test_the_place_that_three_markers_propose_is_in_reach(monkeypatch: pytest.Mo
     assert np.mean(inside) >= 0.9
 
 
+@pytest.mark.parametrize("count", [3, 4])
+def test_corners_are_asked_for_apart_from_other_spots(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    monkeypatch.setattr(poses, "_GRID", (16, 12))
+    outwards = []
+    for seed in range(10):
+        scene = ForgedScene(seed)
+        spots = [scene.place(8e-3, 6e-3) for _ in range(2)] + [scene.at(24e-3, 16e-3), scene.at(-24e-3, 16e-3)]
+        spots[1] = spots[0] + [0, 12e-3, 0]
+        markers = scene.markers(spots[:count])
+        found = Poses.of(markers, choose(markers), REACH, rng=np.random.default_rng(0))
+        assert found is not None
+        place = found.best_place(STEREO, REACH, target_trus_m=None, probe_deg=0.0)
+        assert place is not None
+        there_m = scene.true.apply(np.array(place.camera_m))
+        assert min(np.linalg.norm(there_m - spot) for spot in spots[:count]) > 13e-3
+        outwards.append([abs(there_m[0]), abs(there_m[1])])
+    # The probe reaches 29 mm and 22 mm of tissue; the cameras' tilt and what they see take some of that.
+    assert np.median(outwards, axis=0) == pytest.approx([26e-3, 18e-3], abs=6e-3)
+
+
 @pytest.mark.parametrize(
     "limits", [LIMITS, Interval(low_deg=-120.0, high_deg=120.0), Interval(low_deg=2.0, high_deg=3)]
 )

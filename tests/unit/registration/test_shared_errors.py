@@ -71,11 +71,11 @@ def test_a_sound_speed_off_by_one_per_cent_is_seen_and_the_expected_error_covers
     """It made 0.8 mm where 0.1 mm was expected."""
     report = register_pairs(pairs(as_seen_with(sound_speed=1.01), cameras=endoscope()))
     assert report.registered
-    speed = report.shared[1]
+    speed = next(each for each in report.shared if each.name == "sound speed")
     assert (speed.name, speed.unit, speed.assumed_sigma) == ("sound speed", "%", 1.0)
     # The prior of 0 pulls at it.
     assert 0.6 < speed.value < 1.05
-    assert speed.sigma < 0.4
+    assert speed.sigma < 0.5
     matrix, target_m = np.array(report.davinci_to_trus), np.array(report.target_trus_m)
     # The target where the probe would see it, were its values right.
     off_m = matrix[:3, :3] @ TRUE.inverse().apply(target_m) + matrix[:3, 3] - target_m

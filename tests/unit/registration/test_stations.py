@@ -75,9 +75,7 @@ def test_markers_are_carried_over_two_moves_to_the_last() -> None:
     np.testing.assert_allclose(second.camera_m, TRUE["3"].apply(SPOT_M), atol=1e-12)
     np.testing.assert_array_equal(third.camera_m, SPOT_M)
     turned = TRUE["3"].rotation @ TRUE["2"].rotation
-    np.testing.assert_allclose(
-        first.camera_covariance_m2, turned @ np.diag([1e-8, 4e-8, 9e-8]) @ turned.T, atol=1e-20
-    )
+    np.testing.assert_allclose(first.camera_covariance_m2, turned @ np.diag([1e-8, 4e-8, 9e-8]) @ turned.T, atol=1e-20)
     for each in (third, last):
         np.testing.assert_array_equal(each.camera_motion_m, np.zeros((3, 12)))
     # The second marker is carried by the later motion only.
@@ -87,8 +85,9 @@ def test_markers_are_carried_over_two_moves_to_the_last() -> None:
 def test_the_errors_of_a_motion_displace_carried_markers_as_the_motion_itself_would() -> None:
     rng = np.random.default_rng(1)
     exact = motion(TRUE["2"], since="1")
-    (seen, _), (turns_deg, shifts_mm) = carry([marker("1"), marker("2", exact)]).seen, np.split(
-        rng.multivariate_normal(np.zeros(6), COVARIANCE, size=20_000).T, 2
+    (seen, _), (turns_deg, shifts_mm) = (
+        carry([marker("1"), marker("2", exact)]).seen,
+        np.split(rng.multivariate_normal(np.zeros(6), COVARIANCE, size=20_000).T, 2),
     )
     middle_m = np.array([0.0, 0.0, 0.09])
     turned = Rotation.from_rotvec(turns_deg.T, degrees=True).apply(TRUE["2"].apply(SPOT_M) - middle_m)

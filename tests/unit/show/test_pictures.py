@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,7 @@ def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> 
         title="<b>",
         note=None,
         verdict={"word": "FOUND", "kind": "found", "angle": "−3.0°", "sigma": "", "lead": "", "interval": "<i>"}
-        | {"reason": "", "next_step": ""},
+        | {"reason": "why", "next_step": ""},
         curve="<svg></svg>",
         facts=[("answer", "a < b")],
         picture_uri=png_data_uri(figure),
@@ -75,6 +76,7 @@ def test_a_page_holds_its_table_and_escapes_what_it_is_given(tmp_path: Path) -> 
     assert "<h1>&lt;b&gt;</h1>" in text
     assert "<td>a &lt; b</td>" in text
     assert text.index("<strong>FOUND</strong>") < text.index("<table>")
-    assert "&lt;i&gt;" in text
+    # A sentence each, and none that is empty.
+    assert re.findall(r"<p>(.*)</p>", text) == ["&lt;i&gt;", "why"]
     assert "<svg></svg>" in text
     assert "<tr><th></th><th>angle</th></tr>\n<tr><td>1</td><td>2.000</td></tr>" in text

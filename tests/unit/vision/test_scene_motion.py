@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError, StereoPair
-from markerseek.geometry import RigidTransform, StereoMotion
+from markerseek.geometry import CalibrationErrors, RigidTransform, StereoMotion
 from markerseek.vision import NotKnown, SceneFollower, SceneSeen, SceneTexture, scene_texture
 from tests.unit.vision.scene_world import World, cameras, moved
 
@@ -22,7 +22,8 @@ def world() -> World:
 
 @pytest.fixture(scope="module")
 def texture(world: World) -> SceneTexture:
-    found = scene_texture(world.pair(), CAMERAS)
+    exact = CalibrationErrors(focal_share=0.0, base_share=0.0, vergence_px=0.0)
+    found = scene_texture(world.pair(), CAMERAS, calibration=exact)
     assert isinstance(found, SceneTexture)
     return found
 

@@ -106,6 +106,10 @@ def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, state
         # What cannot be seen is not assumed, unless it is stated: the answer says that it was not seen.
         known = along_turn(overall_prior(stated_m or 0.0), None)
         return TurnMotion(probability=known, lateral_m=None, depth_m=None, seen=unknown[0], unseen=unknown[1])
+    if stated_m is None and _scatter(clear) < REST_SIGMAS:
+        # The usual case, in which (12) need not be computed: a decision must not wait for it.
+        at_rest = np.eye(1, SIGMAS_M.size)[0]
+        return TurnMotion(probability=at_rest, lateral_m=0.0, depth_m=0.0, seen=unknown[0], unseen=unknown[1])
     logs = _log_likelihoods_of(clear)
     probability = along_turn(prior, logs)
     seen, unseen = _displacements(moments, count=len(samples)) if probability[0] < SEEN_BELOW else unknown
@@ -116,6 +120,18 @@ def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, state
         seen=seen,
         unseen=unseen,
     )
+
+
+REST_SIGMAS = 2.0
+"""Distance of a place from the mean of all, over its noise, below which nothing speaks for a motion."""
+
+
+def _scatter(moments: Sequence[_Moment]) -> float:
+    """Return the largest distance of a place from the mean of all, in either direction, over its noise."""
+    place_m = np.array([each.place_m for each in moments])
+    noise_m = np.array([each.noise_m for each in moments])
+    mean_m = np.average(place_m, axis=0, weights=noise_m**-2.0)
+    return float((np.abs(place_m - mean_m) / noise_m).max())
 
 
 SEEN_BELOW = 0.1
