@@ -313,7 +313,7 @@ class RegistrationSession:
         return Registered(
             **structs.asdict(choice),
             place=place,
-            done=self._is_done(choice, place),
+            done=self.view.displaced is None and self._is_done(choice, place),
             said="; ".join([self._said(choice, place), *_of_endoscope(self.view.markers, markers)]),
             lost=markers.lost,
         )

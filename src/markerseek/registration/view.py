@@ -73,7 +73,7 @@ class SessionView:
     endoscope: SeenEndoscope | None = None
     """Whether the endoscope has moved since the markers before, as it was seen last; None: nobody looked."""
     displaced: SeenEndoscope | None = None
-    """How the endoscope has moved, or may have, since the markers that `last` speaks of; None: it stands there."""
+    """How the endoscope has moved, or may have, since the last marker; None: it stands there."""
     last: Registered | None = None
     """What the markers so far say together; None before the first marker."""
     registration: KnownRegistration | None = None
@@ -266,7 +266,7 @@ def _after_marker(view: SessionView, step: TakenMarker) -> SessionView:
             f"marker {step.name} follows where marker {view.next_name} is due: lines of the record were removed or "
             "doubled"
         )
-    return replace(view, searched=None, markers=(*view.markers, step))
+    return replace(view, searched=None, displaced=None, markers=(*view.markers, step))
 
 
 def _after_measured_again(view: SessionView, step: MovedMarker) -> SessionView:
@@ -282,14 +282,14 @@ def _after_registered(view: SessionView, step: Registered) -> SessionView:
         raise RecordError(f"a registration uses marker {min(unknown)}, which is not recorded: a line was removed")
     registration = None
     errors = view.errors
-    if step.report is not None and step.decided and not view.moved:
+    if step.report is not None and step.decided and not view.moved and view.displaced is None:
         registration = KnownRegistration.of(step.report, source=view.source, simulated=view.simulated)
     if step.report is not None and step.report.registered:
         report = step.report
         error = ExpectedError(markers=len(report.points), tre_m=report.tre_m, tre95_m=report.tre95_m)
         # A session that is continued says again what its markers said before.
         errors = errors if errors[-1:] == (error,) else (*errors, error)
-    return replace(view, last=step, registration=registration, errors=errors, searched=None, displaced=None)
+    return replace(view, last=step, registration=registration, errors=errors, searched=None)
 
 
 def _text(text: str) -> str:
