@@ -434,7 +434,10 @@ def _of_endoscope(markers: Sequence[TakenMarker], now: CarriedMarkers) -> list[s
     said = [seen.said] if seen is not None and stands_elsewhere(markers[:-1], seen) else []
     if now.lost:
         names = f"marker {', '.join(now.lost)}"
-        said.append(f"the endoscope may see {names} elsewhere now, so that it does not count: light new spots")
+        said.append(
+            f"the endoscope may see {names} elsewhere now, so that it does not count: light new spots, or say that the "
+            "endoscope is held"
+        )
     return said
 
 
