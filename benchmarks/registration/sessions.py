@@ -128,7 +128,9 @@ class _Session(RegistrationSession):
     """A session that may be without images, or be misled."""
 
     def __init__(self, room: _Room, row: Row, *, images: bool) -> None:
-        super().__init__(room, plan=SessionPlan(markers=row.markers, guided=row.guided, sweep=row.sweep))
+        super().__init__(
+            room, plan=SessionPlan(markers=row.markers, guided=row.guided, sweep=row.sweep, endoscope_held=True)
+        )
         self._row = row
         if not images:
             self._spots = _ToldSpots(room)

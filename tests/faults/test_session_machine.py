@@ -85,6 +85,7 @@ class Room:
 
     stereo = STEREO
     waits_dark = False
+    endoscope_held = True
     fired: int | None = None
     somebody = True
 

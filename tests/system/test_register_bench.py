@@ -24,7 +24,7 @@ def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices
         bench, kept = devices.folder, tmp_path / "session"
         images = f"{bench / 'left'} {bench / 'right'}"
         given = ["--rig", devices.rig, "--cameras", bench / "stereo.toml", "--images", images, "--record", kept]
-        options = ["--arm", "--markers", 3, "--wait-s", 60, *(["--sweep"] if sweep else [])]
+        options = ["--arm", "--endoscope-held", "--markers", 3, "--wait-s", 60, *(["--sweep"] if sweep else [])]
         command = markerseek("register", *given, *options, "--trace", bench / "lines.txt")
         said = []
         with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:

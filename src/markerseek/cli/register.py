@@ -176,9 +176,11 @@ def _of_session(over: SessionOver) -> Report:
     heading = f"{over.title}: expected TRE {1e3 * report.tre_m:.2f} mm after {len(view.markers)} markers"
     values = msgspec.to_builtins(report) | {
         "decided": registered,
+        "endoscope": None if view.endoscope is None else view.endoscope.shown,
         "goal_m": view.goal_m,
         "goal_reached": view.goal_reached,
         "left_out": list(view.left_out),
+        "lost": list(view.lost),
         "rig_s": view.rig_s,
         "session": str(over.folder),
     }
@@ -201,6 +203,10 @@ def _session_rows(over: SessionOver) -> list[tuple[str, str]]:
         ("markers", f"{len(view.markers)}, with {counts} frames"),
         ("time of the rig", f"{view.rig_s:.0f} s, without waiting for spots"),
     ]
+    if view.endoscope is not None:
+        rows.append(("endoscope", view.endoscope.said))
+    if view.lost:
+        rows.append(("lost", f"marker {', '.join(view.lost)}: it is not known where the endoscope sees it now"))
     if view.left_out:
         rows.insert(1, ("left out", f"marker {', '.join(view.left_out)}: it does not fit the others"))
     if over.truth is None:

@@ -367,7 +367,11 @@ def _seen_line(step: registration.SpotSeen) -> str:
     at = f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the left camera, ± {step.spot.sigma_px:.2f} px"
     fired = "" if step.pulses is None else f"; {counted(step.pulses, 'pulse')} for the cameras"
     late = "" if step.spot.late_s is None else f"; light appears {step.spot.late_s:.1f} s after firing began"
-    return f"  [dim]spot at {at}{late}{fired}{guess}[/]"
+    endoscope = ""
+    if step.endoscope is not None:
+        colour = "dim" if step.endoscope.state == "at rest" else "yellow"
+        endoscope = f"\n  [{colour}]{escape(step.endoscope.said)}[/]"
+    return f"  [dim]spot at {at}{late}{fired}{guess}[/]{endoscope}"
 
 
 _OF_COMMAND = ("--record", "--continue", "--heartbeat", "--asked-by")

@@ -1,3 +1,4 @@
+from .endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, SeenEndoscope
 from .plan import REGISTRATION_TOLERANCE_MM, SessionPlan
 from .points import point_pairs, spot_pairs
 from .record import (
@@ -24,6 +25,7 @@ from .report import (
 )
 from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .session import RegistrationSession
+from .stations import station_names
 from .steps import (
     Begun,
     Continued,
@@ -51,7 +53,9 @@ __all__ = [
     "Continued",
     "DeviceRoom",
     "Ended",
+    "EndoscopeMotion",
     "EndoscopeMove",
+    "EndoscopeNotKnown",
     "ExpectedError",
     "KnownRegistration",
     "MovedMarker",
@@ -63,6 +67,7 @@ __all__ = [
     "RegistrationSession",
     "Room",
     "Searching",
+    "SeenEndoscope",
     "SessionPlan",
     "SessionRecord",
     "SessionView",
@@ -88,6 +93,7 @@ __all__ = [
     "register_pairs",
     "session_folder",
     "spot_pairs",
+    "station_names",
     "target_pixels",
     "view_of",
 ]

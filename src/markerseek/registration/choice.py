@@ -31,6 +31,7 @@ from markerseek.registration.report import (
     WRONG_M3,
     PointPair,
     RegistrationReport,
+    motion_m,
     register_pairs,
     registered_pairs,
 )
@@ -74,6 +75,8 @@ class SeenMarker:
     camera_covariance_m2: Float64[np.ndarray, "3 3"]
     camera_shared_m: Float64[np.ndarray, "3 errors"]
     """``camera_m``, ``camera_covariance_m2`` and ``camera_shared_m``: the spot, as `seen_point` gives it."""
+    camera_motion_m: Float64[np.ndarray, "3 motions"] | None = None
+    """Displacements of the spot by the errors of the motions by which it was carried; None: by none."""
 
     def pair(self, candidate: int) -> PointPair:
         """The point with one of the candidates."""
@@ -85,6 +88,7 @@ class SeenMarker:
             trus_covariance_m2=position.covariance_m2,
             camera_covariance_m2=self.camera_covariance_m2,
             camera_shared_m=self.camera_shared_m,
+            camera_motion_m=self.camera_motion_m,
         )
 
 
@@ -281,7 +285,13 @@ def _distance_misfits(markers: Sequence[SeenMarker], spot: SpotToSource) -> Floa
     from_camera, camera_variance = _distances(
         sources_m(camera_m, spot),
         np.array([pair.camera_covariance_m2 for pair in pairs]),
-        source_shared_m(camera_m, np.array([pair.camera_shared_m for pair in pairs]), spot),
+        np.concatenate(
+            [
+                source_shared_m(camera_m, np.array([pair.camera_shared_m for pair in pairs]), spot),
+                motion_m(pairs),
+            ],
+            axis=2,
+        ),
     )
     # Each of two points may be off by an offset that is as large as it is in one of 20 rigs.
     offsets_m2 = 2 * (OFFSET_FACTORS[1] ** 2 * spot.offset_sigma_m) ** 2

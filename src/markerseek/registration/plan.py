@@ -70,6 +70,11 @@ class SessionPlan(msgspec.Struct, frozen=True, kw_only=True):
         ),
     ] = False
 
+    endoscope_held: Annotated[
+        bool,
+        Help("The endoscope is held so that it cannot move: its images are not compared from marker to marker."),
+    ] = False
+
     target_trus_m: tuple[float, float, float] | None = None
     """Point of the expected error, in the TRUS frame; None: 20 mm under the middle of the points, or that of the
     session that is continued."""

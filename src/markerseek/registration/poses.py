@@ -23,7 +23,7 @@ from markerseek.geometry import (
     registration_errors,
 )
 from markerseek.registration.choice import Choice, SeenMarker, chosen_pairs
-from markerseek.registration.report import PointPair, default_target, registered_pairs, triple
+from markerseek.registration.report import PointPair, default_target, motion_m, registered_pairs, triple
 from markerseek.registration.shared_errors import seen_point, source_shared_m, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.rigs import Rig
@@ -396,7 +396,10 @@ class Poses:
         offset_m2 = (found.offset_sigma_m or 0.0) ** 2 * np.eye(3)
         from_trus = np.concatenate([from_trus, from_trus.mean(axis=0)[None]]) + offset_m2
         noise = rotation @ from_camera @ rotation.T + from_trus
-        shared = np.concatenate([-rotation @ camera_shared, trus_shared_m(points_m)], axis=2)
+        motion = motion_m(self.pairs)
+        # The camera stands where it sees the new place: no motion displaces it.
+        motion = np.concatenate([motion, np.zeros((1, *motion.shape[1:]))])
+        shared = np.concatenate([-rotation @ camera_shared, -rotation @ motion, trus_shared_m(points_m)], axis=2)
         errors = registration_errors(points_m, noise, np.linalg.inv(noise), shared_m=shared)
         target_m = default_target(points_m) if target_trus_m is None else target_trus_m
         return errors.tre_m(np.array(target_m)) * found.scale

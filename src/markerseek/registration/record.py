@@ -18,14 +18,15 @@ from pathlib import Path
 from typing import Protocol, Self
 
 import msgspec
+import numpy as np
 
-from markerseek.core import RecordError, StereoPair
-from markerseek.files import MIB, as_read_error, data_folder, open_input, replace_file
+from markerseek.core import ConfigError, RecordError, StereoPair, UInt8
+from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input, replace_file
 from markerseek.records.journal import MAGIC, LineFile, LineReader, is_written, line_of, lock, make_folder
 from markerseek.registration.steps import Begun, RecordedStep
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.registration.view import SessionView
-from markerseek.vision import opencv
+from markerseek.vision import decoded_image, opencv
 
 NAME = "session.jsonl"
 """Name of the file with the steps of a session, in its folder."""
@@ -154,6 +155,22 @@ class SessionRecord:
             with _as_write_error(self.folder), replace_file(self.folder / name) as part:
                 part.write_bytes(coded.tobytes())
 
+    def keep_pair(self, name: str, pair: StereoPair) -> None:
+        """Keep the images without light of a marker, with which those of later markers are compared."""
+        for path, image in zip(self._kept(name), (pair.left, pair.right), strict=True):
+            # Without loss: fine texture is compared.
+            _, coded = opencv("images of a session").imencode(".png", image)
+            with _as_write_error(self.folder), replace_file(path) as part:
+                part.write_bytes(coded.tobytes())
+
+    def kept_pair(self, name: str) -> StereoPair | None:
+        """Return the images without light of a marker; None if they were not kept, or cannot be read."""
+        left, right = (_image(path) for path in self._kept(name))
+        return None if left is None or right is None else StereoPair(left=left, right=right, at_s=0.0)
+
+    def _kept(self, name: str) -> tuple[Path, Path]:
+        return self.folder / f"{name}-left.png", self.folder / f"{name}-right.png"
+
     def journal_path(self, name: str) -> Path:
         """Path of a journal for the search of a marker; another one for each try."""
         tries = 1
@@ -164,6 +181,14 @@ class SessionRecord:
     def close(self) -> None:
         """Close it; allowed twice."""
         self._lines.close()
+
+
+def _image(path: Path) -> UInt8[np.ndarray, "rows columns"] | None:
+    """Return an image of the record; None if there is none that can be read."""
+    try:
+        return decoded_image(read_input(path, most_bytes=_MOST_BYTES))
+    except (ConfigError, RecordError, OSError):
+        return None
 
 
 def _first_line(begun: Begun) -> bytes:

@@ -74,6 +74,9 @@ class PointPair:
     camera_shared_m: Float64[np.ndarray, "3 errors"] | None = None
     """Displacement of the camera point by the errors that all share, as `camera_shared_m` gives it; None: of the focal
     length alone."""
+    camera_motion_m: Float64[np.ndarray, "3 motions"] | None = None
+    """Displacement of the camera point by the errors of motions of the endoscope by which it was carried; None: it was
+    carried by none."""
 
 
 Triple = tuple[float, float, float]
@@ -256,16 +259,27 @@ def registered_pairs(pairs: Sequence[PointPair], *, spot: SpotToSource) -> Regis
             source_shared_m=source_shared_m(camera_m, camera_shared, NOTHING_BELOW),
             target_shared_m=trus_shared_m(trus_m),
         )
+    moved_m = motion_m(pairs)
+    directions = shared_directions(camera_m, camera_shared, spot, motions=moved_m.shape[2])
     return register_points(
         sources_m(camera_m, spot),
         trus_m,
         source_covariances_m2=np.array([pair.camera_covariance_m2 for pair in pairs]),
         target_covariances_m2=np.array([pair.trus_covariance_m2 for pair in pairs]),
-        source_shared_m=source_shared_m(camera_m, camera_shared, spot),
+        source_shared_m=np.concatenate([source_shared_m(camera_m, camera_shared, spot), moved_m], axis=2),
         target_shared_m=trus_shared_m(trus_m),
         offset_sigma_m=spot.offset_sigma_m,
-        doubtful=np.array([each for error, each in shared_directions(camera_m, camera_shared, spot) if error.cure]),
+        doubtful=np.array([each for error, each in directions if error.cure]),
     )
+
+
+def motion_m(pairs: Sequence[PointPair]) -> Float64[np.ndarray, "points 3 motions"]:
+    """Return the displacements of camera points by the errors of motions of the endoscope."""
+    count = max((pair.camera_motion_m.shape[1] for pair in pairs if pair.camera_motion_m is not None), default=0)
+    still = np.zeros((3, count))
+    return np.array(
+        [still if pair.camera_motion_m is None else pair.camera_motion_m for pair in pairs], dtype=float
+    ).reshape(len(pairs), 3, count)
 
 
 def _camera_shared(pairs: Sequence[PointPair]) -> Float64[np.ndarray, "points 3 errors"] | None:
@@ -394,7 +408,7 @@ def _shared(
 ) -> tuple[list[SharedReport], list[str]]:
     """The errors that all points share, and those that are larger than assumed in words."""
     camera_m = np.array([pair.camera_m for pair in pairs])
-    directions = shared_directions(camera_m, _camera_shared(pairs), spot)
+    directions = shared_directions(camera_m, _camera_shared(pairs), spot, motions=motion_m(pairs).shape[2])
     covariance = found.errors.covariance[6:, 6:]
     doubts = iter(found.doubts)
     reports, doubted = [], []

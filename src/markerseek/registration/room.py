@@ -53,6 +53,10 @@ class Room(Protocol):
         """Whether the laser is dark until the person says that the spot is set."""
 
     @property
+    def endoscope_held(self) -> bool:
+        """Whether the endoscope cannot move: its images are then not compared from marker to marker."""
+
+    @property
     def fired(self) -> int | None:
         """Pulses of `light` since the spot was set; None where the laser fires while the session waits."""
 
@@ -95,6 +99,8 @@ class DeviceRoom:
     idle_s: float | None = None
     """Time in the dark after which the session looks for a spot although nobody has said that it is set, in seconds;
     None: never."""
+    endoscope_held: bool = False
+    """Whether the endoscope is held so that it cannot move."""
     fired: int | None = field(default=None, init=False)
     """Pulses of `light` since the spot was set; None where the laser fires while the session waits."""
     _waiting: tuple[str, float] = field(default=("", 0.0), init=False)
@@ -220,6 +226,8 @@ class SimulatedRoomSettings:
     """Whether the cameras see tissue with texture, relief and highlights, and not uneven brightness alone."""
     moves: tuple[EndoscopeMove, ...] = ()
     """Moves of the endoscope, in their order."""
+    endoscope_held: bool = True
+    """Whether the session is told that nobody moves the endoscope; images without texture do not show it."""
 
 
 class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
@@ -253,6 +261,8 @@ class SimulatedRoom:
 
     def __init__(self, settings: SimulatedRoomSettings, *, seed: int) -> None:
         self._settings, self._seed = settings, seed
+        self.endoscope_held = settings.endoscope_held
+        """Whether the session is told that nobody moves the endoscope."""
         rng = np.random.default_rng(seed)
         self._rng = rng
         self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace, beside=settings.beside)

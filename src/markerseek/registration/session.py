@@ -7,7 +7,7 @@ look again whether it has stood still, and all markers together give the transfo
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -18,6 +18,7 @@ from msgspec import structs
 
 from markerseek.core import (
     Finished,
+    Float64,
     Found,
     MarkerCurve,
     Measured,
@@ -28,12 +29,14 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Journal
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
+from markerseek.registration.endoscope_motion import EndoscopeWatch, SeenEndoscope
 from markerseek.registration.plan import MOST_MARKERS, SessionPlan
 from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
 from markerseek.registration.report import registered_pairs, triple
 from markerseek.registration.room import Room
-from markerseek.registration.spots import SPOT_PAIRS, SpotError, SpotFinder
+from markerseek.registration.spots import SPOT_PAIRS, Looked, SpotError, SpotFinder
+from markerseek.registration.stations import CarriedMarkers, carry, stands_elsewhere, station_names
 from markerseek.registration.steps import (
     Continued,
     Ended,
@@ -97,6 +100,10 @@ class RegistrationSession:
         self._curve: MarkerCurve | None = None
         self._refused: SpotRefused | None = None
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
+        self._watch: EndoscopeWatch | None = None
+        """Compares the images of the markers; None: the endoscope is held."""
+        if not (self._plan.endoscope_held or room.endoscope_held):
+            self._watch = self._watch_of_markers()
         self._possible: Poses | None = None
         """Possible poses of the cameras; drawn after each marker."""
 
@@ -158,6 +165,27 @@ class RegistrationSession:
             self.view = self._record.view
         return step
 
+    def _watch_of_markers(self) -> EndoscopeWatch:
+        """Return what compares images with those of the markers so far."""
+        watch = EndoscopeWatch(self._room.stereo.cameras)
+        for name in dict.fromkeys(station_names(self.view.markers).values()):
+            watch.begin(name, None if self._record is None else self._record.kept_pair(name))
+        return watch
+
+    def _endoscope(self, looked: Looked) -> SeenEndoscope | None:
+        """Return whether the endoscope has moved since the markers so far."""
+        if self._watch is None or not self.view.markers:
+            return None
+        return self._watch.look(looked.dark[-1], after=self.view.markers[-1].name)
+
+    def _keep(self, name: str, looked: Looked, endoscope: SeenEndoscope | None) -> None:
+        """Keep the images of a marker if the endoscope stands where it did not stand before."""
+        if self._watch is None or (endoscope is not None and endoscope.state == "at rest"):
+            return
+        self._watch.begin(name, looked.dark[-1])
+        if self._record is not None:
+            self._record.keep_pair(name, looked.dark[-1])
+
     def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
         """Take a marker; None if it has to be done once more.
 
@@ -178,8 +206,14 @@ class RegistrationSession:
         begun_s = clock.now_s()
         looked = self._spots.look()
         seen = self._spots.seen(name, looked.spot)
+        endoscope = self._endoscope(looked)
+        markers = carry(self.view.markers, now=endoscope)
         if again is None:
-            self._require_new(seen)
+            _require_new(seen, markers.seen)
+        elsewhere = stands_elsewhere(self.view.markers, endoscope)
+        if elsewhere or self.view.displaced is not None:
+            # What the markers say of this spot, they say in the frame of the camera as it stands now.
+            self._possible = self._poses(markers.seen, self._choose(markers.seen))
         prediction = self._prediction(seen)
         journal = None if self._record is None else self._record.journal_path(name)
         yield self._recorded(
@@ -190,8 +224,11 @@ class RegistrationSession:
                 prediction=prediction,
                 journal=None if journal is None else journal.name,
                 pulses=self._room.fired,
+                endoscope=endoscope,
             )
         )
+        if again is not None and elsewhere and endoscope is not None:
+            raise SpotError(f"{endoscope.said}, so that marker {again.name} cannot be compared with where it was")
         self._room.arm()
         search = new_session(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
         if journal is not None:
@@ -219,7 +256,10 @@ class RegistrationSession:
             journal=None if journal is None else journal.name,
             at=datetime.now(UTC).isoformat(timespec="seconds"),
             again=None if again is None else again.name,
+            endoscope=endoscope,
         )
+        if again is None:
+            self._keep(name, looked, endoscope)
         yield self._recorded(taken)
         return taken
 
@@ -241,12 +281,6 @@ class RegistrationSession:
                 search.journal.close()
         return later
 
-    def _require_new(self, seen: SeenMarker) -> None:
-        """Refuse a spot whose marker was taken before."""
-        for marker in self.view.markers:
-            if marker.candidates and np.linalg.norm(np.array(marker.camera_m) - seen.camera_m) < APART_M:
-                raise SpotError(f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm")
-
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
         """Prediction for a spot from the markers so far; None if they allow none."""
         if not self._plan.guided or self._possible is None:
@@ -264,10 +298,9 @@ class RegistrationSession:
     def _state(self) -> Registered:
         """Registration from all markers."""
         rig = self._room.rig
-        markers = [marker.seen for marker in self.view.markers]
-        missed_m = [np.array(marker.camera_m) for marker in self.view.markers if not marker.candidates]
-        choice = choose(markers, target_trus_m=self._plan.target_trus_m, spot=rig.spot)
-        self._possible = Poses.of(markers, choice, reach_of(rig), missed_m=missed_m, spot=rig.spot, rng=self._rng)
+        markers = carry(self.view.markers)
+        choice = self._choose(markers.seen)
+        self._possible = self._poses(markers.seen, choice)
         place = None
         if self._possible is not None:
             place = self._possible.best_place(
@@ -275,14 +308,23 @@ class RegistrationSession:
                 reach_of(rig),
                 target_trus_m=self._plan.target_trus_m,
                 probe_deg=rig.scanner.angle_deg,
-                avoid_m=missed_m,
+                avoid_m=_missed_m(markers.seen),
             )
         return Registered(
             **structs.asdict(choice),
             place=place,
-            done=self._is_done(choice, place),
-            said=self._said(choice, place),
+            done=self.view.displaced is None and self._is_done(choice, place),
+            said="; ".join([self._said(choice, place), *_of_endoscope(self.view.markers, markers)]),
+            lost=markers.lost,
         )
+
+    def _choose(self, markers: Sequence[SeenMarker]) -> Choice:
+        return choose(markers, target_trus_m=self._plan.target_trus_m, spot=self._room.rig.spot)
+
+    def _poses(self, markers: Sequence[SeenMarker], choice: Choice) -> Poses | None:
+        """Return the poses of the camera that the markers allow."""
+        rig = self._room.rig
+        return Poses.of(markers, choice, reach_of(rig), missed_m=_missed_m(markers), spot=rig.spot, rng=self._rng)
 
     def _is_done(self, choice: Choice, place: Place | None) -> bool:
         """Whether the session ends: the goal is reached, or another marker would not help."""
@@ -347,12 +389,13 @@ class RegistrationSession:
 
     def _movement(self, chosen: dict[str, int], first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
-        pairs = chosen_pairs([marker.seen for marker in self.view.markers], chosen)
-        transform = registered_pairs(pairs, spot=self._room.rig.spot).transform
-        spots_m = transform.apply(np.array([first.camera_m, again.camera_m]))
+        markers = carry(self.view.markers).seen
+        then = next(marker for marker in markers if marker.name == first.name)
+        transform = registered_pairs(chosen_pairs(markers, chosen), spot=self._room.rig.spot).transform
+        spots_m = transform.apply(np.array([then.camera_m, again.camera_m]))
         was, now = first.candidates[chosen[first.name]].position, again.candidates[0].position
         apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])
-        camera = np.array(first.camera_covariance_m2) + np.array(again.camera_covariance_m2)
+        camera = then.camera_covariance_m2 + np.array(again.camera_covariance_m2)
         covariance = was.covariance_m2 + now.covariance_m2 + transform.rotation @ camera @ transform.rotation.T
         moved_m = float(np.linalg.norm(apart_m))
         chi_squared = float(apart_m @ np.linalg.solve(covariance, apart_m))
@@ -371,6 +414,31 @@ class RegistrationSession:
         took = f"{counted(len(self.view.markers), 'marker')} in {self.view.rig_s:.0f} s of the rig"
         registered = self.view.registration is not None
         return Ended(registered=registered, said=f"{late}{self.view.said}; {took}", rig_s=self.view.rig_s)
+
+
+def _require_new(seen: SeenMarker, markers: Sequence[SeenMarker]) -> None:
+    """Refuse a spot whose marker was taken before."""
+    for marker in markers:
+        if marker.candidates and np.linalg.norm(marker.camera_m - seen.camera_m) < APART_M:
+            raise SpotError(f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm")
+
+
+def _missed_m(markers: Sequence[SeenMarker]) -> list[Float64[np.ndarray, " 3"]]:
+    """Return the spots whose markers were not found."""
+    return [marker.camera_m for marker in markers if not marker.candidates]
+
+
+def _of_endoscope(markers: Sequence[TakenMarker], now: CarriedMarkers) -> list[str]:
+    """Say whether the endoscope has moved, or may have, and which markers do not count."""
+    seen = markers[-1].endoscope if markers else None
+    said = [seen.said] if seen is not None and stands_elsewhere(markers[:-1], seen) else []
+    if now.lost:
+        names = f"marker {', '.join(now.lost)}"
+        said.append(
+            f"the endoscope may see {names} elsewhere now, so that it does not count: light new spots, or say that the "
+            "endoscope is held"
+        )
+    return said
 
 
 def _in_mm(target_trus_m: tuple[float, float, float] | None) -> str:

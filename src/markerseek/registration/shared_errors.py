@@ -92,13 +92,16 @@ def shared_directions(
     camera_m: Float64[np.ndarray, "points 3"],
     camera_shared: Float64[np.ndarray, "points 3 errors"] | None,
     spot: SpotToSource,
+    *,
+    motions: int = 0,
 ) -> list[tuple[SharedError, Float64[np.ndarray, " errors"]]]:
     """The errors that a registration reports, and where each is among those of `source_shared_m` and `trus_shared_m`.
 
-    Each is a unit vector. Shifts of the images count by their vergence: the one combination that changes distances.
+    ``motions``: number of errors of motions of the endoscope, which follow those of the camera. Each is a unit vector.
+    Shifts of the images count by their vergence: the one combination that changes distances.
     """
     shifts = 0 if camera_shared is None else camera_shared.shape[2] - 1
-    count = 1 + shifts + 2 + len(TRUS_ERRORS)
+    count = 1 + shifts + 2 + motions + len(TRUS_ERRORS)
     axes = np.eye(count)
     found = [(FOCAL_ERROR, axes[0])]
     if camera_shared is not None and shifts > 0:
@@ -109,7 +112,7 @@ def shared_directions(
     found.append((BASE_ERROR, axes[1 + shifts]))
     if spot.depth_sigma_m > 0:
         found.append((depth_error(spot), axes[2 + shifts]))
-    return found + [(error, axes[3 + shifts + number]) for number, error in enumerate(TRUS_ERRORS)]
+    return found + [(error, axes[3 + shifts + motions + number]) for number, error in enumerate(TRUS_ERRORS)]
 
 
 def trus_shared_m(trus_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 3"]:

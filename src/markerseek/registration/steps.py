@@ -17,6 +17,7 @@ from markerseek._version import __version__
 from markerseek.core import ConfigError, MarkerCandidate, require_range
 from markerseek.records.journal import RunView
 from markerseek.registration.choice import Choice, SeenMarker
+from markerseek.registration.endoscope_motion import SeenEndoscope
 from markerseek.registration.poses import Place, Prediction
 
 Numbers: TypeAlias = list[list[float]]
@@ -101,6 +102,8 @@ class SpotSeen(msgspec.Struct, frozen=True, kw_only=True, tag="spot"):
     """Name of the search's journal in the folder of the session."""
     pulses: int | None = None
     """As of `SpotRefused`."""
+    endoscope: SeenEndoscope | None = None
+    """Whether the endoscope has moved since the markers before; None: nobody looked, or there are none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,6 +142,8 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
     """When it was taken, UTC."""
     again: str | None = None
     """Name of the earlier marker that was measured again; None for a new marker."""
+    endoscope: SeenEndoscope | None = None
+    """As of `SpotSeen`."""
 
     def __post_init__(self) -> None:
         # Also of a record: its check sums say that it was not damaged, not that its numbers are possible.
@@ -200,6 +205,8 @@ class Registered(Choice, frozen=True, kw_only=True, tag="registered"):
     """Whether the session ends here."""
     said: str
     """The state in a sentence."""
+    lost: tuple[str, ...] = ()
+    """Markers that do not count: the endoscope has moved since, or may have, and it is not known by how much."""
 
 
 class MovedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="again"):

@@ -15,8 +15,10 @@ from typing import Literal, NamedTuple, Self, TypeAlias
 from msgspec import structs
 
 from markerseek.core import RecordError
+from markerseek.registration.endoscope_motion import SeenEndoscope
 from markerseek.registration.plan import USUAL_TRE_MM, SessionPlan
 from markerseek.registration.report import KnownRegistration, RegistrationReport
+from markerseek.registration.stations import stands_elsewhere
 from markerseek.registration.steps import (
     Begun,
     Continued,
@@ -33,8 +35,8 @@ from markerseek.registration.steps import (
 Phase: TypeAlias = Literal["running", "stopped", "ended", "unreadable"]
 """Of a session: a program runs it; none runs it, and it has not ended; it has ended; its record cannot be read."""
 
-Use: TypeAlias = Literal["used", "left out", "open", "not found"]
-"""How a registration uses a marker."""
+Use: TypeAlias = Literal["used", "left out", "open", "not found", "lost"]
+"""How a registration uses a marker; *lost*: it is not known where the endoscope sees it now."""
 
 
 class ExpectedError(NamedTuple):
@@ -68,6 +70,10 @@ class SessionView:
     """Why the last spot was not accepted; None after an accepted spot."""
     searched: SpotSeen | None = None
     """The spot whose marker is searched."""
+    endoscope: SeenEndoscope | None = None
+    """Whether the endoscope has moved since the markers before, as it was seen last; None: nobody looked."""
+    displaced: SeenEndoscope | None = None
+    """How the endoscope has moved, or may have, since the last marker; None: it stands there."""
     last: Registered | None = None
     """What the markers so far say together; None before the first marker."""
     registration: KnownRegistration | None = None
@@ -103,7 +109,7 @@ class SessionView:
             case SpotRefused():
                 return replace(running, refused=step, searched=None)
             case SpotSeen():
-                return replace(running, searched=step, waiting=None, refused=None)
+                return _after_spot(running, step)
             case TakenMarker():
                 return _after_marker(running, step)
             case Registered():
@@ -168,6 +174,8 @@ class SessionView:
             return self.problem
         if self.moved:
             return self.moved[-1].said
+        if self.displaced is not None:
+            return self.displaced.said
         if self.last is None:
             return "no marker was taken"
         return self.last.reason or self.last.said
@@ -189,6 +197,8 @@ class SessionView:
             return self.moved[-1].said
         if self.ended is not None:
             return self.ended.said
+        if self.displaced is not None:
+            return f"not registered: {self.displaced.said}"
         if self.last is not None:
             return self.last.said
         if self.registration is not None:
@@ -216,13 +226,35 @@ class SessionView:
             **errors,
         }
 
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Markers of which it is not known where the endoscope sees them now."""
+        return () if self.last is None else self.last.lost
+
     def use_of(self, marker: TakenMarker) -> Use:
         """Return how the registration uses a marker."""
+        if marker.name in self.lost:
+            return "lost"
         if not marker.candidates:
             return "not found"
         if self.last is not None and marker.name in self.last.left_out:
             return "left out"
         return "open" if self.last is not None and marker.name in self.last.open else "used"
+
+
+def _after_spot(view: SessionView, step: SpotSeen) -> SessionView:
+    """Return the view after a spot; a registration of an endoscope that has moved since holds no longer."""
+    seen = step.endoscope
+    displaced = seen if stands_elsewhere(view.markers, seen) else view.displaced
+    return replace(
+        view,
+        searched=step,
+        waiting=None,
+        refused=None,
+        endoscope=seen,
+        displaced=displaced,
+        registration=view.registration if displaced is None else None,
+    )
 
 
 def _after_marker(view: SessionView, step: TakenMarker) -> SessionView:
@@ -234,7 +266,7 @@ def _after_marker(view: SessionView, step: TakenMarker) -> SessionView:
             f"marker {step.name} follows where marker {view.next_name} is due: lines of the record were removed or "
             "doubled"
         )
-    return replace(view, searched=None, markers=(*view.markers, step))
+    return replace(view, searched=None, displaced=None, markers=(*view.markers, step))
 
 
 def _after_measured_again(view: SessionView, step: MovedMarker) -> SessionView:
@@ -250,7 +282,7 @@ def _after_registered(view: SessionView, step: Registered) -> SessionView:
         raise RecordError(f"a registration uses marker {min(unknown)}, which is not recorded: a line was removed")
     registration = None
     errors = view.errors
-    if step.report is not None and step.decided and not view.moved:
+    if step.report is not None and step.decided and not view.moved and view.displaced is None:
         registration = KnownRegistration.of(step.report, source=view.source, simulated=view.simulated)
     if step.report is not None and step.report.registered:
         report = step.report

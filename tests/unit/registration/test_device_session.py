@@ -73,7 +73,10 @@ def room(folder: Path, *, wait_s: float = 6.0) -> tuple[Person, EmulatedBench]:
     rig = replace(simulated, stage=stage, laser=laser, receiver=receiver, scanner=scanner, closing_dark=True)
     stereo = StereoSettings.of(endoscope.cameras, calibration_sigma_px=0.2)
     images = endoscope.images
-    return Person(rig=rig, images=images, stereo=stereo, by="test", wait_s=wait_s, endoscope=endoscope), emulated
+    person = Person(
+        rig=rig, images=images, stereo=stereo, by="test", wait_s=wait_s, endoscope=endoscope, endoscope_held=True
+    )
+    return person, emulated
 
 
 def test_a_session_with_devices_registers_from_three_spots_and_is_on_record(tmp_path: Path) -> None:

@@ -75,6 +75,7 @@ class FaultyRoom:
         return self._asked <= 2
 
     waits_dark = False
+    endoscope_held = True
     fired: int | None = None
 
     def light(self) -> int:

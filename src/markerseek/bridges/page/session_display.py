@@ -12,7 +12,14 @@ import msgspec
 import numpy as np
 
 from markerseek.core import ConfigError, counted
-from markerseek.registration import RegistrationReport, SessionView, StereoSettings, target_pixels
+from markerseek.registration import (
+    RegistrationReport,
+    SessionView,
+    StereoSettings,
+    TakenMarker,
+    station_names,
+    target_pixels,
+)
 from markerseek.show import Verdict, VerdictKind, errors_svg, with_minus
 
 Side: TypeAlias = Literal["left", "right"]
@@ -71,7 +78,7 @@ def session_marks(view: SessionView, side: Side) -> str:
     stereo = _calibration(view.begun.cameras)
     width, height = (stereo.left if side == "left" else stereo.right).size_px
     parts = []
-    for marker in view.markers:
+    for marker in _in_view(view):
         x, y = _pixel(marker.spot, side)
         parts.append(_circle("out" if view.use_of(marker) != "used" else "marker", x, y, width / 80))
         place = f'x="{x + width / 60:.1f}" y="{y - width / 60:.1f}" font-size="{width // 22}"'
@@ -92,8 +99,16 @@ def session_marks(view: SessionView, side: Side) -> str:
 
 
 def _report(view: SessionView) -> RegistrationReport | None:
-    """Return the registration of the markers so far, also before it is certain; None once a marker has moved."""
-    return None if view.last is None or view.moved else view.last.report
+    """Return the registration of the markers so far, also before it is certain; None once marker or endoscope moved."""
+    return None if view.last is None or view.moved or view.displaced is not None else view.last.report
+
+
+def _in_view(view: SessionView) -> list[TakenMarker]:
+    """Return the markers that were taken where the endoscope stands now; others lie elsewhere in its images."""
+    if view.displaced is not None or not view.markers:
+        return []
+    stations = station_names(view.markers)
+    return [each for each in view.markers if stations[each.name] == stations[view.markers[-1].name]]
 
 
 @lru_cache(maxsize=4)
