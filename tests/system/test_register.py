@@ -100,8 +100,8 @@ def test_sigmas_are_used_and_the_error_is_given_at_the_target_that_was_asked_for
     assert near["tre_m"] < far["tre_m"]
     # The camera's depth is known to 0.53 mm only, and its focal length may stretch it.
     assert 0.5e-3 < near["expected_fre_m"] < 0.9e-3
-    # Base, focal length and depth of the source are in it, which no residual shows.
-    assert near["tre_m"] < 2 * near["expected_fre_m"]
+    # Base and focal length are in it, which no residual shows.
+    assert near["tre_m"] < 1.2 * near["expected_fre_m"]
     assert near["tre_m"] < near["tre95_m"] < 2.5 * near["tre_m"]
 
 
@@ -222,13 +222,12 @@ def test_pixels_are_triangulated_with_the_calibration_of_the_endoscope(shell: Sh
     report = json.loads(out)
     assert code == 0
     assert report["weights"] == "sigmas of both"
-    # The sources are taken to lie 0.3 mm below the spots.
-    np.testing.assert_allclose(np.array(report["davinci_to_trus"])[:3, 3], MOVE_M, atol=0.3e-3)
+    np.testing.assert_allclose(np.array(report["davinci_to_trus"])[:3, 3], MOVE_M, atol=1e-6)
     assert 0.5e-3 < report["expected_fre_m"] < 1.2e-3
     # Most of it is the focal length, which no point shows.
     assert 0.4e-3 < report["tre_m"] < 0.7e-3
     names = [error["name"] for error in report["shared"]]
-    assert names[:5] == ["focal length", "vergence", "base", "depth of the source", "sound speed"]
+    assert names == ["focal length", "vergence", "base", "sound speed", "face radius", "zero of the angle"]
     for words, said in (
         (("--cameras", EXAMPLE), "is not valid TOML"),
         ((), "it has pixels; name the calibration of the endoscope by --cameras FILE"),
@@ -240,6 +239,30 @@ def test_pixels_are_triangulated_with_the_calibration_of_the_endoscope(shell: Sh
     assert "--cameras needs the columns left_x_px" in json.loads(out)["error"]
 
 
+def test_a_stated_depth_takes_camera_points_for_spots_above_the_sources(shell: Shell, tmp_path: Path) -> None:
+    spots_m = CAMERA_M - 1e-3 * CAMERA_M / np.linalg.norm(CAMERA_M, axis=1, keepdims=True)
+    sigmas = ",".join(f"{frame}_sigma_{axis}_m" for frame in ("trus", "camera") for axis in "xyz")
+    file = tmp_path / "spots.csv"
+    file.write_text(rows(f"{TRUS},{CAMERA},{sigmas}", TRUS_M, spots_m, np.full((6, 6), 5e-5)), encoding="utf-8")
+    for depth in ((), ("--spot-depth-mm", 0, 0)):
+        report = json.loads(shell("register", file, "--json", "--force", *depth)[1])
+        away_m = np.array(report["davinci_to_trus"])[:3, 3] - MOVE_M
+        # The spots are nearer to the camera, which also makes their pattern 1 % smaller.
+        assert 0.5e-3 < np.linalg.norm(away_m) < 1.5e-3
+        assert "depth of the source" not in [error["name"] for error in report["shared"]]
+    exact, unsure = (
+        json.loads(shell("register", file, "--json", "--force", "--spot-depth-mm", 1, sigma)[1]) for sigma in (0, 0.5)
+    )
+    np.testing.assert_allclose(np.array(exact["davinci_to_trus"])[:3, 3], MOVE_M, atol=1e-6)
+    np.testing.assert_allclose(np.array(unsure["davinci_to_trus"])[:3, 3], MOVE_M, atol=1e-6)
+    assert 1.05 * exact["tre_m"] < unsure["tre_m"] < np.hypot(exact["tre_m"], 0.5e-3)
+    said = next(error for error in unsure["shared"] if error["name"] == "depth of the source")
+    assert said["assumed_sigma"] == pytest.approx(0.5)
+    code, out, _ = shell("register", file, "--json", "--spot-depth-mm", -1, 0.3)
+    assert code == 2
+    assert "depth_m is -0.001" in json.loads(out)["error"]
+
+
 def test_a_search_without_a_position_says_how_to_calibrate(shell: Shell, tmp_path: Path) -> None:
     _, out, _ = shell("search", "--seed", 1, "--no-journal", "--json")
     for changes, words in (
@@ -249,7 +272,7 @@ def test_a_search_without_a_position_says_how_to_calibrate(shell: Shell, tmp_pat
             {"found": False, "answer": "unsure", "reason": "another source", "doubt": "source"},
             "its search found no marker (unsure: another source)",
         ),
-        ({"seed": "x"}, "the journal of a search or its result as JSON is expected, and this is none"),
+        ({"marker_trus_m": "x"}, "the journal of a search or its result as JSON is expected, and this is none"),
     ):
         result = tmp_path / "result.json"
         result.write_text(json.dumps(json.loads(out) | changes), encoding="utf-8")
@@ -307,7 +330,8 @@ def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: P
         lines.append(f"{name},{one.x_px},{one.y_px},{other.x_px},{other.y_px},{sigma_px}")
     pixels = tmp_path / "pixels.csv"
     pixels.write_text("\n".join(lines), encoding="utf-8")
-    _, out, _ = shell("register", pixels, "--cameras", stereo, *journals, "--json")
+    usual = ("--spot-depth-mm", 0.3, 0.3)
+    _, out, _ = shell("register", pixels, "--cameras", stereo, *journals, *usual, "--json")
     assert by_images["points"] == json.loads(out)["points"]
     for point, true_m in zip(by_images["points"], camera_m, strict=True):
         assert np.linalg.norm(np.array(point["camera_m"]) - true_m) < 1e-3
@@ -407,6 +431,10 @@ def test_a_session_whose_marker_has_moved_is_not_registered_however_often_it_is_
         (
             ["register", EXAMPLE, "--sweep"],
             "--sweep is for a session; add --rig RIG.toml or --simulate, or leave it out",
+        ),
+        (
+            ["register", "--simulate", "--spot-depth-mm", 0.3, 0.3],
+            "a session takes the depth of [spot] from its rig file",
         ),
         (["register", EXAMPLE, "--simulate"], "a session makes its own points; leave the CSV"),
         (["register", "--simulate", "--images", "a b"], "the simulated rig has a simulated endoscope"),

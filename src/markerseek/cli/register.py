@@ -16,7 +16,7 @@ from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.registering import SessionOver, SessionPlace, SessionRequest, require_no_session, run_session
 from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
-from markerseek.core import ConfigError, RecordError, SceneOptions
+from markerseek.core import ConfigError, RecordError, SceneOptions, SpotToSource
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,6 +92,15 @@ def command(
             show_default="20 mm under the middle of the points",
         ),
     ] = None,
+    spot_depth_mm: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="DEPTH SIGMA",
+            help="The camera points are spots of light, which is absorbed this deep below them, along the view: mean "
+            "and standard deviation. Only points with sigmas use it.",
+            show_default="0.3 0.3 for --frames; 0 0 for a CSV",
+        ),
+    ] = None,
     without: Annotated[list[str] | None, typer.Option(help="Name of a point to leave out; may be repeated.")] = None,
     place: SessionPlace,
     session: registration.SessionPlan,
@@ -126,6 +135,8 @@ def command(
     if place.wanted:
         if points is not None or frames is not None or journal or without:
             raise ConfigError("a session makes its own points; leave the CSV, --frames, --journal and --without out")
+        if spot_depth_mm is not None:
+            raise ConfigError("a session takes the depth of [spot] from its rig file; leave --spot-depth-mm out")
         asked = SessionRequest(
             place=place,
             plan=replace(session, target_trus_m=target_m),
@@ -136,7 +147,8 @@ def command(
         output.show(_of_session(run_session(asked, as_json=as_json)))
     require_no_session(place, session, simulation)
     title, pairs = _pairs(points, frames, journal or (), cameras, calibration_sigma_px)
-    report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or ())
+    spot = _spot(spot_depth_mm, is_seen=frames is not None)
+    report = registration.register_pairs(pairs, target_trus_m=target_m, without=without or (), spot=spot)
     heading = f"{title}: FRE {1e3 * report.fre_m:.2f} mm, expected TRE {1e3 * report.tre_m:.2f} mm"
     shown = Report(
         values=msgspec.to_builtins(report),
@@ -146,6 +158,14 @@ def command(
         exit_code=0 if report.registered else 3,
     )
     output.show(shown)
+
+
+def _spot(depth_mm: tuple[float, float] | None, *, is_seen: bool) -> SpotToSource | None:
+    """Where light is absorbed, as stated; else as usual if spots of light were seen, and None for points of a table."""
+    if depth_mm is None:
+        return SpotToSource() if is_seen else None
+    depth, sigma = depth_mm
+    return SpotToSource(depth_m=depth / 1e3, depth_sigma_m=sigma / 1e3)
 
 
 def _of_session(over: SessionOver) -> Report:

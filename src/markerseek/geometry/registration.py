@@ -217,7 +217,7 @@ def mirror_image_fre(source_m: Float64[np.ndarray, "points 3"], target_m: Float6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Doubt:
+class DoubtedError:
     """A shared error that may be larger than assumed, along one direction of their space."""
 
     probability: float
@@ -253,7 +253,7 @@ class Registration:
     log_evidence: float | None = None
     """Logarithm of the probability density of the points, for any transform; None where the offset is not
     estimated."""
-    doubts: tuple[Doubt, ...] = ()
+    doubts: tuple[DoubtedError, ...] = ()
     """What the points say of each direction that may be in doubt."""
 
     @property
@@ -513,7 +513,7 @@ class _Posterior:
     offset_sigma_m: float
     probability: float
     log_evidence: float
-    doubts: tuple[Doubt, ...]
+    doubts: tuple[DoubtedError, ...]
 
 
 def _posterior(points: _Points, fit: _Fit, doubtful: Float64[np.ndarray, "directions errors"]) -> _Posterior:
@@ -576,7 +576,7 @@ def _doubts(
     shared: Float64[np.ndarray, "offsets directions errors"],
     covariances: Float64[np.ndarray, "offsets directions errors errors"],
     doubtful: Float64[np.ndarray, "directions errors"],
-) -> tuple[Doubt, ...]:
+) -> tuple[DoubtedError, ...]:
     """Probability and estimate of the shared errors along each direction, if it is the wider one."""
     values = np.einsum("kji,ji->kj", shared, doubtful)
     variances = np.einsum("ji,kjil,jl->kj", doubtful, covariances, doubtful)
@@ -585,7 +585,7 @@ def _doubts(
         share = softmax(log_weight)
         mean = float(share @ value)
         spread = float(share @ (variance + (value - mean) ** 2))
-        found.append(Doubt(probability=float(np.exp(log_weight).sum()), value=mean, sigma=math.sqrt(spread)))
+        found.append(DoubtedError(probability=float(np.exp(log_weight).sum()), value=mean, sigma=math.sqrt(spread)))
     return tuple(found)
 
 

@@ -11,7 +11,6 @@ from typing import Any, Literal, Self, TypeAlias
 
 import msgspec
 import numpy as np
-from msgspec import structs
 from scipy.special import chdtrc, softmax
 
 from markerseek._version import __version__
@@ -48,6 +47,10 @@ MIRROR_SHARE = 0.5
 MEDIAN_LENGTH = 1.538
 """Median length of a vector whose coordinates have the standard deviation 1 (the root of the chi-squared median of
 three degrees of freedom)."""
+
+NOTHING_BELOW = SpotToSource(depth_m=0.0, depth_sigma_m=0.0)
+"""Of camera points that are not known to be spots of light: what was seen is what was found in the TRUS frame, but for
+an offset of unknown size, which keeps what the sigmas do not hold."""
 
 DOUBTED = 0.5
 """Probability that some shared error is larger than assumed, above which that is said."""
@@ -184,9 +187,10 @@ def register_pairs(
 
     ``pairs``: at least three that are not on a line. ``target_trus_m``: where the error is wanted, in the TRUS frame;
     None: `TARGET_DEPTH_M` under the middle of the points. ``without``: names of points that are left out. ``spot``:
-    where the light of a spot is absorbed; None: as usual. It counts where sigmas are used.
+    where the light of a spot is absorbed, if the camera points are spots of light; None: as `NOTHING_BELOW`. It counts
+    where sigmas are used.
     """
-    spot = spot or SpotToSource()
+    spot = spot or NOTHING_BELOW
     require_target(target_trus_m)
     names = [pair.name for pair in pairs]
     unknown = next((name for name in without if name not in names), None)
@@ -242,18 +246,17 @@ def register_pairs(
 
 
 def registered_pairs(pairs: Sequence[PointPair], *, spot: SpotToSource) -> Registration:
-    """The transform of point pairs with its covariance, not judged; ``spot`` as of `register_pairs`."""
+    """The transform of point pairs with its covariance, not judged; ``spot``: where the light of a spot is absorbed."""
     pairs = _alike(pairs)
     camera_m = np.array([pair.camera_m for pair in pairs], dtype=float).reshape(-1, 3)
     trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
     camera_shared = _camera_shared(pairs)
     if not pairs or pairs[0].trus_covariance_m2 is None:
         # Points at which a tool was pressed have no depth.
-        pressed = structs.replace(spot, depth_sigma_m=0.0)
         return register_points(
             camera_m,
             trus_m,
-            source_shared_m=source_shared_m(camera_m, camera_shared, pressed),
+            source_shared_m=source_shared_m(camera_m, camera_shared, NOTHING_BELOW),
             target_shared_m=trus_shared_m(trus_m),
         )
     moved_m = motion_m(pairs)

@@ -109,7 +109,9 @@ def shared_directions(
         share = float(np.linalg.norm(effect))
         if share > 0:
             found.append((vergence_error(share), np.concatenate([[0.0], effect / share, np.zeros(count - 1 - shifts)])))
-    found += [(BASE_ERROR, axes[1 + shifts]), (depth_error(spot), axes[2 + shifts])]
+    found.append((BASE_ERROR, axes[1 + shifts]))
+    if spot.depth_sigma_m > 0:
+        found.append((depth_error(spot), axes[2 + shifts]))
     return found + [(error, axes[3 + shifts + motions + number]) for number, error in enumerate(TRUS_ERRORS)]
 
 

@@ -75,7 +75,8 @@ def test_a_sound_speed_off_by_one_per_cent_is_seen_and_the_expected_error_covers
     assert (speed.name, speed.unit, speed.assumed_sigma) == ("sound speed", "%", 1.0)
     # The prior of 0 pulls at it.
     assert 0.6 < speed.value < 1.05
-    assert speed.sigma < 0.5
+    # Base and focal length of the cameras change the size of the pattern, too.
+    assert speed.sigma < 0.42
     matrix, target_m = np.array(report.davinci_to_trus), np.array(report.target_trus_m)
     # The target where the probe would see it, were its values right.
     off_m = matrix[:3, :3] @ TRUE.inverse().apply(target_m) + matrix[:3, 3] - target_m
