@@ -583,6 +583,9 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
 
     ``from_axis_m``: distance of the marker from the axis. ``particles``: markers to draw.
     """
+    if motion.probability[0] == 1 and not motion.looked_at:
+        # Of intensities alone, scatter is none of motion: two sources that overlap scatter about one curve too.
+        return centre
     swept = any(each.sweep is not None for group in centre.strong for each in group)
     if motion.probability[0] > 1 - MOTION_DOUBT and (swept or centre.sample_error <= SCATTERING):
         return centre
