@@ -6,6 +6,7 @@ What few places state is named; of the rest there is the number.
 
 from __future__ import annotations
 
+import argparse
 import ast
 import io
 import re
@@ -411,7 +412,9 @@ ROWS = (
 
 def main() -> None:
     """Print the rows of the commits, and of the working tree."""
-    commits = sys.argv[1:]
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.house", description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("commits", nargs="*", metavar="COMMIT", help="commits that are counted before this checkout")
+    commits = parser.parse_args().commits
     columns = []
     for commit in commits:
         done = subprocess.run(["git", "archive", commit, "src"], cwd=ROOT, capture_output=True, check=True)

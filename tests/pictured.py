@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from markerseek.bridges.run_images import PicturedEntry, pictured
+from markerseek.bridges.run_images import PicturedEntry, with_images
 from markerseek.records.journal import Configuration, Entry, JournalEvent
 
 WRITTEN = "2026-03-01T12:00:00+00:00"
@@ -19,6 +19,6 @@ def pictured_entry(
 ) -> PicturedEntry:
     """Return an entry of a run with its image, made of its frame."""
     entry = Entry(number=number, written=written, clock_s=clock_s, event=event)
-    _, item = pictured([configuration, entry])
+    _, item = with_images([configuration, entry])
     assert isinstance(item, PicturedEntry)
     return item

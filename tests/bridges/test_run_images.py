@@ -21,7 +21,7 @@ from msgspec import structs
 from markerseek import rigs
 from markerseek.bridges import ChildRun, run_images
 from markerseek.bridges.page.run_history import picture_of
-from markerseek.bridges.run_images import PicturedEntry, pictured
+from markerseek.bridges.run_images import PicturedEntry, with_images
 from markerseek.core import ChannelFrame, Measured, PaImage, SearchPlan
 from markerseek.records.journal import Journal, JournalItem, encode, follow, read_journal
 from markerseek.runs import ImageRing, Session, hand_images_on, new_session, plan_on
@@ -80,12 +80,12 @@ def test_images_are_handed_on_and_are_those_that_a_later_reader_makes(
     child = ChildRun([*SEARCH, "--journal", str(journal)], journal=journal)
     with monkeypatch.context() as patched:
         patched.setattr(run_images, "rebuild_image_reader", refuse)
-        handed = entries_of(pictured(child.items(), handed=child.images))
+        handed = entries_of(with_images(child.items(), handed=child.images))
     assert child.outcome().answered
     measured = [each.entry.number for each in handed if isinstance(each.entry.event, Measured)]
     assert list(images_of(handed)) == measured
     assert len(measured) > 8
-    require_equal(handed, entries_of(pictured(written(journal))))
+    require_equal(handed, entries_of(with_images(written(journal))))
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def followed_with(images: ImageRing, session: Session) -> list[PicturedEntry]:
     assert session.rig.imaging is not None
     hand_images_on(images, session.journal, session.rig.imaging)
     events = session.events()
-    items = pictured(
+    items = with_images(
         follow(session.journal.path, is_over=lambda: next(events, None) is None, wait=lambda: None), handed=images
     )
     return entries_of(items)
@@ -134,7 +134,7 @@ def test_a_record_without_frames_has_images_for_whoever_follows_it_and_none_late
         entries = followed_with(images, run)
     numbers = [each.entry.number for each in entries if isinstance(each.entry.event, Measured)]
     assert list(images_of(entries)) == numbers
-    later = entries_of(pictured(written(path)))
+    later = entries_of(with_images(written(path)))
     assert len(later) == len(entries)
     assert images_of(later) == {}
     assert {each.problem for each in later} == {""}
@@ -145,7 +145,7 @@ def test_of_intensities_there_are_no_images_and_nothing_is_wrong(tmp_path: Path)
     session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=4)))
     with Journal.create(tmp_path / "run.journal", session.configuration) as session.journal:
         list(session.events())
-    entries = entries_of(pictured(written(tmp_path / "run.journal")))
+    entries = entries_of(with_images(written(tmp_path / "run.journal")))
     assert len(entries) > 4
     assert {(each.image, each.brightest, each.problem) for each in entries} == {(None, 0.0, "")}
 
@@ -162,7 +162,7 @@ def test_a_frame_that_gives_no_image_says_why_until_one_does(run: Session, monke
         return ChannelFrame(header=frame.header, samples=frame.samples[:, :90].copy(), sampling_hz=frame.sampling_hz)
 
     monkeypatch.setattr(ImageReader, "picture", second_fails)
-    entries = entries_of(pictured(written(run.journal.path)))
+    entries = entries_of(with_images(written(run.journal.path)))
     measured = [each for each in entries if isinstance(each.entry.event, Measured)]
     assert [each.image is None for each in measured[:3]] == [False, True, False]
     assert measured[1].problem.startswith("frame of 90 samples")
@@ -173,7 +173,7 @@ def test_a_frame_that_gives_no_image_says_why_until_one_does(run: Session, monke
 
 def test_counts_are_kept_by_nobody_who_shows_a_run(run: Session) -> None:
     list(run.events())
-    shown = entries_of(pictured(written(run.journal.path)))
+    shown = entries_of(with_images(written(run.journal.path)))
     for one, other in zip(shown, read_journal(run.journal.path).entries, strict=True):
         if isinstance(one.entry.event, Measured) and isinstance(other.event, Measured):
             assert not isinstance(one.entry.event.sample.frame, ChannelFrame)
@@ -207,8 +207,8 @@ def test_a_search_whose_images_nobody_reads_is_the_same_search(tmp_path: Path) -
         )
         assert handed.stdout == alone.stdout
         # A page that starts late gets what is left, and makes the rest itself.
-        late = entries_of(pictured(written(unread), handed=images))
-        require_equal(late, entries_of(pictured(written(unread))))
+        late = entries_of(with_images(written(unread), handed=images))
+        require_equal(late, entries_of(with_images(written(unread))))
     assert [each.event for each in read_journal(unread).entries] == [each.event for each in read_journal(plain).entries]
 
 
@@ -232,7 +232,7 @@ def test_without_memory_files_a_bridge_makes_the_images_itself(tmp_path: Path, m
     journal = tmp_path / "run.journal"
     child = ChildRun([*SEARCH, "--journal", str(journal)], journal=journal)
     assert child.images is None
-    entries = entries_of(pictured(child.items(), handed=child.images))
+    entries = entries_of(with_images(child.items(), handed=child.images))
     assert child.outcome().answered
     assert len(images_of(entries)) > 8
 
@@ -267,19 +267,19 @@ def test_a_child_that_is_killed_at_any_moment_loses_nothing_and_is_continued_wit
         number += 1
         journal = tmp_path / f"{number}.journal"
         child = ChildRun([*SEARCH, "--journal", str(journal)], journal=journal)
-        seen = pictured(child.items(), handed=child.images)
+        seen = with_images(child.items(), handed=child.images)
         shown = [each for _, each in zip(range(items), seen, strict=False)]
         time.sleep(more_s)
         child.kill()
         shown += seen
         child.outcome()
-        kept = entries_of(pictured(written(journal)))
+        kept = entries_of(with_images(written(journal)))
         # All that was acknowledged is in the record, with the image that was shown.
         require_equal(entries_of(iter(shown)), kept)
         again = ChildRun(["resume", str(journal), "--arm"], journal=journal)
-        continued = entries_of(pictured(again.items(), handed=again.images))
+        continued = entries_of(with_images(again.items(), handed=again.images))
         again.outcome()
-        require_equal(continued, entries_of(pictured(written(journal))))
+        require_equal(continued, entries_of(with_images(written(journal))))
         require_equal(continued[: len(kept)], kept)
         assert {each for each in open_files() - before if "markerseek" in each} == set()
 

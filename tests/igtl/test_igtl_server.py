@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 import pytest
 
-from markerseek.bridges.igtl import CommandAnswer, IgtlServer, Request, Stream, plain_address
+from markerseek.bridges.igtl import CommandAnswer, IgtlServer, Request, StreamMessage, plain_address
 from markerseek.bridges.igtl.peer import Peer
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
@@ -59,7 +59,7 @@ class Served:
 
     def publish(self, device: str, content: igtl.Content) -> None:
         def work() -> None:
-            self.server.publish(Stream(device=device, content=content), metadata={"rig": "simulated"})
+            self.server.publish(StreamMessage(device=device, content=content), metadata={"rig": "simulated"})
 
         self.within(work)
 

@@ -15,7 +15,7 @@ from msgspec import structs
 
 from markerseek import rigs
 from markerseek.bridges import Outcome
-from markerseek.bridges.igtl import Stream, Streams
+from markerseek.bridges.igtl import StreamMessage, Streams
 from markerseek.cli.igtl import command as igtl_command
 from markerseek.core import (
     PAPER_RANGE,
@@ -70,11 +70,11 @@ def test_the_image_of_a_frame_lies_where_its_pixels_are() -> None:
     require_place(rig, images["PA_ProbeHome"], rig.imaging.picture(sample.frame).geometry, row=300, column=90)
 
 
-def by_device(streams: list[Stream]) -> dict[str, Stream]:
+def by_device(streams: list[StreamMessage]) -> dict[str, StreamMessage]:
     return {each.device: each for each in streams}
 
 
-def ended(answer: str, *, exit_code: int = 3, **known: object) -> list[Stream]:
+def ended(answer: str, *, exit_code: int = 3, **known: object) -> list[StreamMessage]:
     streams = Streams()
     streams.started()
     return streams.ended(Outcome(exit_code=exit_code, answer={"answer": answer, "angle_deg": 1.0, **known}))

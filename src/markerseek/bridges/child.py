@@ -25,7 +25,7 @@ from typing import Any, Self, TypeVar
 import msgspec
 
 from markerseek.bridges.asked import AskedSearch
-from markerseek.bridges.run_images import PicturedItem, pictured
+from markerseek.bridges.run_images import PicturedItem, with_images
 from markerseek.core import MarkerseekError, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.records.journal import JournalItem, default_journal, follow, make_folder
@@ -425,5 +425,5 @@ class Searches:
             self._followed.join()
 
     def _take(self, child: ChildRun) -> None:
-        for item in pictured(child.items(), handed=child.images):
+        for item in with_images(child.items(), handed=child.images):
             self._on_item(item)

@@ -32,7 +32,7 @@ PicturedItem: TypeAlias = Configuration | PicturedEntry
 """What a journal holds, with the images of its acquisitions."""
 
 
-def pictured(items: Iterable[JournalItem], *, handed: ImageRing | None = None) -> Iterator[PicturedItem]:
+def with_images(items: Iterable[JournalItem], *, handed: ImageRing | None = None) -> Iterator[PicturedItem]:
     """Return the items of a journal, each entry with its image.
 
     ``items``: from the configuration on. ``handed``: images of the process that writes the journal; None: each is made
@@ -47,7 +47,7 @@ def pictured(items: Iterable[JournalItem], *, handed: ImageRing | None = None) -
             yield images.beside(item)
 
 
-def unpictured(items: Iterable[JournalItem]) -> Iterator[PicturedItem]:
+def without_images(items: Iterable[JournalItem]) -> Iterator[PicturedItem]:
     """Return the items of a journal without images."""
     for item in items:
         yield item if isinstance(item, Configuration) else PicturedEntry(entry=_without_counts(item))

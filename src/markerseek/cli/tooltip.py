@@ -19,7 +19,7 @@ from markerseek import vision
 from markerseek.cli.options import AngleField, AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, counted, require_range
-from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number, places
+from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number, series_indices
 
 if TYPE_CHECKING:
     import numpy as np
@@ -166,7 +166,7 @@ def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float
 
 def _places(stems: Sequence[str]) -> list[int]:
     """Place of each image in the scan; a warning names those that are missing."""
-    found, missing = places(stems)
+    found, missing = series_indices(stems)
     if missing:
         numbers = ", ".join(map(str, missing))
         _LOG.warning("the images numbered %s are missing; the others keep their angles (--angles)", numbers)

@@ -13,7 +13,7 @@ LONGEST_WAIT_S = 0.02
 
 
 def polls(clock: Clock, *, within_s: float, every_s: float) -> Iterator[None]:
-    """Looks at a device until a deadline, at least one; the clock waits between two looks."""
+    """Look at a device until a deadline, at least once; the clock waits between two looks."""
     ends_s = clock.now_s() + within_s
     while True:
         yield

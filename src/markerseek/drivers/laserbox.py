@@ -88,7 +88,8 @@ class LaserBox:
     """
 
     def __init__(self, *, port: Port, clock: Clock, settings: LaserBoxSettings | None = None) -> None:
-        self._settings = settings = settings or LaserBoxSettings(port="")
+        settings = settings or LaserBoxSettings(port="")
+        self._settings = settings
         self._line = BoxLine(port=port, clock=clock, answer_s=settings.answer_s)
         self._clock = clock
         self._rate_hz = round(settings.rate_hz)
@@ -255,7 +256,8 @@ class LaserBox:
         try:
             yield
         except BaseException:
-            self._settled = self._line.holds_permit = False
+            self._settled = False
+            self._line.holds_permit = False
             self._sweep = None
             # If even this cannot be sent, the lease ends by itself; the first error is the one to report.
             with suppress(NotConnectedError):

@@ -42,7 +42,8 @@ from markerseek.drivers.standard_receiver import Frames, armed_for, in_the_dark
 from markerseek.files import MIB, open_input, os_reason, read_input
 from markerseek.wire import sonixdaq as wire
 
-_POLL_S, _EXIT_POLL_S = 0.05, 0.02
+_POLL_S = 0.05
+_EXIT_POLL_S = 0.02
 
 ReadT = TypeVar("ReadT", bound=np.ndarray)
 
@@ -241,7 +242,8 @@ class SonixDaqReceiver:
         folder cannot be read, or the start command cannot be run or fails. Raises `DeviceTimeoutError` if the start
         command takes too long.
         """
-        self._armed = self._untouched = None
+        self._armed = None
+        self._untouched = None
         before = self._state()
         self._clock.wait(self._settings.stable_s)
         if self._state() != before:
@@ -369,11 +371,12 @@ class SonixDaqReceiver:
                     missing = "all samples of all files are 0; their contents have not come"
             except NotConnectedError as problem:
                 missing = str(problem)
+        missing_text = f" and not all are complete: {missing}" if missing else ""
+        dark_text = "" if names else in_the_dark(permit, self._triggers(permit))
         raise DeviceTimeoutError(
             f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
-            f"{self._settings.folder} are new{f' and not all are complete: {missing}' if missing else ''}"
-            f"{'' if names else in_the_dark(permit, self._triggers(permit))}; check "
-            "trigger, folder and free space, or raise timeout_s"
+            f"{self._settings.folder} are new{missing_text}{dark_text}; check trigger, folder and free space, or raise "
+            "timeout_s"
         )
 
 

@@ -30,7 +30,7 @@ from markerseek.files.inputs import (
     read_text,
     require_input,
 )
-from markerseek.files.names import NamedAngle, angle_in, data_folder, endings, in_natural_order, natural, places
+from markerseek.files.names import NamedAngle, angle_in, data_folder, endings, in_natural_order, natural, series_indices
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
 from markerseek.files.settings import (
     nearest_key,
@@ -69,7 +69,6 @@ __all__ = [
     "open_serial",
     "os_reason",
     "overwrite",
-    "places",
     "pyserial",
     "quoted",
     "read_input",
@@ -81,6 +80,7 @@ __all__ = [
     "require_input",
     "require_key",
     "require_new",
+    "series_indices",
     "setting_from",
     "settings_from",
     "sync_folder",

@@ -77,7 +77,7 @@ def angle_in(name: str) -> NamedAngle | None:
     return NamedAngle(angle_deg=angle_deg, word=word, stated=says_so or bool(match["unit"]))
 
 
-def places(stems: Sequence[str]) -> tuple[list[int], list[int]]:
+def series_indices(stems: Sequence[str]) -> tuple[list[int], list[int]]:
     """Return the place of each file in a series, from 0, and the numbers that are missing between them.
 
     The place is the number in the name if a few numbers are missing, else the place in the order of the names.

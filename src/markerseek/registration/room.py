@@ -21,7 +21,7 @@ from markerseek.registration.shared_errors import BASE_LENGTH, FOCAL_LENGTH, tru
 from markerseek.registration.steps import TakenMarker, Waiting
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.registration.view import SessionView
-from markerseek.rigs import Beside, Rig, movable
+from markerseek.rigs import DrawExtraSources, Rig, movable
 from markerseek.sim import (
     EndoscopeSettings,
     SimulatedEndoscope,
@@ -216,7 +216,7 @@ class SimulatedRoomSettings:
     """The simulated rig; its marker is moved from place to place."""
     pace: float = 0.0
     """Real seconds per second of the rig's clock; 0 does not wait."""
-    beside: Beside | None = None
+    beside: DrawExtraSources | None = None
     """Draws what is beside each marker; None: nothing but the clutter of the material."""
     places_m: tuple[tuple[float, float], ...] | None = None
     """Places (x, y) in the TRUS frame that are lit in turn, whatever is asked for; None: the places asked for."""

@@ -23,7 +23,7 @@ from .scene import largest_count as largest_count
 from .scene import scene_curve as scene_curve
 from .scene import scene_of as scene_of
 from .simulation import USUAL_CELLS as USUAL_CELLS
-from .simulation import Beside as Beside
+from .simulation import DrawExtraSources as DrawExtraSources
 from .simulation import MovableMarker as MovableMarker
 from .simulation import marker_scene as marker_scene
 from .simulation import movable as movable

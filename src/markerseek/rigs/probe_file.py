@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 from msgspec import structs
 
-from markerseek.core import ConfigError, RecordError
+from markerseek.core import ConfigError, RecordError, listed
 from markerseek.files import read_toml, recorded_settings, settings_from
 from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat, read_bank
 from markerseek.signals import PRESET_NAMES, ProbeKeys, ProbePreset, is_own, probe_preset
@@ -46,10 +46,10 @@ def _start(keys: _ProbeFile) -> ProbePreset:
     """The preset that a probe file starts from; without one, every key that differs between probes must be given."""
     missing = [name for name in NEEDED if getattr(keys, name) is None]
     if keys.preset is None and missing:
-        raise ConfigError(
-            f"the key {' and '.join(missing)} is missing; add it, or name the preset that the probe differs from: "
-            f'preset = "{PRESET_NAMES[0]}"'
-        )
+        keys_text = f"the key {missing[0]} is missing; add it"
+        if len(missing) > 1:
+            keys_text = f"the keys {listed(missing)} are missing; add them"
+        raise ConfigError(f'{keys_text}, or name the preset that the probe differs from: preset = "{PRESET_NAMES[0]}"')
     return probe_preset(keys.preset or PRESET_NAMES[0])
 
 

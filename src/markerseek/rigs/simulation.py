@@ -239,8 +239,8 @@ def _number(value: SupportsFloat | None) -> float | None:
     return None if value is None else float(value)
 
 
-Beside: TypeAlias = Callable[[Scene, np.random.Generator], tuple[Absorber, ...]]
-"""Draws what is beside a marker that was moved, with strengths in counts."""
+DrawExtraSources: TypeAlias = Callable[[Scene, np.random.Generator], tuple[Absorber, ...]]
+"""Draws the sources beside the marker after each of its moves, with strengths in counts."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -252,7 +252,7 @@ class MovableMarker:
     world: World
     settings: SimulatedSettings
     rng: np.random.Generator
-    beside: Beside | None = None
+    beside: DrawExtraSources | None = None
 
     def move(self, *, angle_deg: float, radius_m: float, lateral_m: float) -> Rig:
         """Put the spot of light elsewhere, draw new clutter, and return the rig."""
@@ -264,7 +264,7 @@ class MovableMarker:
 
 
 def movable(
-    seed: SupportsIndex, settings: SimulatedSettings, *, pace: float = 0.0, beside: Beside | None = None
+    seed: SupportsIndex, settings: SimulatedSettings, *, pace: float = 0.0, beside: DrawExtraSources | None = None
 ) -> MovableMarker:
     """A simulated rig of channel data whose marker can be moved.
 

@@ -1,6 +1,6 @@
 """The newest images of a run, handed from the process that searches to the one that shows them.
 
-They lie in memory, in a file without a name, which ends with the last process that has it open, however that ends. The
+They are kept in an anonymous memory file (memfd), which the system frees when the last process closes it. The
 process that searches writes each image over an old one, and waits for nobody. A reader that is too late, or finds an
 image that is not whole, makes it of the samples in the journal (decision 78).
 """

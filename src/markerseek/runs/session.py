@@ -109,7 +109,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
 
     Raises `ConfigError` if a recording holds fewer angles than the method needs.
     """
-    run = rig.run_plan
+    run_plan = rig.run_plan
     speed_deg_s = plan.sweep_speed_deg_s
     if plan.sweep and speed_deg_s is None:
         speed_deg_s = rig.scanner.sweeping.stage.fastest_sweep_deg_s
@@ -119,7 +119,8 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     in_bursts = sweeps and rig.scanner.sweeping.in_bursts
     acquisitions = plan.acquisitions
     if acquisitions is None and rig.angles_deg is not None:
-        method, recorded = method_named(plan.method), len(rig.angles_deg)
+        method = method_named(plan.method)
+        recorded = len(rig.angles_deg)
         if recorded < method.least:
             raise ConfigError(
                 f"method: {method.name} needs at least {method.least} acquisitions, and the recording holds {recorded} "
@@ -129,13 +130,13 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     return replace(
         plan,
         acquisitions=acquisitions,
-        dark_frames=0 if without else run.dark_frames,
+        dark_frames=0 if without else run_plan.dark_frames,
         # Each burst ends with a dark frame, and the number of its triggers is its own.
-        closing_dark=run.closing_dark and not in_bursts,
+        closing_dark=run_plan.closing_dark and not in_bursts,
         start_deg=rig.scanner.angle_deg if plan.start_deg is None else plan.start_deg,
         sweep_speed_deg_s=speed_deg_s,
         sweep_from_end=in_bursts,
-        stay=plan.stay or run.stay,
+        stay=plan.stay or run_plan.stay,
         angles_deg=rig.angles_deg,
         whole=rig.angles_deg is not None and not without,
         by_hand=rig.by_hand,

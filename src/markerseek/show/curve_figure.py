@@ -30,7 +30,7 @@ _ROOM = (0.013, 0.05)
 
 
 def curve_figure(curve: DrawnCurve, *, pictured: Sample | None = None, image: PaImage | None = None) -> Figure:
-    """Return the figure of one search: its intensities and density over the angle, and the way of the probe.
+    """Return the figure of one search: its intensities and density over the angle, and the path of the probe.
 
     ``pictured``: acquisition whose image is shown, from `pictured_sample`. ``image``: its image; None if there are no
     channel data.

@@ -242,7 +242,10 @@ def _ticks(ends: tuple[float, float], most: float) -> list[float]:
     """Round numbers between two ends, at most so many."""
     width = ends[1] - ends[0]
     exponent = math.floor(math.log10(width / max(most, 1.0)))
-    step = next(each for n in (0, 1) for part in (1, 2, 5) if width / (each := part * 10.0 ** (exponent + n)) <= most)
+    for part in (1, 2, 5, 10, 20, 50):
+        step = part * 10.0**exponent
+        if width / step <= most:
+            break
     return [round(n * step, 9) for n in range(math.ceil(ends[0] / step - 1e-9), math.floor(ends[1] / step + 1e-9) + 1)]
 
 

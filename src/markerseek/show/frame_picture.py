@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from markerseek.core import PaImage
-from markerseek.show.grey import RANGE_DB
+from markerseek.show.curve import ANGLE_TEXT
+from markerseek.show.grey import RANGE_DB, decibels_below_peak
 from markerseek.show.style import ACCENT, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
 if TYPE_CHECKING:
@@ -21,9 +20,7 @@ if TYPE_CHECKING:
 
 def draw_image(axes: Axes, image: PaImage) -> None:
     """Draw a photoacoustic image relative to its largest value, in millimetres of the array."""
-    # An image of zeros is black, instead of dividing by 0.
-    peak = max(float(image.envelope.max()), float(np.finfo(np.float32).tiny))
-    decibels = 20 * np.log10(np.maximum(image.envelope / peak, 10 ** (-RANGE_DB / 20)))
+    decibels = decibels_below_peak(image.envelope, peak=float(image.envelope.max()))
     extent = image.geometry.edges_mm(*image.envelope.shape)
     shown = axes.imshow(
         decibels, extent=extent, cmap="gray", vmin=-RANGE_DB, vmax=0, aspect="equal", interpolation="bilinear"
@@ -112,7 +109,7 @@ def peak_figure(
         axes.axhline(dark_level, color=QUIET, linestyle=":", label="largest without laser")
     # At least 1e-12, because Matplotlib warns of a range from 0 to 0.
     axes.set_ylim(bottom=0, top=1.08 * max(top, dark_level or 0.0, 1e-12))
-    axes.set_xlabel("probe angle [deg]")
+    axes.set_xlabel(ANGLE_TEXT)
     axes.set_ylabel("intensity (envelope peak) " + ("[as recorded]" if image is None else "[counts]"))
     axes.set_xlim(angles_deg[0], angles_deg[-1])
     if image is not None:

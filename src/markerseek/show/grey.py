@@ -17,6 +17,13 @@ def grey_levels(
 
     ``envelope``, ``brightest``: in ADC counts.
     """
-    # The lower end is clipped before the logarithm, because 0 has no logarithm; a frame without sound is black.
-    share = np.clip(envelope / (brightest or 1.0), 10 ** (-RANGE_DB / 20), 1.0)
-    return np.rint(255 * (1 + 20 * np.log10(share) / RANGE_DB)).astype(np.uint8)
+    return np.rint(255 * (1 + decibels_below_peak(envelope, peak=brightest) / RANGE_DB)).astype(np.uint8)
+
+
+def decibels_below_peak(
+    envelope: Float32[np.ndarray, "rows columns"], *, peak: float
+) -> Float32[np.ndarray, "rows columns"]:
+    """Return the level relative to a peak, from ``-RANGE_DB`` to 0 dB; a frame without sound is at ``-RANGE_DB``."""
+    # The lower end is clipped before the logarithm, because 0 has no logarithm.
+    share = np.clip(envelope / (peak or 1.0), 10 ** (-RANGE_DB / 20), 1.0)
+    return 20 * np.log10(share)

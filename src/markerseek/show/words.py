@@ -18,6 +18,7 @@ from markerseek.core import (
     OtherSource,
     Unsure,
     counted,
+    listed,
 )
 
 AnswerName: TypeAlias = Literal["found", "not found", "ambiguous", "at bound", "unsure"]
@@ -62,10 +63,9 @@ def _which_of(estimate: Ambiguous) -> str:
         f"{mode:.2f} deg" + (f" ({named[mode].relative_db:+.1f} dB)" if mode in named else "")
         for mode in estimate.modes_deg
     ]
-    listed = f"{', '.join(places[:-1])} and {places[-1]}"
     if not named:
-        return f"the samples fit a marker at each of {listed}"
-    return f"sources at {listed} may each be the marker: they are within 6 dB, as far as that is known"
+        return f"the samples fit a marker at each of {listed(places)}"
+    return f"sources at {listed(places)} may each be the marker: they are within 6 dB, as far as that is known"
 
 
 def angle_text(belief: AngleBelief) -> str:

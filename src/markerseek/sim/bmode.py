@@ -41,7 +41,7 @@ _RESPONSE_STEP_M, _NEAREST_M = 5e-3, 2e-3
 
 
 class Speckle:
-    """Speckle of mean square 1; at an angle it is always the same, whatever the way of the probe.
+    """Speckle of mean square 1; at an angle it is always the same, whatever the path of the probe.
 
     ``probe``: height, lens and face radius of its elements. ``radius_m``: distance of each row from the axis of
     rotation.
@@ -53,7 +53,7 @@ class Speckle:
         self._probe = probe
         self._shape = (len(radius_m), columns)
         self._pixel_m = pixel_m
-        # Slices are drawn by their number from the seed: the field does not depend on the way of the probe.
+        # Slices are drawn by their number from the seed: the field does not depend on the path of the probe.
         self._seed = seed
         self._slice = lru_cache(maxsize=64)(self._drawn_slice)
         first_m = max(float(radius_m[0]), probe.face_radius_m + _NEAREST_M)

@@ -24,10 +24,10 @@ from markerseek.core import ConfigError, Float64, Within, require_fields
 
 
 class TissueMotion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How simulated tissue moves, all of it by the same way; the defaults are tissue at rest."""
+    """How simulated tissue moves, all of it by the same displacement; the defaults are tissue at rest."""
 
     breathing_mm: Annotated[float, Within(0, 30, "mm")] = 0.0
-    """Amplitude A of breathing: half of the way from the end of exhalation to that of inhalation."""
+    """Amplitude A of breathing: half of the path from the end of exhalation to that of inhalation."""
     period_s: Annotated[float, Within(1, 60, "s", cure="3 to 5 s are usual")] = 4.0
     """Time T from breath to breath."""
     power: Annotated[int, Within(1, 10, cure="2 or 3 are usual")] = 2
@@ -81,7 +81,7 @@ class TissueMotion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 def displaced(absorber: Absorber, by_m: Float64[np.ndarray, " 3"]) -> Absorber:
-    """Return an absorber that has moved by a way in the TRUS frame."""
+    """Return an absorber that has moved by a displacement in the TRUS frame."""
     x_m, y_m, z_m = (at + by for at, by in zip(absorber.position_m, by_m.tolist(), strict=True))
     return Absorber.at(x_m=x_m, y_m=y_m, z_m=z_m, strength=absorber.strength, source=absorber.source)
 

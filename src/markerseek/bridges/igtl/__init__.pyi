@@ -1,7 +1,7 @@
 from .commands import CommandAnswer, Request
 from .peer import IPAddress, plain_address
 from .service import IgtlServer, SearchService
-from .streams import Stream, Streams
+from .streams import StreamMessage, Streams
 
 __all__ = [
     "CommandAnswer",
@@ -9,7 +9,7 @@ __all__ = [
     "IgtlServer",
     "Request",
     "SearchService",
-    "Stream",
+    "StreamMessage",
     "Streams",
     "plain_address",
 ]

@@ -21,7 +21,7 @@ from markerseek.bridges.igtl.commands import (
     search_request,
 )
 from markerseek.bridges.igtl.peer import LOOPBACK, SLOW_S, IPAddress, Peer, plain_address
-from markerseek.bridges.igtl.streams import Stream, Streams
+from markerseek.bridges.igtl.streams import StreamMessage, Streams
 from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import ConfigError, SearchError
 from markerseek.wire import igtl
@@ -50,6 +50,7 @@ class SearchService:
         on_note: Callable[[str], None],
     ) -> None:
         self._on_note = on_note
+        self._tasks: list[asyncio.Task[None]] = []
         self._searches = Searches(options, on_start=self._started, on_item=self._seen, on_end=self._ended)
         self._registration = registration
         self._streams = Streams(registration=None if registration is None else registration.view)
@@ -72,7 +73,7 @@ class SearchService:
                 task.cancel()
             await self.server.close()
 
-    def _publish(self, streams: Iterable[Stream]) -> None:
+    def _publish(self, streams: Iterable[StreamMessage]) -> None:
         for stream in streams:
             self.server.publish(stream, metadata=self._streams.metadata)
 
@@ -139,7 +140,9 @@ class IgtlServer:
         version: Literal[1, 2] = 2,
         on_note: Callable[[str], None] = lambda _sentence: None,
     ) -> None:
-        self._on_request, self._version, self._on_note = on_request, version, on_note
+        self._on_request = on_request
+        self._version = version
+        self._on_note = on_note
         self._allowed = frozenset(allowed)
         self._peers: set[Peer] = set()
         # All whose connection has not ended, served or refused.
@@ -159,7 +162,7 @@ class IgtlServer:
                 raise ConfigError(
                     f"port {port} of {host} is taken by another program; end that one, or name another --port"
                 ) from problem
-            # The number of a name that is not known is none of the system's errors.
+            # getaddrinfo has its own error numbers, which os.strerror does not know.
             why = problem.strerror if isinstance(problem, socket.gaierror) else os.strerror(problem.errno or 0)
             raise ConfigError(f"{host}, port {port}: {why}; name another") from problem
         return int(listening.getsockname()[1])
@@ -187,7 +190,7 @@ class IgtlServer:
         while self._connected:
             await asyncio.sleep(0)
 
-    def publish(self, stream: Stream, *, metadata: Mapping[str, str]) -> None:
+    def publish(self, stream: StreamMessage, *, metadata: Mapping[str, str]) -> None:
         """Send a message to all clients.
 
         ``stream``: its device, content and time. ``metadata``: sent with it, beside the sequence number and those of

@@ -31,8 +31,8 @@ from markerseek.wire import igtl
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stream:
-    """A message of a stream."""
+class StreamMessage:
+    """A message of one of the streams, before it is encoded."""
 
     device: str
     """Name of the stream."""
@@ -56,7 +56,8 @@ class Streams:
         self._begin("idle")
 
     def _begin(self, state: str) -> None:
-        self._state, self._outcome = state, Outcome(exit_code=0, answer=None)
+        self._state = state
+        self._outcome = Outcome(exit_code=0, answer=None)
         self._view: RunView | None = None
         self._problem = ""
 
@@ -74,10 +75,10 @@ class Streams:
         return None if self.registration is None else self.registration.registration
 
     @property
-    def status(self) -> Stream:
+    def status(self) -> StreamMessage:
         """STATUS: sent on each change, and as a sign of life."""
         code, name, sentence = self._status()
-        return Stream(device="PaSearch", content=igtl.Status(code=code, name=name, message=sentence))
+        return StreamMessage(device="PaSearch", content=igtl.Status(code=code, name=name, message=sentence))
 
     def _status(self) -> tuple[int, str, str]:
         match self._state:
@@ -85,7 +86,8 @@ class Streams:
                 return igtl.OK, "IDLE", "no search runs"
             case "running":
                 return igtl.BUSY, "SEARCHING", (self._view and event_line(self._view)) or "the search begins"
-        outcome, answer = self._outcome, self._outcome.answer or {}
+        outcome = self._outcome
+        answer = outcome.answer or {}
         if outcome.answered and "answer" in answer:
             # The answer's own name: a marker that is unsure, ambiguous or at a bound may well be there.
             name = "no claim" if answer.get("as_published") else str(answer["answer"])
@@ -96,36 +98,37 @@ class Streams:
             return igtl.UNKNOWN_ERROR, "FAULT", outcome.message
         return igtl.NOT_READY, "NOT_ARMED", outcome.message
 
-    def idle(self) -> list[Stream]:
+    def idle(self) -> list[StreamMessage]:
         """Before the first search; no angle is known, and TRANSFORM says so."""
-        streams = [self.status, self._said(), _transform(0.0, known=False), *_marker(None)]
+        streams = [self.status, self._state_message(), _transform(0.0, known=False), *_marker(None)]
         if self.registration is not None:
             streams.append(_registration_status(self.registration, withdrawn=False))
         if self._known_registration is not None:
-            streams.append(_camera(self._known_registration))
+            streams.append(_registration_transform(self._known_registration))
         return streams
 
-    def registered(self, view: SessionView) -> list[Stream]:
+    def registered(self, view: SessionView) -> list[StreamMessage]:
         """What changes with a new state of the registration: its transform only where it is another, or withdrawn."""
         before = self._known_registration
         self.registration = view
         now = view.registration
         # Once withdrawn, it is called so until there is another.
         self._withdrawn = now is None and (self._withdrawn or before is not None)
-        streams = [] if now is before else [_camera(now)]
-        return [*streams, _registration_status(view, withdrawn=self._withdrawn), self._said()]
+        streams = [] if now is before else [_registration_transform(now)]
+        return [*streams, _registration_status(view, withdrawn=self._withdrawn), self._state_message()]
 
-    def started(self) -> list[Stream]:
+    def started(self) -> list[StreamMessage]:
         """A search begins: the marker of the one before is withdrawn."""
         self._begin("running")
-        return [*_marker(None), self.status, self._said()]
+        return [*_marker(None), self.status, self._state_message()]
 
-    def after(self, item: PicturedItem) -> list[Stream]:
+    def after(self, item: PicturedItem) -> list[StreamMessage]:
         """Return what changes with one item of a search's journal."""
         if isinstance(item, Configuration):
             self._view = RunView.of(item)
-            return [self.status, self._said()]
-        before, entry = self._view, item.entry
+            return [self.status, self._state_message()]
+        before = self._view
+        entry = item.entry
         assert before is not None  # noqa: S101  a journal begins with its configuration
         view = self._view = before.add_entry(entry)
         self._problem = item.problem
@@ -135,20 +138,21 @@ class Streams:
         streams += _pictured(item, face_radius_m=view.facts.face_radius_m)
         # One time for all: an image belongs to the transform of its acquisition.
         time_s = datetime.fromisoformat(entry.written).timestamp() - since_fired_s(view, entry)
-        return [replace(each, time_s=time_s) for each in [*streams, self._said()]]
+        return [replace(each, time_s=time_s) for each in [*streams, self._state_message()]]
 
-    def ended(self, outcome: Outcome) -> list[Stream]:
+    def ended(self, outcome: Outcome) -> list[StreamMessage]:
         """The search has ended."""
-        self._state, self._outcome = "ended", outcome
+        self._state = "ended"
+        self._outcome = outcome
         answer = outcome.answer or {}
         marker = []
         # A place that is known roughly is not for a robot that aims at it.
         if answer.get("found") and not answer.get("as_published") and answer.get("marker_trus_m"):
             x, y, z = (1e3 * each for each in answer["marker_trus_m"])
             marker = _marker(igtl.Point(name="PaMarker", group=self.metadata.get("rig", ""), position_mm=(x, y, z)))
-        return [self.status, *marker, self._said()]
+        return [self.status, *marker, self._state_message()]
 
-    def _said(self) -> Stream:
+    def _state_message(self) -> StreamMessage:
         """STRING: the state as JSON."""
         state: dict[str, Any] = {"state": self._state}
         if self.registration is not None:
@@ -167,7 +171,7 @@ class Streams:
         text = msgspec.json.encode(state)
         if len(text) > igtl.MAX_TEXT_BYTES:
             text = msgspec.json.encode(state | {"result": None, "line": "too long for a STRING"})
-        return Stream(device="SearchState", content=igtl.Text(text=text.decode()))
+        return StreamMessage(device="SearchState", content=igtl.Text(text=text.decode()))
 
 
 def _known(view: RunView) -> dict[str, Any]:
@@ -191,22 +195,22 @@ def _known(view: RunView) -> dict[str, Any]:
     }
 
 
-def _pictured(item: PicturedEntry, *, face_radius_m: float | None) -> list[Stream]:
+def _pictured(item: PicturedEntry, *, face_radius_m: float | None) -> list[StreamMessage]:
     """Return the image of an acquisition in ProbeHome, in grey levels; nothing if its place there is unknown."""
     image, event = item.image, item.entry.event
     if image is None or not isinstance(event, Measured) or face_radius_m is None:
         return []
     pixels = grey_levels(image.envelope, brightest=item.brightest)
     matrix = probe_to_probe_home(event.sample.angle_deg) @ image_to_probe(image.geometry, face_radius_m=face_radius_m)
-    return [Stream(device="PA_ProbeHome", content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
+    return [StreamMessage(device="PA_ProbeHome", content=igtl.Image(pixels=pixels[np.newaxis], matrix=matrix))]
 
 
-def _transform(angle_deg: float, *, known: bool) -> Stream:
+def _transform(angle_deg: float, *, known: bool) -> StreamMessage:
     content = igtl.Transform(matrix=probe_to_probe_home(angle_deg))
-    return Stream(device="ProbeToProbeHome", content=content, metadata=_validity(known=known))
+    return StreamMessage(device="ProbeToProbeHome", content=content, metadata=_validity(known=known))
 
 
-def _camera(known: KnownRegistration | None) -> Stream:
+def _registration_transform(known: KnownRegistration | None) -> StreamMessage:
     """The transform of the camera with its errors; None withdraws what clients have."""
     errors: dict[str, str] = {}
     matrix = None
@@ -214,28 +218,28 @@ def _camera(known: KnownRegistration | None) -> Stream:
         matrix = known.davinci_to_trus.matrix
         matrix[:3, 3] *= 1e3
         errors = {name: f"{value:g}" for name, value in known.errors.items()}
-    return Stream(
+    return StreamMessage(
         device="DaVinciToProbeHome",
         content=igtl.Transform(matrix=matrix),
         metadata=_validity(known=known is not None) | errors,
     )
 
 
-def _registration_status(view: SessionView, *, withdrawn: bool) -> Stream:
+def _registration_status(view: SessionView, *, withdrawn: bool) -> StreamMessage:
     """STATUS of the registration: sent on each change."""
     holds = view.registration is not None
     name = "REGISTERED" if holds else "WITHDRAWN" if withdrawn else "NOT_REGISTERED"
     status = igtl.Status(code=igtl.OK if holds else igtl.NOT_READY, name=name, message=view.sentence)
-    return Stream(device="DaVinciRegistration", content=status)
+    return StreamMessage(device="DaVinciRegistration", content=status)
 
 
-def _marker(point: igtl.Point | None) -> list[Stream]:
+def _marker(point: igtl.Point | None) -> list[StreamMessage]:
     """The marker; None withdraws what clients have."""
     place_mm = None if point is None else point.position_mm
     # POINT for people, who see it named; POSITION for controllers, which need no list.
     return [
-        Stream(device="PaMarker", content=igtl.Points(points=() if point is None else (point,))),
-        Stream(
+        StreamMessage(device="PaMarker", content=igtl.Points(points=() if point is None else (point,))),
+        StreamMessage(
             device="PaMarkerToProbeHome",
             content=igtl.Position(position_mm=place_mm),
             metadata=_validity(known=point is not None),

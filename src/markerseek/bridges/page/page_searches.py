@@ -22,7 +22,7 @@ from markerseek.bridges.asked import AnyAsked, AskedSearch, AskedSession
 from markerseek.bridges.child import ChildRun, EndedRun, FollowedChild, Outcome
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.session_display import session_verdict
-from markerseek.bridges.run_images import PicturedItem, pictured, unpictured
+from markerseek.bridges.run_images import PicturedItem, with_images, without_images
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.files import MIB, data_folder, read_input, replace_file
@@ -153,7 +153,7 @@ class ChildSearch:
 
     def _take(self, child: ChildRun) -> None:
         """Take what the child writes, until it ends."""
-        self._add(pictured(child.items(), handed=child.images))
+        self._add(with_images(child.items(), handed=child.images))
 
     def _add(self, items: Iterable[PicturedItem]) -> None:
         """Take the items of a search."""
@@ -235,7 +235,7 @@ class ChildRegistration(ChildSearch):
             if isinstance(step, SpotSeen) and step.journal is not None:
                 self.run = None
                 search = follow(folder / step.journal, is_over=is_searched, wait=child.wait)
-                self._add(unpictured(child.beating(search)))
+                self._add(without_images(child.beating(search)))
 
 
 class BegunSession(msgspec.Struct, frozen=True, kw_only=True):

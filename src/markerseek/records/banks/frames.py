@@ -24,9 +24,9 @@ from markerseek.files import (
     as_read_error,
     in_natural_order,
     open_input,
-    places,
     quoted,
     read_input,
+    series_indices,
 )
 from markerseek.records.banks.arrays import ArrayBank
 from markerseek.records.banks.bank import (
@@ -294,7 +294,7 @@ def _stated_angles(path: Path, frames: list[Path], table: TableFormat) -> Float6
         )
     if table.angles_deg is not None:
         return table.stated_deg(path, len(frames), what="frames")
-    at, missing = places([_name(place) for place in frames])
+    at, missing = series_indices([_name(place) for place in frames])
     if missing:
         note(path, f"the frames numbered {first_of(list(map(str, missing)))} are missing; the others keep their angles")
     return table.stated_deg(path, at[-1] + 1, what="frames")[at]

@@ -1,4 +1,4 @@
-"""Likelihood of the moments of arrival: the centroid of a peak's energy in time, and its variance.
+"""Likelihood of the arrival: centroid and spread of a peak's energy in time.
 
 With t = θ − θp, sound from a marker at radius ρ reaches a face at radius R later by
 
@@ -12,9 +12,9 @@ variance of the energy in time are
 
 τ₀ holds the trigger offset, k what is not known of R and c; δ is how much later than the pulse in the plane the edges
 receive, lens and all; a is the laser's and the absorber's pulse, b = (h/2c)². They are nuisance parameters: each has a
-broad normal prior and is integrated out. About the model the moments of the acoustic model's own pulses scatter with
-the tails of a Student distribution (150 draws of the physics table, 125 angles each); that, and the noise, is the
-scale.
+broad normal prior and is integrated out. About (5) and (6), centroid and variance of the acoustic model's own pulses
+scatter with the tails of a Student distribution (150 draws of the physics table, 125 angles each); that, and the
+noise, is the scale.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from markerseek.search.evidence import FACE_RADIUS_M
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
 
 SOUND_SPEED_M_S = 1525.0
-"""Middle of its speeds of sound."""
+"""Middle of the speeds of sound in tissue and in water, in m/s."""
 
 DELAY_SHARE = 0.16
 """Standard deviation of k: R of 8 to 12 mm and the speed of sound."""
@@ -48,8 +48,8 @@ FREEDOM = 4.0
 """Degrees of freedom of the Student distributions."""
 
 WEIGHT = 0.25
-"""Power of the likelihood: the errors of one marker's samples are alike, so that four count as one. Taken as
-independent they outvote the intensities, by degrees, in one search of some hundred."""
+"""Power of the likelihood: the errors of one marker's samples are alike, so that four count as one. Counted as
+independent, they moved the answer by several degrees in about one search in a hundred."""
 
 SAME_PLACE_M = 3e-3
 """Largest lateral distance between peaks of one marker, in metres."""
@@ -58,6 +58,33 @@ MOST_COUNTED = 24
 """Most samples at rest that count, for the same reason: a scan has a hundred, and the arrival times of those far from
 the marker contain the sound of weaker sources. A search has fewer: with a limit of 12, two of 60 markers within 0.6° of
 an end of the range were no longer distinguished from markers beyond it."""
+
+OFFSET_SIGMA_S = 50 * EDGE_DELAY_S
+"""Standard deviation of τ₀ about the centroid of the strongest sample: so broad that it says nothing."""
+
+CENTROID_FACE_S = 15e-9
+"""Scatter of the acoustic model's centroids about (5) in the plane (150 draws of the physics table)."""
+
+CENTROID_EDGE_S = 30e-9
+"""What that scatter grows by at `LOBE_DEG`, where face and edges are equally strong; of the same draws."""
+
+CENTROID_NOISE_S = 0.22e-6
+"""Standard deviation of a centroid by noise, times the SNR."""
+
+UNIT_SINE = 0.3
+"""Sine of the incidence at which b·sin² φ of an element of mean height is the unit of the variances."""
+
+VARIANCE_SIGMA = 30.0
+"""Standard deviation of a in that unit: so broad that it says nothing."""
+
+VARIANCE_FACE = 0.05
+"""Scatter of the acoustic model's variances about (6) in the plane, in that unit; of the same draws."""
+
+VARIANCE_EDGE = 0.2
+"""What that scatter grows by, over b·sin² φ; of the same draws."""
+
+VARIANCE_NOISE = 2.5
+"""Standard deviation of a variance by noise, over the variance and times the SNR."""
 
 ITERATIONS = 3
 """Steps of reweighted least squares."""
@@ -73,7 +100,8 @@ def arrival_likelihood(
 
     It is that of the samples that are clear of the noise and at the marker's place; None of fewer than two.
     """
-    sigma, marker_m = scale.sigma, scale.marker_m
+    sigma = scale.sigma
+    marker_m = scale.marker_m
     rows = [
         (sample.angle_deg, reading.centroid_s, reading.spread_s, reading.intensity / sigma, sample.sweep is None)
         for sample in lit
@@ -115,13 +143,14 @@ def _spline(
 
 @lru_cache(maxsize=64)
 def _bending(knots: int) -> Float64[np.ndarray, "knots knots"]:
-    """What makes the second derivatives of a spline, times the step squared, of its values; its ends are not knots."""
+    """What makes the second derivatives of a spline, times the step squared, of its values; with not-a-knot ends."""
     if knots < 4:
         # A line, or a parabola.
         return np.tile([1.0, -2.0, 1.0], (3, 1)) if knots == 3 else np.zeros((knots, knots))
     inside = np.eye(knots, k=-1) + 4 * np.eye(knots) + np.eye(knots, k=1)
     inside[[0, -1]] = 0.0
-    inside[0, :3] = inside[-1, -3:] = 1.0, -2.0, 1.0
+    inside[0, :3] = (1.0, -2.0, 1.0)
+    inside[-1, -3:] = (1.0, -2.0, 1.0)
     differences = 6 * (np.eye(knots, k=-1) - 2 * np.eye(knots) + np.eye(knots, k=1))
     differences[[0, -1]] = 0.0
     return np.linalg.solve(inside, differences)
@@ -150,38 +179,56 @@ def off_plane(
 def log_likelihood(
     angles_deg: Float64[np.ndarray, " angles"],
     measured_deg: Float64[np.ndarray, " samples"],
-    moments_s: Float64[np.ndarray, "samples 2"],
+    centroid_and_spread_s: Float64[np.ndarray, "samples 2"],
     snr: Float64[np.ndarray, " samples"],
 ) -> Float64[np.ndarray, " angles"]:
     """Return ln of the likelihood of (5) and (6) for each angle of the marker, the nuisance parameters integrated out.
 
-    ``angles_deg``: angles of the marker that are considered. ``measured_deg``, ``moments_s``: angles in degrees, and
-    centroid and standard deviation in seconds, of samples whose peak is the marker's. ``snr``: their intensities over
-    σ.
+    ``angles_deg``: angles of the marker that are considered. ``measured_deg``, ``centroid_and_spread_s``: angles in
+    degrees, and centroid and standard deviation in seconds, of samples whose peak is the marker's. ``snr``: their
+    intensities over σ.
     """
     # Times count from the strongest sample's, so that the prior of τ₀ is about 0.
-    centroid_s, spread_s = moments_s.T
+    centroid_s, spread_s = centroid_and_spread_s.T
     reference_s = float(centroid_s[np.argmax(snr)])
     # A trigger offset of some µs changes the depth by some mm, and D of (4) by little: τ₀ and k absorb the offset.
     off_deg = measured_deg - angles_deg[:, None]
     late_s, sine = off_plane(off_deg, FACE_RADIUS_M, max(SOUND_SPEED_M_S * reference_s, 5e-3))
-    lobes = np.abs(off_deg) / LOBE_DEG
-    # (5), in units of the prior of δ: τ₀ ± 50 units, k ± 0.16, δ ± 1.
+    log = _centroid_log_likelihood(centroid_s - reference_s, late_s, np.abs(off_deg) / LOBE_DEG, snr)
+    return np.asarray(WEIGHT * (log + _spread_log_likelihood(spread_s, sine, snr)))
+
+
+def _centroid_log_likelihood(
+    centroid_s: Float64[np.ndarray, " samples"],
+    late_s: Float64[np.ndarray, "angles samples"],
+    lobes: Float64[np.ndarray, "angles samples"],
+    snr: Float64[np.ndarray, " samples"],
+) -> Float64[np.ndarray, " angles"]:
+    """Return ln of the likelihood of (5); ``late_s``: D(t); ``lobes``: t over t₁, without its sign."""
+    # In units of the prior of δ.
     design = np.stack([np.ones_like(lobes), late_s / EDGE_DELAY_S, 1 - 1 / (1 + lobes**2)], axis=-1)
-    delay = (centroid_s - reference_s - late_s) / EDGE_DELAY_S
-    # Scatter of the acoustic model's own pulses about (5), largest where face and edges are equally strong; the noise
-    # of a centroid falls with the intensity.
-    scale = np.hypot(15e-9 + 30e-9 * lobes * np.exp(1 - lobes), 0.22e-6 / snr) / EDGE_DELAY_S
-    log = student_log_likelihood(design, delay, scale, np.array([1 / 50**2, 1 / DELAY_SHARE**2, 1.0]))
-    # (6), in units of b·0.3² of a usual element and less the mean over the heights of elements: a ± 30 units, b ± 1.
+    delay = (centroid_s - late_s) / EDGE_DELAY_S
+    scatter_s = CENTROID_FACE_S + CENTROID_EDGE_S * lobes * np.exp(1 - lobes)
+    scale = np.hypot(scatter_s, CENTROID_NOISE_S / snr) / EDGE_DELAY_S
+    precision = np.array([(EDGE_DELAY_S / OFFSET_SIGMA_S) ** 2, 1 / DELAY_SHARE**2, 1.0])
+    return student_log_likelihood(design, delay, scale, precision)
+
+
+def _spread_log_likelihood(
+    spread_s: Float64[np.ndarray, " samples"],
+    sine: Float64[np.ndarray, "angles samples"],
+    snr: Float64[np.ndarray, " samples"],
+) -> Float64[np.ndarray, " angles"]:
+    """Return ln of the likelihood of (6); ``sine``: sin φ(t)."""
+    # Less the mean over the heights of elements: what is left of b has the prior 0 ± 1.
     height_m2, height_sd_m2 = HEIGHT_M2
-    unit_s2 = height_m2 * (0.3 / (2 * SOUND_SPEED_M_S)) ** 2
+    unit_s2 = height_m2 * (UNIT_SINE / (2 * SOUND_SPEED_M_S)) ** 2
     edges = (sine / (2 * SOUND_SPEED_M_S)) ** 2 / unit_s2
     design = np.stack([np.ones_like(edges), height_sd_m2 * edges], axis=-1)
     variance = spread_s**2 / unit_s2
-    scale = np.hypot(0.05 + 0.2 * height_m2 * edges, 2.5 / snr * variance)
-    log += student_log_likelihood(design, variance - height_m2 * edges, scale, np.array([1 / 30**2, 1.0]))
-    return np.asarray(WEIGHT * log)
+    scale = np.hypot(VARIANCE_FACE + VARIANCE_EDGE * height_m2 * edges, VARIANCE_NOISE / snr * variance)
+    precision = np.array([1 / VARIANCE_SIGMA**2, 1.0])
+    return student_log_likelihood(design, variance - height_m2 * edges, scale, precision)
 
 
 def student_log_likelihood(

@@ -601,12 +601,12 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
     for sigma_deg, share in zip(moved_deg.tolist(), motion.probability.tolist(), strict=True):
         if share <= LEAST_MOTION * motion.probability.max():
             continue
-        # Which way along the turn goes with which way in depth is not known.
-        signs = (1.0, -1.0) if sigma_deg > 0 and motion.seen.any() else (0.0,)
+        # Which direction along the turn goes with which one in depth is not known.
+        signs = (1.0, -1.0) if sigma_deg > 0 and motion.relative_displacement.any() else (0.0,)
         for sign in signs:
             displaced = Displaced(
-                by_deg=np.append(sign * sigma_deg * motion.seen, 0.0),
-                sigma_deg=np.append(sigma_deg * motion.unseen, sigma_deg),
+                by_deg=np.append(sign * sigma_deg * motion.relative_displacement, 0.0),
+                sigma_deg=np.append(sigma_deg * motion.relative_sigma, sigma_deg),
             )
             parts.append(
                 _moved_centre(

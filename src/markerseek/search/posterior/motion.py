@@ -12,7 +12,7 @@ along it, and c a unit vector, σ_v = σ|c_v|, σ_d = σ|c_d|, and along the tur
 flat in ln σ, and over c, flat over the sphere, gives the probability of each σ_t (`along_turn`). If nothing is seen in
 the other two directions, the marker rests, or moves just along the turn, for which there is little room on the sphere.
 
-What is not seen is a nuisance: a displacement of each sample at rest, or of each way of a sweep, that is normal with
+What is not seen is a nuisance: a displacement of each sample at rest, or of each pass of a sweep, that is normal with
 σ_t, and the displacement of the place in the pause from the mean over the samples. In the usual model of breathing,
 cos⁴ and cos⁶ of the phase, the latter is 1.03 and 0.87 of the former's standard deviation; it is taken as normal with
 σ_t. The intensities weigh the σ_t in turn, by their evidence (`inference`).
@@ -46,19 +46,37 @@ STATED_FACTOR = 1.5
 SIGMA_OF_AMPLITUDE = 0.72
 """Standard deviation of breathing over its amplitude: 0.73 for cos⁴, 0.715 for cos⁶, 0.707 for a sine."""
 
-SEEN_SHARE, SEEN_SNR = 0.08, 8.0
-"""Intensity over the strongest one's, and over the noise, from which a sample shows where the marker is."""
+MIN_TOP_SHARE = 0.08
+"""Intensity over the strongest one's from which the motion is judged by the place of a sample."""
 
-LEAST_SEEN = 2
-"""Samples at rest, or ways of sweeps, from which a motion is seen."""
+MIN_PLACE_SNR = 8.0
+"""Intensity over the noise from which a sample shows where the marker is."""
 
-POSITION_M, POSITION_NOISE_M = 8e-6, 0.55e-3
-"""Standard deviation of the lateral position of a point from frame to frame, and that by noise times the SNR: of 308
-samples of 60 simulated points."""
+MIN_PLACES = 2
+"""Samples at rest, or passes of sweeps, from which a motion is seen."""
+
+REST_SIGMAS = 2.0
+"""Distance of a place from the mean of all, over its noise, below which nothing speaks for a motion."""
+
+MAX_REST_PROBABILITY = 0.1
+"""Probability of rest below which the displacements that are seen are taken for those of a motion."""
+
+MIN_LOG_RATIO = 3.0
+"""ln of the likelihood ratio from which a motion is said to be seen: 1 in 80 of places at rest has it."""
+
+OFF_LINE = 0.3
+"""Displacement beside the line, over that along it, as a standard deviation: tissue that breathes moves on narrow
+loops, and σ_t is considered in steps."""
+
+POSITION_M = 8e-6
+"""Standard deviation of the lateral position of a point from frame to frame: of 308 samples of 60 simulated points."""
+
+POSITION_NOISE_M = 0.55e-3
+"""Standard deviation of the lateral position by noise, times the SNR: of the samples of `POSITION_M`."""
 
 EDGE_M = 0.05e-3, 0.15e-3
-"""Standard deviations of lateral position and depth where the edges of the element are stronger than its face, of the
-same."""
+"""Standard deviations of lateral position and depth where the edges of the element are stronger than its face: of the
+samples of `POSITION_M`."""
 
 GRAINS_M = 0.4e-3
 """Standard deviation of the position of a spot whose sound is not in phase: its brightest grain is at another place for
@@ -69,6 +87,9 @@ UNKNOWN_COHERENCE = 0.97
 
 DIRECTIONS = 240
 """Directions in an octant of the sphere that stand for all."""
+
+PLACE_SIGMAS_M = np.concatenate([[0.0], np.geomspace(2e-6, OVERALL_M[-1], 40)])
+"""σ_v and σ_d at which (12) is computed; linear in between."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -81,9 +102,9 @@ class TurnMotion:
     depth_m: float | None
     """``lateral_m`` and ``depth_m``: amplitude of the motion along the array and in depth; None: it was not to be seen,
     because the frames give no places, or too few."""
-    seen: Float64[np.ndarray, " samples"]
+    relative_displacement: Float64[np.ndarray, " samples"]
     """Displacement at each sample in the other two directions, over its standard deviation; 0 where it is not known."""
-    unseen: Float64[np.ndarray, " samples"]
+    relative_sigma: Float64[np.ndarray, " samples"]
     """Standard deviation of the displacement along the turn that this leaves, over σ_t; 1 where it says nothing."""
 
     @property
@@ -98,32 +119,41 @@ def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, state
     ``mean_deg``: angle of the marker. ``sigma``: noise of one quadrature of readings that do not state theirs.
     ``stated_m``: amplitude that the rig states; None: nothing.
     """
-    prior = overall_prior(stated_m)
     moments = _moments(samples, mean_deg=mean_deg, sigma=sigma)
     clear = [each for each in moments if each.clear]
-    unknown = np.zeros(len(samples)), np.ones(len(samples))
-    if len(clear) < LEAST_SEEN:
+    relative_displacement = np.zeros(len(samples))
+    relative_sigma = np.ones(len(samples))
+    if len(clear) < MIN_PLACES:
         # What cannot be seen is not assumed, unless it is stated: the answer says that it was not seen.
         known = along_turn(overall_prior(stated_m or 0.0), None)
-        return TurnMotion(probability=known, lateral_m=None, depth_m=None, seen=unknown[0], unseen=unknown[1])
+        return TurnMotion(
+            probability=known,
+            lateral_m=None,
+            depth_m=None,
+            relative_displacement=relative_displacement,
+            relative_sigma=relative_sigma,
+        )
     if stated_m is None and _scatter(clear) < REST_SIGMAS:
         # The usual case, in which (12) need not be computed: a decision must not wait for it.
         at_rest = np.eye(1, SIGMAS_M.size)[0]
-        return TurnMotion(probability=at_rest, lateral_m=0.0, depth_m=0.0, seen=unknown[0], unseen=unknown[1])
+        return TurnMotion(
+            probability=at_rest,
+            lateral_m=0.0,
+            depth_m=0.0,
+            relative_displacement=relative_displacement,
+            relative_sigma=relative_sigma,
+        )
     logs = _log_likelihoods_of(clear)
-    probability = along_turn(prior, logs)
-    seen, unseen = _displacements(moments, count=len(samples)) if probability[0] < SEEN_BELOW else unknown
+    probability = along_turn(overall_prior(stated_m), logs)
+    if probability[0] < MAX_REST_PROBABILITY:
+        relative_displacement, relative_sigma = _displacements(moments, count=len(samples))
     return TurnMotion(
         probability=probability,
         lateral_m=_amplitude_m(logs[0]),
         depth_m=_amplitude_m(logs[1]),
-        seen=seen,
-        unseen=unseen,
+        relative_displacement=relative_displacement,
+        relative_sigma=relative_sigma,
     )
-
-
-REST_SIGMAS = 2.0
-"""Distance of a place from the mean of all, over its noise, below which nothing speaks for a motion."""
 
 
 def _scatter(moments: Sequence[_Moment]) -> float:
@@ -134,17 +164,9 @@ def _scatter(moments: Sequence[_Moment]) -> float:
     return float((np.abs(place_m - mean_m) / noise_m).max())
 
 
-SEEN_BELOW = 0.1
-"""Probability of rest below which the displacements that are seen are taken for those of a motion."""
-
-OFF_LINE = 0.3
-"""Displacement beside the line, over that along it, as a standard deviation: tissue that breathes moves on narrow
-loops, and σ_t is considered in steps."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Moment:
-    """Where the marker was at a sample at rest, or during a way of a sweep."""
+    """Where the marker was at a sample at rest, or during a pass of a sweep."""
 
     samples: tuple[int, ...]
     """Numbers of its samples."""
@@ -167,7 +189,10 @@ def _log_likelihoods_of(
 def _displacements(
     moments: Sequence[_Moment], *, count: int
 ) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
-    """Return `seen` and `unseen` of a motion: the displacements along the line that explains most of the places."""
+    """Return the relative displacements of a motion along the line that explains most of the places, and what is left.
+
+    They are ``relative_displacement`` and ``relative_sigma`` of `TurnMotion`.
+    """
     place_m = np.array([each.place_m for each in moments])
     noise_m = np.array([each.noise_m for each in moments])
     clear = np.array([each.clear for each in moments])
@@ -178,38 +203,37 @@ def _displacements(
     along_m -= along_m[clear].mean()
     spread_m = math.sqrt(float(np.mean(along_m[clear] ** 2)))
     error = np.sqrt(noise_m**2 @ line**2) / spread_m
-    seen, unseen = np.zeros(count), np.ones(count)
+    displacement = np.zeros(count)
+    left = np.ones(count)
     for each, by, sigma in zip(moments, (along_m / spread_m).tolist(), error.tolist(), strict=True):
         # Where noise hides the displacement, it is the mean.
         weight = 1 / (1 + sigma**2)
-        seen[list(each.samples)] = weight * by
-        unseen[list(each.samples)] = math.hypot(OFF_LINE, sigma * math.sqrt(weight))
-    return seen, np.minimum(unseen, 1.0)
+        displacement[list(each.samples)] = weight * by
+        left[list(each.samples)] = math.hypot(OFF_LINE, sigma * math.sqrt(weight))
+    return displacement, np.minimum(left, 1.0)
 
 
 def overall_prior(stated_m: float | None) -> Float64[np.ndarray, " overall"]:
     """Return the prior probability that the marker rests, and of each of `OVERALL_M`."""
     if stated_m == 0:
-        moving, shares = 0.0, np.ones(OVERALL_M.size)
+        moving = 0.0
+        shares = np.ones(OVERALL_M.size)
     elif stated_m is None:
-        moving, shares = MOVES, np.ones(OVERALL_M.size)
+        moving = MOVES
+        shares = np.ones(OVERALL_M.size)
     else:
         moving = 1.0
         shares = np.exp(-0.5 * (np.log(OVERALL_M / (SIGMA_OF_AMPLITUDE * stated_m)) / math.log(STATED_FACTOR)) ** 2)
     return np.concatenate([[1 - moving], moving * shares / shares.sum()])
 
 
-SEEN_M = np.concatenate([[0.0], np.geomspace(2e-6, OVERALL_M[-1], 40)])
-"""σ_v and σ_d at which (12) is computed; linear in between."""
-
-
 def log_likelihoods(
     place_m: Float64[np.ndarray, " moments"], noise_m: Float64[np.ndarray, " moments"]
 ) -> Float64[np.ndarray, " sigmas"]:
-    """Return ln of the likelihood (12) of places for each motion of `SEEN_M`, the mean place integrated out."""
+    """Return ln of the likelihood (12) of places for each motion of `PLACE_SIGMAS_M`, the mean place integrated out."""
     # A mean beyond the places is less probable than one at their ends.
     middle_m = np.linspace(place_m.min() - noise_m.min(), place_m.max() + noise_m.min(), 41)
-    scale_m = np.hypot(noise_m, SEEN_M[:, None])[:, None, :]
+    scale_m = np.hypot(noise_m, PLACE_SIGMAS_M[:, None])[:, None, :]
     away = (place_m - middle_m[:, None]) / scale_m
     log_p = -(np.log(scale_m) + 2.5 * np.log1p(away**2 / 4)).sum(axis=-1)
     largest = log_p.max(axis=-1)
@@ -241,17 +265,17 @@ def along_turn(
     log_rest = 0.0
     if logs is not None:
         for log, part_m in zip(logs, (sigma_m[:, :, 1], sigma_m[:, :, 2]), strict=True):
-            log_moving += np.interp(part_m, SEEN_M, log)
+            log_moving += np.interp(part_m, PLACE_SIGMAS_M, log)
             log_rest += float(log[0])
     largest = max(log_rest, float(log_moving.max()))
     moving = prior[1:, None] * np.exp(log_moving - largest) / directions.shape[0]
-    # Each σ_t counts for the two that are nearest to it, so that its square is kept.
+    # Each σ_t is shared between its neighbours on the grid, so that σ_t² is kept on average; one outside the grid
+    # counts at the nearest end of it.
     place = np.interp(sigma_m[:, :, 0] ** 2, SIGMAS_M[1:] ** 2, np.arange(SIGMAS_M.size - 1.0))
     left = np.minimum(place.astype(np.int64), SIGMAS_M.size - 3)
     share = place - left
     by_turn = np.bincount(left.ravel(), (moving * (1 - share)).ravel(), minlength=SIGMAS_M.size - 1)
     by_turn += np.bincount(left.ravel() + 1, (moving * share).ravel(), minlength=SIGMAS_M.size - 1)
-    # What is smaller than the least is as good as at rest.
     total = np.concatenate([[prior[0] * math.exp(log_rest - largest)], by_turn])
     return np.asarray(total / total.sum())
 
@@ -259,17 +283,13 @@ def along_turn(
 def _amplitude_m(log: Float64[np.ndarray, " sigmas"]) -> float:
     """Return the likeliest amplitude of motion in one direction; 0 where rest explains the places about as well."""
     best = int(np.argmax(log))
-    if log[best] - log[0] < _SEEN_LOG:
+    if log[best] - log[0] < MIN_LOG_RATIO:
         return 0.0
-    return float(SEEN_M[best]) / SIGMA_OF_AMPLITUDE
-
-
-_SEEN_LOG = 3.0
-"""ln of the likelihood ratio from which a motion is said to be seen: 1 in 80 of places at rest has it."""
+    return float(PLACE_SIGMAS_M[best]) / SIGMA_OF_AMPLITUDE
 
 
 def _moments(samples: Sequence[Sample], *, mean_deg: float, sigma: float) -> list[_Moment]:
-    """Where the marker was at each sample at rest and during each way of a sweep, as far as frames show it."""
+    """Where the marker was at each sample at rest and during each pass of a sweep, as far as frames show it."""
     known = [
         (number, each)
         for number, each in enumerate(samples)
@@ -281,28 +301,30 @@ def _moments(samples: Sequence[Sample], *, mean_deg: float, sigma: float) -> lis
     coherences = [each for _, sample in known if (each := sample.reading.focused_coherence) is not None]
     incoherent = 1 - (float(np.mean(coherences)) if coherences else UNKNOWN_COHERENCE)
     grains_m = GRAINS_M * min(max(incoherent, 0.0), 1.0)
-    ways: dict[tuple[int, int, bool], list[tuple[int, Sample, float]]] = {}
+    passes: dict[tuple[int, int, bool], list[tuple[int, Sample, float]]] = {}
     for number, sample in known:
         snr = sample.reading.intensity / (sample.reading.noise_sigma or sigma)
-        if snr >= SEEN_SNR:
-            # Of a way all pulses are of about one moment.
+        if snr >= MIN_PLACE_SNR:
+            # All pulses of a pass are of about one moment.
             timing = sample.sweep
-            way = (0, number, False) if timing is None else (1, timing.number, timing.speed_deg_s > 0)
-            ways.setdefault(way, []).append((number, sample, snr))
+            key = (0, number, False) if timing is None else (1, timing.number, timing.speed_deg_s > 0)
+            passes.setdefault(key, []).append((number, sample, snr))
     depth_m = float(strongest.depth_m or 0.0)
-    least = SEEN_SHARE * strongest.intensity
-    return [_moment(each, mean_deg=mean_deg, depth_m=depth_m, grains_m=grains_m, least=least) for each in ways.values()]
+    least = MIN_TOP_SHARE * strongest.intensity
+    return [
+        _moment(each, mean_deg=mean_deg, depth_m=depth_m, grains_m=grains_m, least=least) for each in passes.values()
+    ]
 
 
 def _moment(
-    way: Sequence[tuple[int, Sample, float]], *, mean_deg: float, depth_m: float, grains_m: float, least: float
+    together: Sequence[tuple[int, Sample, float]], *, mean_deg: float, depth_m: float, grains_m: float, least: float
 ) -> _Moment:
     """Mean place of the samples of a moment: their number, the sample, and its intensity over the noise.
 
     ``depth_m``: depth of the marker. ``grains_m``: of `GRAINS_M`. ``least``: least intensity of a clear sample.
     """
-    clear = any(sample.reading.intensity >= least for _, sample, _ in way)
-    counted = [each for each in way if not clear or each[1].reading.intensity >= least]
+    clear = any(sample.reading.intensity >= least for _, sample, _ in together)
+    counted = [each for each in together if not clear or each[1].reading.intensity >= least]
     places_m = np.array([_place(sample, mean_deg=mean_deg, depth_m=depth_m) for _, sample, _ in counted])
     snr = np.array([each for _, _, each in counted])
     lobes = np.array([((sample.angle_deg - mean_deg) / LOBE_DEG) ** 2 for _, sample, _ in counted])
@@ -313,7 +335,7 @@ def _moment(
     # What two pulses beside one another have in common does not shrink with their number.
     lateral_noise, depth_noise = np.hypot(weight.sum(axis=0) ** -0.5, math.hypot(POSITION_M, grains_m)).tolist()
     return _Moment(
-        samples=tuple(number for number, _, _ in way),
+        samples=tuple(number for number, _, _ in together),
         place_m=(lateral, depth),
         noise_m=(lateral_noise, depth_noise),
         clear=clear,
@@ -326,6 +348,7 @@ def _place(sample: Sample, *, mean_deg: float, depth_m: float) -> tuple[float, f
     lateral_m = float(reading.lateral_m or 0.0)
     slant_m = float(reading.depth_m or 0.0)
     if reading.spot is not None:
-        lateral_m, slant_m = reading.spot.lateral_m, reading.spot.depth_m
+        lateral_m = reading.spot.lateral_m
+        slant_m = reading.spot.depth_m
     late_s, _ = off_plane(np.array([sample.angle_deg - mean_deg]), FACE_RADIUS_M, max(depth_m, 5e-3))
     return lateral_m, slant_m - SOUND_SPEED_M_S * float(late_s[0])

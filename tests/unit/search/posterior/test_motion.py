@@ -15,7 +15,7 @@ from markerseek.scan import run
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.motion import (
     OVERALL_M,
-    SEEN_M,
+    PLACE_SIGMAS_M,
     SIGMA_OF_AMPLITUDE,
     SIGMAS_M,
     along_turn,
@@ -62,7 +62,7 @@ def test_along_the_turn_there_is_what_any_direction_leaves() -> None:
     place_m = 0.5e-3 * np.array([[1.0, 0.3], [-1.0, -0.3], [0.2, 0.1], [-0.9, -0.2], [0.8, 0.2]])
     noise_m = np.full(5, 0.02e-3)
     logs = log_likelihoods(place_m[:, 0], noise_m), log_likelihoods(place_m[:, 1], noise_m)
-    log_weight = np.interp(lateral_m, SEEN_M, logs[0]) + np.interp(depth_m, SEEN_M, logs[1])
+    log_weight = np.interp(lateral_m, PLACE_SIGMAS_M, logs[0]) + np.interp(depth_m, PLACE_SIGMAS_M, logs[1])
     weight = np.exp(log_weight - log_weight.max())
     expected_m2 = float(weight @ turn_m**2 / weight.sum())
     moving = np.concatenate([[0.0], np.full(OVERALL_M.size, 1 / OVERALL_M.size)])
@@ -107,8 +107,8 @@ def test_motion_is_seen_in_depth_and_along_the_array_and_rest_is_rest() -> None:
     assert moving.lateral_m == pytest.approx(0.48e-3, rel=0.5)
     # Which displacement each sample has, is known up to its sign and size.
     way_m = np.array([each.reading.lateral_m for each in moved_samples(amplitude_m=0.8e-3)])
-    assert abs(np.corrcoef(way_m, moving.seen)[0, 1]) > 0.99
-    assert moving.unseen.max() < 0.4
+    assert abs(np.corrcoef(way_m, moving.relative_displacement)[0, 1]) > 0.99
+    assert moving.relative_sigma.max() < 0.4
 
 
 def test_what_shows_no_place_says_nothing_of_motion() -> None:
@@ -117,7 +117,7 @@ def test_what_shows_no_place_says_nothing_of_motion() -> None:
     assert (motion.lateral_m, motion.depth_m, motion.looked_at) == (None, None, False)
     assert motion.probability[0] == 1.0
     assert motion_of(bare, mean_deg=0.0, sigma=1.0, stated_m=1e-3).probability[0] == 0.0
-    assert motion.unseen.tolist() == [1.0] * 8
+    assert motion.relative_sigma.tolist() == [1.0] * 8
 
 
 def test_the_pulses_of_one_way_are_one_moment() -> None:
