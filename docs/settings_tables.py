@@ -13,7 +13,7 @@ import msgspec
 from sphinx.errors import PycodeError
 from sphinx.pycode import ModuleAnalyzer
 
-from markerseek.core import ConfigError, options_of
+from markerseek.core import ConfigError, SpotToSource, options_of
 from markerseek.drivers import BenchProbe, BenchSettings, BenchSupervisor, BenchTissue
 from markerseek.drivers.entry import DRIVERS, entry_named
 from markerseek.guard import FiringLimits, Limits
@@ -197,6 +197,7 @@ def bench_rig() -> str:
     tables = {
         "probe": BenchProbe(),
         "tissue": BenchTissue(),
+        "spot": SpotToSource(),
         "limits": Limits(),
         "firing": FiringLimits(),
         "supervisor": BenchSupervisor(),

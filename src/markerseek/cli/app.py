@@ -152,12 +152,12 @@ FIRST = (
 PANELS = {
     "Search": (*(each.flag for each in options_of(SearchPlan)), "--prior", "--compare", "--registration"),
     "Rig": ("--wavelength-nm", "--pulse-energy-mj"),
-    "Endoscope": ("--cameras", "--calibration-sigma-px", "--images", "--frames"),
+    "Endoscope": ("--cameras", "--calibration-sigma-px", "--images", "--frames", "--endoscope-held"),
     "Session": (
         *("--tre-mm", "--markers", "--again", "--record", "--no-frames"),
         *("--wait-s", "--idle-s", "--light-while-waiting"),
     ),
-    "Points": ("--target-mm", "--without"),
+    "Points": ("--target-mm", "--without", "--spot-depth-mm"),
     "Arrays and sequences": (
         *("--axes", "--first-frame", "--without-channel", "--angle-field", "--sampling-mhz"),
         "--face-radius-mm",
