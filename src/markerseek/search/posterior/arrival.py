@@ -30,7 +30,7 @@ from markerseek.search.evidence import FACE_RADIUS_M
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
 
 SOUND_SPEED_M_S = 1525.0
-"""Middle of the speeds of sound in tissue and in water, in m/s."""
+"""Middle of the speeds of sound that studies draw (`studies.unknowns`), in m/s."""
 
 DELAY_SHARE = 0.16
 """Standard deviation of k: R of 8 to 12 mm and the speed of sound."""
@@ -60,7 +60,7 @@ the marker contain the sound of weaker sources. A search has fewer: with a limit
 an end of the range were no longer distinguished from markers beyond it."""
 
 OFFSET_SIGMA_S = 50 * EDGE_DELAY_S
-"""Standard deviation of τ₀ about the centroid of the strongest sample: so broad that it says nothing."""
+"""Standard deviation of τ₀ about the centroid of the strongest sample: broad on purpose."""
 
 CENTROID_FACE_S = 15e-9
 """Scatter of the acoustic model's centroids about (5) in the plane (150 draws of the physics table)."""
