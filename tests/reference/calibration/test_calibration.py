@@ -111,8 +111,8 @@ def test_a_simulated_scan_gives_its_truth_within_the_intervals(
         (geometry.trigger_offset_s, late_s, 0.3e-6),
     ):
         if value is not geometry.trigger_offset_s:
-            # Its sigma is up to four times too small: sound speed, face and offset nearly replace one another, and where
-            # the fit ends on that ridge depends on the processor.
+            # Its sigma is up to four times too small: sound speed, face and offset nearly replace one another, and the
+            # place on that ridge where the fit ends depends on the processor.
             assert abs(value.value - truth) < 3 * value.sigma
         assert abs(value.value - truth) < most
         assert value.sigma < most
