@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from markerseek.files import DEG_PER, AngleUnit, angle_in, places, unit_in
+from markerseek.files import DEG_PER, AngleUnit, angle_in, series_indices, unit_in
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_a_number_in_a_name_is_stated_by_a_word_a_sign_a_decimal_or_a_unit(
 
 
 def test_files_keep_the_places_of_those_that_are_missing() -> None:
-    assert places(["f_7", "f_8", "f_11"]) == ([0, 1, 2], [])
-    assert places(["f_07", "f_08", "f_10"]) == ([0, 1, 3], [9])
-    assert places(["f_1", "f_100", "f_200"]) == ([0, 1, 2], [])
-    assert places(["a", "b"]) == ([0, 1], [])
+    assert series_indices(["f_7", "f_8", "f_11"]) == ([0, 1, 2], [])
+    assert series_indices(["f_07", "f_08", "f_10"]) == ([0, 1, 3], [9])
+    assert series_indices(["f_1", "f_100", "f_200"]) == ([0, 1, 2], [])
+    assert series_indices(["a", "b"]) == ([0, 1], [])
