@@ -53,6 +53,10 @@ def test_a_preset_may_be_named_from_which_the_probe_differs(tmp_path: Path) -> N
     ("change", "message"),
     [
         ({"pitch_m": None}, 'the key pitch_m is missing; add it, or name the preset .* preset = "BPL9-5/55"'),
+        (
+            {"pitch_m": None, "elements": None},
+            "the keys .* and .* are missing; add them, or name the preset",
+        ),
         ({"elements": "0"}, "elements is 0, it must lie between 2 and 4096"),
         ({"pitch": "1"}, "the key pitch is unknown; did you mean pitch_m"),
         ({"high_hz": "19e6"}, "the band is 3e.06 to 1.9e.07 Hz; it must ascend and end below 0.45 of the sampling"),
