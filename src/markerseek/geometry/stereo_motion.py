@@ -509,6 +509,21 @@ def _student(unknowns: int, parts: int) -> float:
     return float(squares / chdtri(unknowns, 0.05))
 
 
+def motion_about(
+    middle_m: Float64[np.ndarray, " 3"],
+    *,
+    rotation_deg: Float64[np.ndarray, " 3"],
+    displacement_m: Float64[np.ndarray, " 3"],
+) -> RigidTransform:
+    """Return the motion of a scene whose middle is displaced to ``middle_m``, and that turns about it.
+
+    ``rotation_deg``: axis of the rotation, times its angle.
+    """
+    rotation = Rotation.from_rotvec(rotation_deg, degrees=True).as_matrix()
+    before_m = middle_m - displacement_m
+    return RigidTransform(source=BEFORE, target=NOW, rotation=rotation, translation_m=middle_m - rotation @ before_m)
+
+
 def at_rest() -> RigidTransform:
     """Return the motion of a scene that has not moved."""
     return RigidTransform(source=BEFORE, target=NOW, rotation=np.eye(3), translation_m=np.zeros(3))

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import ConfigError, Float64, StereoPair
-from markerseek.geometry import RigidTransform, StereoCameras, StereoMotion, at_rest
+from markerseek.geometry import RigidTransform, StereoCameras, StereoMotion, motion_about
 from markerseek.vision import NotKnown, SceneFollower, SceneSeen, SceneTexture, scene_texture
 
 MOVED_MM, MOVED_DEG = 0.25, 0.15
@@ -104,12 +104,10 @@ class EndoscopeMotion(msgspec.Struct, frozen=True, kw_only=True, tag="known"):
     @property
     def transform(self) -> RigidTransform:
         """Map where a point was in the camera's frame to where it is now."""
-        rotation = Rotation.from_rotvec(self.rotation_deg, degrees=True).as_matrix()
-        middle_m = 1e-3 * np.array(self.middle_mm)
-        before_m = middle_m - 1e-3 * np.array(self.displacement_mm)
-        rest = at_rest()
-        return RigidTransform(
-            source=rest.source, target=rest.target, rotation=rotation, translation_m=middle_m - rotation @ before_m
+        return motion_about(
+            1e-3 * np.array(self.middle_mm),
+            rotation_deg=np.array(self.rotation_deg),
+            displacement_m=1e-3 * np.array(self.displacement_mm),
         )
 
     @property

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from markerseek.core import Float64
-from markerseek.geometry import RigidTransform, StereoMotion, at_rest
+from markerseek.geometry import RigidTransform, StereoMotion, effect_of_motion, motion_about
 from markerseek.vision.tissue_motion import (
     DisplacementSeries,
     Matrix,
@@ -72,12 +72,10 @@ class EndoscopeMoved(msgspec.Struct, frozen=True, kw_only=True, tag="endoscope-m
     @property
     def transform(self) -> RigidTransform:
         """Map where a point was in the camera's frame before the move to where it is after it."""
-        rotation = Rotation.from_rotvec(self.rotation_deg, degrees=True).as_matrix()
-        middle_m = 1e-3 * np.array(self.middle_mm)
-        before_m = middle_m - 1e-3 * np.array(self.displacement_mm)
-        rest = at_rest()
-        return RigidTransform(
-            source=rest.source, target=rest.target, rotation=rotation, translation_m=middle_m - rotation @ before_m
+        return motion_about(
+            1e-3 * np.array(self.middle_mm),
+            rotation_deg=np.array(self.rotation_deg),
+            displacement_m=1e-3 * np.array(self.displacement_mm),
         )
 
     def carried(
@@ -86,10 +84,9 @@ class EndoscopeMoved(msgspec.Struct, frozen=True, kw_only=True, tag="endoscope-m
         """Return where a point from before the move is after it, and its covariance, with that of the move."""
         transform = self.transform
         after_m = transform.apply(point_m)
-        x, y, z = after_m - 1e-3 * np.array(self.middle_mm)
-        # ω × d, with ω in rad.
-        turn = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
-        effect = np.concatenate([np.radians(1.0) * turn, 1e-3 * np.eye(3)], axis=1)
+        away_m = after_m - 1e-3 * np.array(self.middle_mm)
+        # Of 1 rad and 1 m each; the covariance is in deg and mm.
+        effect = effect_of_motion(away_m[None])[0] * np.repeat([np.radians(1.0), 1e-3], 3)
         rotation = transform.rotation
         return after_m, rotation @ covariance_m2 @ rotation.T + effect @ np.array(self.covariance) @ effect.T
 
@@ -287,14 +284,8 @@ def _move(poses: _Poses, begin: int, number: int, settled: int) -> EndoscopeMove
 
 
 def _transform(pose: Float64[np.ndarray, " 6"], middle_m: Float64[np.ndarray, " 3"]) -> RigidTransform:
-    rest = at_rest()
-    rotation = Rotation.from_rotvec(pose[:3], degrees=True).as_matrix()
-    return RigidTransform(
-        source=rest.source,
-        target=rest.target,
-        rotation=rotation,
-        translation_m=middle_m + 1e-3 * pose[3:] - rotation @ middle_m,
-    )
+    displacement_m = 1e-3 * pose[3:]
+    return motion_about(middle_m + displacement_m, rotation_deg=pose[:3], displacement_m=displacement_m)
 
 
 def _displacements(moments: Sequence[Moment]) -> DisplacementSeries:
