@@ -36,14 +36,20 @@ def pymust_matrix(
     import pymust
 
     param = pymust.utils.Param()
-    param.fs, param.pitch, param.c = preset.sampling_hz, preset.array.pitch_m, preset.sound_speed_m_s
-    param.fc, param.fnumber, param.passive = (preset.low_hz + preset.high_hz) / 2, preset.f_number, True
-    param.radius, param.Nelements = np.inf, preset.array.elements
+    param.fs = preset.sampling_hz
+    param.pitch = preset.array.pitch_m
+    param.c = preset.sound_speed_m_s
+    param.fc = (preset.low_hz + preset.high_hz) / 2
+    param.fnumber = preset.f_number
+    param.passive = True
+    param.radius = np.inf
+    param.Nelements = preset.array.elements
     x, z = np.meshgrid(lateral_m, depth_m)
     matrix = pymust.dasmtx(np.array(plain.shape), x, z, np.zeros((1, preset.array.elements)), param)
     signals = plain.flatten(order="F").astype(np.float64)
     if single:
-        matrix, signals = matrix.tocsr().astype(np.float32), signals.astype(np.float32)
+        matrix = matrix.tocsr().astype(np.float32)
+        signals = signals.astype(np.float32)
     return lambda: (matrix @ signals).reshape(x.shape, order="F")
 
 
@@ -88,7 +94,8 @@ def fast_das(plain: np.ndarray, preset: ProbePreset, *, lateral_m: np.ndarray, d
     transmit = np.full(shape, 0.5)
 
     def work() -> np.ndarray:
-        image, other = np.zeros(shape), np.zeros(shape)
+        image = np.zeros(shape)
+        other = np.zeros(shape)
         library.delay_and_sum(
             image, other, real, imaginary, transmit, receive, 1, *real.shape[1:], len(depth_m), len(lateral_m)
         )

@@ -76,7 +76,8 @@ def clients(count: int, program: str, *arguments: str, stopped: bool) -> Iterato
 @contextmanager
 def flooding(once: Callable[[], None], *, wanted: bool) -> Iterator[list[int]]:
     """Calls a function over and over in a thread; the list receives how often."""
-    over, count = threading.Event(), [0]
+    over = threading.Event()
+    count = [0]
 
     def flood() -> None:
         while not over.is_set():

@@ -63,7 +63,8 @@ def _library() -> ctypes.CDLL:
         made = Path(folder) / "shift_invariant.so"
         subprocess.run([gcc, *FLAGS, str(SOURCE), "-o", str(made)], check=True)
         library = ctypes.CDLL(str(made))
-    pointer, integer = ctypes.c_void_p, ctypes.c_int
+    pointer = ctypes.c_void_p
+    integer = ctypes.c_int
     library.delay_and_sum.argtypes = [pointer, ctypes.c_long, pointer, pointer, pointer, *[integer] * 3, pointer]
     library.delay_and_sum.restype = None
     return library

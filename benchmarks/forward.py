@@ -19,7 +19,8 @@ NOISE = "noise, bursts and 12 bits"
 FURTHER = "each further absorber"
 ANGLES_DEG = (0.0, 10.0, 35.0)
 
-_RADIUS_M, _LATERAL_M = 50e-3, 4e-3
+_RADIUS_M = 50e-3
+_LATERAL_M = 4e-3
 
 
 def compare(effort: Effort) -> tuple[list[Pair], list[str]]:
@@ -96,13 +97,15 @@ def _waveforms(ours: np.ndarray, theirs: np.ndarray) -> str:
     """Differences after one factor, and one delay below a sample (theirs begin between samples), for all channels."""
     phase = -2j * np.pi * scipy.fft.rfftfreq(theirs.shape[1])
     spectrum = scipy.fft.rfft(theirs, axis=1)
-    nearest, least = theirs, np.inf
+    nearest = theirs
+    least = np.inf
     for delay in np.linspace(-1, 1, 41):
         late = scipy.fft.irfft(spectrum * np.exp(delay * phase), theirs.shape[1], axis=1)
         late *= np.vdot(ours, late) / np.vdot(late, late)
         difference = np.abs(ours - late).max() / np.abs(ours).max()
         if difference < least:
-            nearest, least = late, difference
+            nearest = late
+            least = difference
     peaks = [np.abs(scipy.signal.hilbert(each, axis=1)).max(axis=1) for each in (ours, nearest)]
     return f"envelope peaks {np.abs(peaks[1] / peaks[0] - 1).max():.1%}, waveforms {least:.1%} of the peak"
 

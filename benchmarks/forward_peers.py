@@ -72,12 +72,20 @@ def pymust_simus(model: AcousticModel, *, source_m: tuple[float, float, float]) 
 
     probe = model.probe
     param = pymust.utils.Param()
-    param.fs, param.c, param.fc, param.bandwidth = model.sampling_hz, model.medium.sound_speed_m_s, 7e6, 60.0
-    param.pitch, param.width, param.height = probe.array.pitch_m, probe.element_width_m, probe.element_height_m
+    param.fs = model.sampling_hz
+    param.c = model.medium.sound_speed_m_s
+    param.fc = 7e6
+    param.bandwidth = 60.0
+    param.pitch = probe.array.pitch_m
+    param.width = probe.element_width_m
+    param.height = probe.element_height_m
     param.kerf = param.pitch - param.width
-    param.focus, param.Nelements, param.radius = probe.elevation_focus_m or np.inf, probe.array.elements, np.inf
+    param.focus = probe.elevation_focus_m or np.inf
+    param.Nelements = probe.array.elements
+    param.radius = np.inf
     options = pymust.utils.Options()
-    options.ParPool, options.WaitBar = False, False
+    options.ParPool = False
+    options.WaitBar = False
     x, y, z = (np.array([place]) for place in source_m)
     delays = np.zeros((1, probe.array.elements))
     return lambda: pymust.simus(x, y, z, np.ones(1), delays, param, options)[0]

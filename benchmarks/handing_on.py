@@ -38,7 +38,8 @@ def ways(folder: Path, ends: ExitStack) -> dict[str, Way]:
     """All ways, for the same acquisition of a simulated rig."""
     rig = rigs.simulated(seed=1)
     sample = rig.scanner.measure(5.0)
-    frame, imaging = sample.frame, rig.imaging
+    frame = sample.frame
+    imaging = rig.imaging
     assert isinstance(frame, ChannelFrame)
     assert imaging is not None
     image = imaging.picture(frame)

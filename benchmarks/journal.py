@@ -97,7 +97,8 @@ def commit_many(commits: int, *, folder: Path | None) -> tuple[list[Times], list
         journal = Journal.create(path, configuration)
         with (Path(name) / "bare").open("wb", buffering=0) as bare:
             for index in range(1, commits + 1):
-                asked, measured = Asked(role="search", index=index, angle_deg=1.0), measured_event(index, samples)
+                asked = Asked(role="search", index=index, angle_deg=1.0)
+                measured = measured_event(index, samples)
                 spans[COMMAND].append(_once_ms(lambda event=asked: journal.commit(event, clock_s=1.0)))
                 spans[FRAME].append(_once_ms(lambda event=measured: journal.commit(event, clock_s=1.0)))
                 spans[BARE].append(_once_ms(lambda: (bare.write(samples.data), os.fsync(bare.fileno()))))
@@ -116,7 +117,8 @@ def _columns(spans: dict[str, list[tuple[float, float]]]) -> list[tuple[str, tup
 
 
 def _once_ms(work: Callable[[], object]) -> tuple[float, float]:
-    clock, processor = time.perf_counter(), time.process_time()
+    clock = time.perf_counter()
+    processor = time.process_time()
     work()
     return 1e3 * (time.perf_counter() - clock), 1e3 * (time.process_time() - processor)
 

@@ -42,7 +42,8 @@ def _lapack_cholesky(matrix: np.ndarray, work: np.ndarray, inverse: np.ndarray) 
 
 def _pairs() -> dict[str, tuple[Callable[[], object], Callable[[], object]]]:
     rng = np.random.default_rng(1)
-    mu, errors = np.exp(np.arange(TABLE_LOW, TABLE_HIGH + TABLE_STEP / 2, TABLE_STEP)), np.array([0.035, 0.1, 0.2])
+    mu = np.exp(np.arange(TABLE_LOW, TABLE_HIGH + TABLE_STEP / 2, TABLE_STEP))
+    errors = np.array([0.035, 0.1, 0.2])
     table = np.empty((3, mu.size))
 
     def scipy_table() -> np.ndarray:

@@ -88,7 +88,10 @@ def endurance(minutes: float) -> None:
     """Searches one after another with three viewers."""
     with tempfile.TemporaryDirectory() as folder, served(Path(folder)) as page, browsing() as browser:
         viewers = [open_tab(browser, page, "/search", f"&pace={PACE}") for _ in range(3)]
-        began_s, used_s, seed, reports = time.monotonic(), processor_s(page.process.pid), 0, []
+        began_s = time.monotonic()
+        used_s = processor_s(page.process.pid)
+        seed = 0
+        reports = []
         lines: list[tuple[float, str]] = []
         while (spent_s := time.monotonic() - began_s) < 60 * minutes or seed < 3:
             seed += 1

@@ -47,7 +47,8 @@ def main() -> None:
         images = []
         # A wall before the cameras: each point lies that much further to the left in the right image.
         for beside_px in (0, round(FOCAL_PX * BASE_M / DISTANCE_M)):
-            left, top = 150 + beside_px - across_px, 50 - down_px
+            left = 150 + beside_px - across_px
+            top = 50 - down_px
             seen = wide[top : top + SIZE_PX[1], left : left + SIZE_PX[0]]
             noisy = seen + 2 * rng.standard_normal(seen.shape, dtype=np.float32)
             images.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))

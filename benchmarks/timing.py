@@ -150,7 +150,8 @@ def _warm_ms(work: Work) -> float:
 
 def _once_ms(work: Work) -> tuple[float, float]:
     """Time on the clock, and processor time."""
-    clock, processor = time.perf_counter(), _processor_s()
+    clock = time.perf_counter()
+    processor = _processor_s()
     work()
     return 1e3 * (time.perf_counter() - clock), 1e3 * (_processor_s() - processor)
 

@@ -134,7 +134,8 @@ def sample_information(
     """Return the information of one sample at each angle, on the angle in degrees and on `NUISANCES`."""
     off_deg = angle_deg - marker_deg
     snr = noise.snr
-    height, slope = curve.value(off_deg), curve.slope(off_deg)
+    height = curve.value(off_deg)
+    slope = curve.slope(off_deg)
     # ∂μ/∂ε = A·S·ln S goes to 0 with S, where NumPy has 0·(−∞).
     with np.errstate(divide="ignore", invalid="ignore"):
         tail = np.where(height > 0, height * np.log(height), 0.0)

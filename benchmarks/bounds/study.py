@@ -77,7 +77,8 @@ def require_bound(study: Study) -> None:
 @lru_cache(maxsize=1024)
 def marker_curve(unknowns: Unknowns) -> SampledCurve:
     """Noise-free curve of a drawn marker."""
-    model, marker = unknowns.model, unknowns.marker
+    model = unknowns.model
+    marker = unknowns.marker
 
     def height(off_deg: float) -> float:
         angle_deg = marker.angle_deg + off_deg
@@ -93,8 +94,11 @@ def marker_curve(unknowns: Unknowns) -> SampledCurve:
 def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -> BoundComparison:
     """Repeat the searches for the first markers of a study, and compare the errors with the bound of each."""
     require_bound(study)
-    settings, limits = study.policies[policy], cell.world.rig.limits.search
-    errors, best, taken = [], [], []
+    settings = study.policies[policy]
+    limits = cell.world.rig.limits.search
+    errors = []
+    best = []
+    taken = []
     for trial in range(markers):
         unknowns, noise, curve = _marker(study, cell, trial)
         rig = study_rig(study, cell, draw_trial(study, cell, trial))

@@ -17,7 +17,8 @@ import numpy as np
 from benchmarks.registration.marker_errors import KEPT, SEARCHES, kept_errors, search_errors, write_errors
 from benchmarks.registration.trials import SOURCES, Conditions, Trial, registrations
 
-POINT, STAINED = "plastisol-phantom", ("chicken-breast", "liver", "muscle", "muscle-icg")
+POINT = "plastisol-phantom"
+STAINED = ("chicken-breast", "liver", "muscle", "muscle-icg")
 """Materials whose searches the study draws from: a point, and uneven stained spots."""
 
 CAMERA_M = (0.10, 0.15)

@@ -66,7 +66,8 @@ class ForgedScene:
         """Where a person lights the tissue who is asked for a place; None: for any."""
         if place is None:
             return self.place(TISSUE_M * math.sin(math.radians(LIMITS.width_deg / 4)), REACH.lateral_m / 2)
-        origin_m, towards = self.true.translation_m, self.true.rotation @ np.array(place.camera_m)
+        origin_m = self.true.translation_m
+        towards = self.true.rotation @ np.array(place.camera_m)
         there_m = origin_m + towards * (TISSUE_M - origin_m[2]) / towards[2]
         return self.at(*(there_m[:2] + MISSED_M * self.rng.standard_normal(2)).tolist())
 
@@ -78,7 +79,8 @@ class ForgedScene:
         """How far a registration puts its target from where it is; None where it is not accepted."""
         if report.davinci_to_trus is None:
             return None
-        target_m, found = np.array(report.target_trus_m), davinci_to_probe_home(report.davinci_to_trus)
+        target_m = np.array(report.target_trus_m)
+        found = davinci_to_probe_home(report.davinci_to_trus)
         return float(np.linalg.norm(found.apply(self.true.inverse().apply(target_m)) - target_m))
 
     def heard(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
@@ -96,8 +98,10 @@ class ForgedScene:
     def other(self, spot_m: Float64[np.ndarray, " 3"], probability: float) -> MarkerCandidate:
         """Another source, anywhere in reach and 5 mm or more from the spot."""
         while True:
-            angle, radius_m = math.radians(self.rng.uniform(-35, 35)), self.rng.uniform(35e-3, 70e-3)
-            x, z = radius_m * math.sin(angle), radius_m * math.cos(angle)
+            angle = math.radians(self.rng.uniform(-35, 35))
+            radius_m = self.rng.uniform(35e-3, 70e-3)
+            x = radius_m * math.sin(angle)
+            z = radius_m * math.cos(angle)
             there_m = np.array([x, self.rng.uniform(-15e-3, 15e-3), z])
             if np.linalg.norm(there_m - spot_m) > 5e-3:
                 return self.candidate(there_m, probability)

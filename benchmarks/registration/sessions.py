@@ -50,7 +50,8 @@ WRONG_M = 3e-3
 PRIOR_OFF_DEG = 15.0
 """How far a wrong prediction is off, towards the middle of the range; it says that it is sure to 1 deg."""
 
-SPOT_SIGMA_PX, LIGHT_TIMES = 0.1, 3
+SPOT_SIGMA_PX = 0.1
+LIGHT_TIMES = 3
 """Standard deviation of a spot that a session without images is told, and how often the laser is fired to look: as of
 sessions with images."""
 
@@ -237,7 +238,10 @@ def run(name: str, seed: int, *, commit: str, images: bool = False) -> Outcome:
     )
     room = _Room(settings, seed=seed, images=images)
     session = _Session(room, row, images=images)
-    expected_mm, errors_mm, refused, error = list[str](), list[str](), 0, ""
+    expected_mm = list[str]()
+    errors_mm = list[str]()
+    refused = 0
+    error = ""
     try:
         for step in session.steps():
             refused += isinstance(step, SpotRefused)
@@ -277,9 +281,12 @@ def run(name: str, seed: int, *, commit: str, images: bool = False) -> Outcome:
 
 def _drawn(name: str, seed: int, *, commit: str) -> Outcome:
     """A registration of markers whose searches are drawn, at the places of the session or of the row."""
-    row, scene, began_s = ROWS[name], ForgedScene(seed), process_time()
+    row = ROWS[name]
+    scene = ForgedScene(seed)
+    began_s = process_time()
     markers = list[SeenMarker]()
-    expected_mm, errors_mm = list[str](), list[str]()
+    expected_mm = list[str]()
+    errors_mm = list[str]()
     place: Place | None = None
     choice = choose([])
     for number in range(row.markers):
@@ -399,7 +406,8 @@ def markers_until(found: list[Outcome], name: str, goal_mm: float) -> str:
 
     A session that does not get there counts with one marker more than it searched.
     """
-    needed, reached = [], 0
+    needed = []
+    reached = 0
     for each in found:
         if each.row == name:
             said = [float(part) if part != "-" else np.inf for part in each.tre_by_marker_mm.split()]

@@ -16,7 +16,8 @@ from markerseek.registration.report import TARGET_DEPTH_M
 from markerseek.registration.shared_errors import FOCAL_LENGTH, camera_shared_m, trus_shared_m
 from markerseek.sim import camera_above, endoscope
 
-DISTANCE_FROM_AXIS_M, FACE_RADIUS_M = 60e-3, 10e-3
+DISTANCE_FROM_AXIS_M = 60e-3
+FACE_RADIUS_M = 10e-3
 """Distances of the grid of markers, and of the array's face, from the axis of the probe."""
 
 MAX_TILT_DEG = 15.0

@@ -111,14 +111,17 @@ def _draw_scan(family: Family, rng: np.random.Generator, *, tip: bool) -> Scan: 
     u = rng.uniform
     height_mm = u(*family.pixel_mm)
     width_mm = height_mm * rng.choice([1.0, u(0.75, 1.6)])
-    face_mm, depth_mm = u(8, 12), u(*family.depth_mm)
+    face_mm = u(8, 12)
+    depth_mm = u(*family.depth_mm)
     radius_mm = face_mm + depth_mm
     reference_deg = u(-20, 20)
     step_deg = float(rng.choice([0.5, 1.0, 1.0, 1.0, 1.5]))
     one_side, motion, shadow = rng.random(3) < (0.3, 0.3, 0.3)
     saturation = rng.random()
-    profile, beam_deg = str(rng.choice(family.profiles)), u(*family.beam_deg)
-    size_mm, contrast_db = u(*family.tip_mm), u(*family.contrast_db)
+    profile = str(rng.choice(family.profiles))
+    beam_deg = u(*family.beam_deg)
+    size_mm = u(*family.tip_mm)
+    contrast_db = u(*family.contrast_db)
     thick_mm = size_mm * u(0.35, 0.6)
     pressed_mm = u(0, 3)
     tissue_mm = u(8, 22)
@@ -160,22 +163,28 @@ def _draw_scan(family: Family, rng: np.random.Generator, *, tip: bool) -> Scan: 
 
     # Surfaces: level in the room, so that a turned plane cuts them farther away; uneven along the array.
     surface_height_mm = radius_mm * math.cos(math.radians(reference_deg)) + pressed_mm
-    slope, waves = math.tan(math.radians(u(-3, 3))), u(0, 0.5)
+    slope = math.tan(math.radians(u(-3, 3)))
+    waves = u(0, 0.5)
     along = column_mm * slope + waves * np.sin(2 * np.pi * (column_mm / u(12, 30) + rng.random()))
     along -= np.interp(lateral_mm, column_mm, along)
-    interface_db, interface_mm = u(3, 20), u(0.18, 0.45)
-    pad_db, air_db = u(-35, -16), u(-40, -26)
+    interface_db = u(3, 20)
+    interface_mm = u(0.18, 0.45)
+    pad_db = u(-35, -16)
+    air_db = u(-40, -26)
     gloss = _smooth(rng, (steps, columns), (3.0 / step_deg, 2.0 / width_mm)) * u(0.5, 3)
     pad_line_db = u(-10, 8)
     # Bands of fibre in the tissue, and small bright places that are seen as long as the beam sees them.
     bands = [(u(0.1, 0.9), u(-0.5, 0.5), u(3, 12), u(4, 12), u(-0.15, 0.15), u(0.15, 0.3), u(-12, 12), u(4, 12))
              for _ in range(rng.integers(0, 6))]  # fmt: skip
     spots = [(u(0.1, 0.95), u(-0.5, 0.5), u(angles[0], angles[-1]), u(5, 13)) for _ in range(rng.integers(0, 5))]
-    shade_at, shade_mm = u(-0.5, 0.5) * columns * width_mm, u(2, 5)
-    shade_db, shade_from_mm = u(6, 18), first_mm + u(0, 10)
+    shade_at = u(-0.5, 0.5) * columns * width_mm
+    shade_mm = u(2, 5)
+    shade_db = u(6, 18)
+    shade_from_mm = first_mm + u(0, 10)
     tgc_db = u(-0.25, 0.25)
     noise_db = u(-38, -26)
-    range_db, gamma = u(45, 70), rng.choice([1.0, 1.0, 1.0, u(0.85, 1.2)])
+    range_db = u(45, 70)
+    gamma = rng.choice([1.0, 1.0, 1.0, u(0.85, 1.2)])
     strength_db = contrast_db if tip else interface_db + 10
     is_saturated = saturation < 0.3
     white_db = strength_db - u(2, 12) if is_saturated else strength_db + u(3, 9)
@@ -188,15 +197,21 @@ def _draw_scan(family: Family, rng: np.random.Generator, *, tip: bool) -> Scan: 
     grain = _blur(_white(rng, (steps, rows, columns)), row_mm, height_mm, width_mm)
     grain = gaussian_filter1d(grain, beam_deg / step_deg / 2.35, axis=0)
     grain /= np.sqrt(np.mean(np.abs(grain) ** 2))
-    tail_mm, tail_db, ring_mm = u(1.5, 6), u(3, 12), u(0.6, 1.6)
-    tail_width, tilt = u(0.4, 0.9), math.radians(u(-15, 15))
+    tail_mm = u(1.5, 6)
+    tail_db = u(3, 12)
+    ring_mm = u(0.6, 1.6)
+    tail_width = u(0.4, 0.9)
+    tilt = math.radians(u(-15, 15))
     phase = np.exp(2j * np.pi * rng.random())
 
-    images, places = [], []
-    backgrounds, echoes = [], []
+    images = []
+    places = []
+    backgrounds = []
+    echoes = []
     for k, angle in enumerate(angles):
         off_deg = angle - reference_deg
-        down, right = row_mm[:, None] - jitter_mm[k, 0], column_mm[None, :] - jitter_mm[k, 1]
+        down = row_mm[:, None] - jitter_mm[k, 0]
+        right = column_mm[None, :] - jitter_mm[k, 1]
         dent = pressed_mm if tip else 0.0
         dent = dent * np.exp(-(((right - lateral_mm) / (0.8 * size_mm)) ** 2) - (off_deg / 6) ** 2)
         surface = surface_height_mm / math.cos(math.radians(angle)) - face_mm + along[None, :] - dent
@@ -215,12 +230,15 @@ def _draw_scan(family: Family, rng: np.random.Generator, *, tip: bool) -> Scan: 
         factor = np.sqrt(amplitude**2 + line**2 + ghost**2 + pad_line**2)
         field = tissue[k] * factor
         for depth, place, at_deg, db in spots:
-            row0, column0 = surface_height_mm - depth * tissue_mm - face_mm, place * columns * width_mm
+            row0 = surface_height_mm - depth * tissue_mm - face_mm
+            column0 = place * columns * width_mm
             spot = np.exp(-0.5 * ((down - row0) / 0.16) ** 2 - 0.5 * ((right - column0) / 0.35) ** 2)
             field = field + 10 ** (db / 20) * float(_beam(profile, beam_deg, np.array(angle - at_deg))) * spot * phase
         slant_mm = math.sqrt(face_mm**2 + radius_mm**2 - 2 * face_mm * radius_mm * math.cos(math.radians(off_deg)))
-        y, x = down - slant_mm, right - lateral_mm
-        turned_x, turned_y = x * math.cos(tilt) + y * math.sin(tilt), y * math.cos(tilt) - x * math.sin(tilt)
+        y = down - slant_mm
+        x = right - lateral_mm
+        turned_x = x * math.cos(tilt) + y * math.sin(tilt)
+        turned_y = y * math.cos(tilt) - x * math.sin(tilt)
         body = 0.5 - 0.5 * np.tanh(3 * (np.hypot(turned_x / (size_mm / 2), turned_y / (thick_mm / 2)) - 1))
         tail = (y > 0) * np.exp(-np.maximum(y, 0) / tail_mm) * np.exp(-0.5 * (x / (tail_width * size_mm / 2)) ** 2)
         tail = tail * (0.65 + 0.35 * np.cos(2 * np.pi * y / ring_mm)) * 10 ** (-tail_db / 20)
@@ -324,7 +342,8 @@ def _blur(field: NDArray[np.complex64], row_mm: Floats, height_mm: float, width_
 
 def _tissue(rng, angles, rows, columns, profile, beam_deg, row_mm, height_mm, width_mm):  # type: ignore[no-untyped-def]
     """Speckle (angles, rows, columns) of mean square 1 of discrete scatterers, summed over the elevational beam."""
-    low, high = angles[0] - 2.2 * beam_deg, angles[-1] + 2.2 * beam_deg
+    low = angles[0] - 2.2 * beam_deg
+    high = angles[-1] + 2.2 * beam_deg
     slices = np.arange(low, high, SLICE_DEG)
     # Density such that a resolution cell holds at least about ten scatterers: fully developed speckle.
     hit = rng.random((len(slices), rows, columns), dtype=np.float32) < 0.35

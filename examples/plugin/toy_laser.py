@@ -7,7 +7,9 @@ class Laser:
     safe_command = b"OFF\n"  # what the supervisor sends to its port when the search dies: its light goes out
 
     def __init__(self, *, line, clock, pulses: int, rate_hz: float):
-        self._line, self._clock, self._pulses = line, clock, pulses
+        self._line = line
+        self._clock = clock
+        self._pulses = pulses
         self._ask(f"RATE {rate_hz:g}")
 
     def fire(self, pulses):
@@ -25,7 +27,8 @@ class Laser:
     def _ask(self, command):
         self._line.read(4096, timeout_s=0.0)  # what waits here answers an earlier command
         self._line.write(command.encode() + b"\n")
-        answer, ends_s = b"", self._clock.now_s() + 0.5
+        answer = b""
+        ends_s = self._clock.now_s() + 0.5
         while not answer.endswith(b"\n"):
             if self._clock.now_s() > ends_s:
                 raise LaserError(f"the laser does not answer {command}; check its cable and its power")

@@ -13,7 +13,8 @@ class Receiver:
     """Frames of a program that connects to a port of this computer, and sends one for each trigger."""
 
     def __init__(self, *, port: int, emulated: bool = False):
-        self.emulated, self._waiting = emulated, b""
+        self.emulated = emulated
+        self._waiting = b""
         with socket.create_server(("127.0.0.1", port)) as server:
             server.settimeout(25.0)
             try:

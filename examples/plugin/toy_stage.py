@@ -9,7 +9,9 @@ class Stage:
     resolution_deg = 0.01  # how well its readback repeats
 
     def __init__(self, *, line, clock, zero_deg: float, speed_deg_s: float = 20.0):
-        self._line, self._clock, self._zero_deg = line, clock, zero_deg
+        self._line = line
+        self._clock = clock
+        self._zero_deg = zero_deg
         self.speed_deg_s = speed_deg_s
         self.description = self._ask("ID?")
         if not self.description.startswith("TOY"):
@@ -29,7 +31,8 @@ class Stage:
     def _ask(self, command):
         self._line.read(4096, timeout_s=0.0)  # what waits here answers an earlier question
         self._line.write(command.encode() + b"\n")
-        answer, ends_s = b"", self._clock.now_s() + 2.0
+        answer = b""
+        ends_s = self._clock.now_s() + 2.0
         while not answer.endswith(b"\n"):
             if self._clock.now_s() > ends_s:
                 raise NotConnectedError(f"the stage does not answer {command}; check its cable and its power")

@@ -101,7 +101,8 @@ def apex_s(
     used = np.isfinite(arrival_s)
     offset_m = element_m[used] - moveout.lateral_m
     # Fixed-point iteration off the plane: the curvature depends on the range, and the range on the apex.
-    range_m, apex = moveout.range_m, 0.0
+    range_m = moveout.range_m
+    apex = 0.0
     for _ in range(1 if plane_s is None else 4):
         bend_s = (np.hypot(offset_m, range_m) - range_m) / moveout.sound_speed_m_s
         apex = float(np.median(arrival_s[used] - bend_s))
@@ -121,7 +122,8 @@ class _FrameFit:
 
 def _fit_frame(arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[np.ndarray, " channels"]) -> _FrameFit:
     used = np.isfinite(arrival_s)
-    element_mm, arrival_us = 1e3 * element_m[used], 1e6 * arrival_s[used]
+    element_mm = 1e3 * element_m[used]
+    arrival_us = 1e6 * arrival_s[used]
     first = int(np.argmin(arrival_us))
 
     def residual(parameters: Float64[np.ndarray, " 4"]) -> Float64[np.ndarray, " used"]:
@@ -204,7 +206,9 @@ _NAMES = ("source_deg", "radius_mm", "face_mm", "late_us", "height_mm", "bend_1_
 _SIGNIFICANT = 0.02
 """Share of the largest power below which the wave in the plane counts as noise when its middle is computed."""
 
-_FACE_MM, _BEND_1_M, _HEIGHTS_MM = 10.0, 13.0, (3.5, 4.25, 5.0, 6.0)
+_FACE_MM = 10.0
+_BEND_1_M = 13.0
+_HEIGHTS_MM = (3.5, 4.25, 5.0, 6.0)
 """Start of the fit. Several heights are tried, because from a wrong one the fit may end a cycle of the carrier away."""
 
 MIN_FACE_M = 3e-3
@@ -287,7 +291,8 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
         )
     plane, middle_us = _in_plane(waves, best, height)
     # Millimetres and microseconds inside the fit: in metres and seconds the Jacobian would span many decades.
-    speed, distance = 1e-3 * moveout.sound_speed_m_s, 1e3 * moveout.range_m
+    speed = 1e-3 * moveout.sound_speed_m_s
+    distance = 1e3 * moveout.range_m
     late = 1e6 * waves.arrival_s[best] + middle_us - distance / speed
     fits = [
         _fit(
@@ -381,7 +386,8 @@ def _residual(
     """Residual of each wave, scaled to height 1, with its amplitude fitted."""
     source_deg, radius, face, late, tall, bend, speed = parameters
     turn = np.radians(waves.angle_deg - source_deg)
-    elevation, axial = radius * np.sin(turn), radius * np.cos(turn) - face
+    elevation = radius * np.sin(turn)
+    axial = radius * np.cos(turn) - face
     eta = tall / 2 * _NODES
     # The lens takes away the delay of a focus at 1/bend; in the plane the same smear is in the wave already.
     lens = bend * 1e-3 * eta**2 / 2
@@ -448,7 +454,8 @@ def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
 
 def _path_delay_s(angle_deg: Float64[np.ndarray, " frames"], geometry: Geometry) -> Float64[np.ndarray, " frames"]:
     """Delay of the way from the source to the face, over that in the image plane, in seconds."""
-    radius_m, face_m = geometry.source_radius_m.value, geometry.face_radius_m.value
+    radius_m = geometry.source_radius_m.value
+    face_m = geometry.face_radius_m.value
     turn = np.radians(angle_deg - geometry.source_deg.value)
     path_m = np.hypot(radius_m * np.sin(turn), radius_m * np.cos(turn) - face_m)
     return np.asarray((path_m - (radius_m - face_m)) / geometry.sound_speed_m_s.value)

@@ -83,10 +83,8 @@ def test_a_range_is_any_two_numbers() -> None:
 
 def test_rigs_take_names_of_files_and_numbers_of_all_kinds(tmp_path: Path) -> None:
     rig = EXAMPLES / "rigs" / "simulated.toml"
-    first, second = (
-        markerseek.simulated(seed=np.int64(3), settings=str(rig)),
-        markerseek.simulated(seed=3, settings=rig),
-    )
+    first = markerseek.simulated(seed=np.int64(3), settings=str(rig))
+    second = markerseek.simulated(seed=3, settings=rig)
     assert first.facts == second.facts
     assert first.facts.truth_deg == 12.5
     turned = markerseek.simulated(seed=3, marker_deg=np.float32(7.5), pace=0)

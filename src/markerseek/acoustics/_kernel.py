@@ -66,7 +66,8 @@ def _add_element(
             phase = int(fraction)
             late = fraction - phase
             start = int(sample)
-            low, high = max(0, -start), min(length, row.size - start)
+            low = max(0, -start)
+            high = min(length, row.size - start)
             if high <= low:
                 continue
             count = np.uint64(high - low)
@@ -74,7 +75,8 @@ def _add_element(
             if ranges == 1:
                 # exp(−loss·d) to first order: the paths of one face differ by little (`MIXED_BELOW_NP`).
                 amplitude *= 1.0 - loss * (path - middle)
-                a, b = np.float32(amplitude * (1.0 - late)), np.float32(amplitude * late)
+                a = np.float32(amplitude * (1.0 - late))
+                b = np.float32(amplitude * late)
                 early = np.uint64(phase * length + low)
                 for j in range(count):
                     row[to + j] += a * flat[early + j] + b * flat[early + next_phase + j]
@@ -82,8 +84,10 @@ def _add_element(
                 steps = path * steps_per_metre
                 k = min(int(steps), ranges - 2)
                 far = steps - k
-                a, b = np.float32(amplitude * (1.0 - late) * (1.0 - far)), np.float32(amplitude * late * (1.0 - far))
-                c, d = np.float32(amplitude * (1.0 - late) * far), np.float32(amplitude * late * far)
+                a = np.float32(amplitude * (1.0 - late) * (1.0 - far))
+                b = np.float32(amplitude * late * (1.0 - far))
+                c = np.float32(amplitude * (1.0 - late) * far)
+                d = np.float32(amplitude * late * far)
                 early = np.uint64((k * phases + phase) * length + low)
                 lossy = early + next_range
                 for j in range(count):
@@ -101,7 +105,8 @@ def _mix_tables(
 ) -> None:
     """Write the table of a path, given in steps of path length, interpolated between its neighbours."""
     k = min(int(steps), lines.shape[0] - 2)
-    near, far = np.float32(1.0 - (steps - k)), np.float32(steps - k)
+    near = np.float32(1.0 - (steps - k))
+    far = np.float32(steps - k)
     for p in range(lines.shape[1]):
         for j in range(lines.shape[2]):
             mixed[0, p, j] = near * lines[k, p, j] + far * lines[k + 1, p, j]

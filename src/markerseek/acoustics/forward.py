@@ -33,7 +33,8 @@ _rule = lru_cache(maxsize=512)(roots_legendre)
 @lru_cache(maxsize=64)
 def _rules(most: int) -> tuple[Float64[np.ndarray, "rules points"], Float64[np.ndarray, "rules points"]]:
     """Gauss–Legendre nodes and weights of 1 to ``most`` points, one rule a row; the weights of a rule sum to 1."""
-    nodes, weights = np.zeros((most + 1, most)), np.zeros((most + 1, most))
+    nodes = np.zeros((most + 1, most))
+    weights = np.zeros((most + 1, most))
     for points in range(1, most + 1):
         nodes[points, :points], weights[points, :points] = _rule(points)
     return nodes, weights / 2
@@ -122,15 +123,21 @@ class AcousticModel:
         pulse: PulseTable,
     ) -> None:
         """Add to the channels absorbers of one kind, each a row of lateral, elevation, axial place and strength."""
-        probe, speed = self.probe, self.medium.sound_speed_m_s
-        half_height, half_width = probe.element_height_m / 2, probe.element_width_m / 2
+        probe = self.probe
+        speed = self.medium.sound_speed_m_s
+        half_height = probe.element_height_m / 2
+        half_width = probe.element_width_m / 2
         wavenumber = 2 * math.pi * pulse.top_hz / speed
         # Along the face the path changes by at most 1 m per metre, and the lens adds at most 1 m per metre.
         half = max(half_height, half_width)
         nodes, weights = _rules(nodes_needed(2 * wavenumber * half, half / NEAREST_M))
-        repeats, gain, delay_s = 0, 0.0, 0.0
+        repeats = 0
+        gain = 0.0
+        delay_s = 0.0
         if self.reverberation is not None:
-            repeats, gain, delay_s = self.reverberation.repeats, self.reverberation.gain, self.reverberation.delay_s
+            repeats = self.reverberation.repeats
+            gain = self.reverberation.gain
+            delay_s = self.reverberation.delay_s
         for repeat in range(repeats + 1):
             add_absorbers(
                 data,

@@ -102,7 +102,8 @@ def _lines(
     spectra: Complex128[np.ndarray, "ranges frequencies"], source: GaussianAbsorber
 ) -> tuple[int, Float32[np.ndarray, "ranges phases length"]]:
     """Pulses laid out by phase, and the sample after the arrival at which they begin."""
-    ranges, fine = spectra.shape[0], _WINDOW * PHASES
+    ranges = spectra.shape[0]
+    fine = _WINDOW * PHASES
     half = fine // 2
     pulses = np.empty((ranges, fine), dtype=np.float32)
     for row, spectrum in zip(pulses, spectra, strict=True):

@@ -14,10 +14,12 @@ from markerseek.acoustics.receiver import Probe
 from markerseek.acoustics.source import Absorber, GaussianAbsorber, RectanglePulse
 from markerseek.core import Complex128, Float64, LinearArray
 
-_SOURCE, _LASER = GaussianAbsorber(radius_m=0.02e-3), RectanglePulse(duration_s=10e-9)
+_SOURCE = GaussianAbsorber(radius_m=0.02e-3)
+_LASER = RectanglePulse(duration_s=10e-9)
 """A source whose pulse is far shorter than the element's band allows, so that its spectrum can be divided out."""
 
-_SAMPLING_HZ, _SAMPLES = 40e6, 4096
+_SAMPLING_HZ = 40e6
+_SAMPLES = 4096
 
 _MIN_GAIN = 1e-2
 """Receive gain below which a frequency is left out: twice passed, it is at −80 dB."""

@@ -85,7 +85,8 @@ class Band(msgspec.Struct, frozen=True, kw_only=True):
 
         ``frequency_hz``: frequencies, not negative.
         """
-        below, above = self.centre_hz - self.low_hz, self.high_hz - self.centre_hz
+        below = self.centre_hz - self.low_hz
+        above = self.high_hz - self.centre_hz
         narrower = min(below, above)
         rise = (above - below) / (math.tanh(above / narrower) + math.tanh(below / narrower))
         middle = below + rise * math.tanh(below / narrower)
@@ -178,7 +179,8 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
         power += self.white_sigma**2 * flat / (share @ flat)
         # Bins below −80 dB are left at 0: they would cost draws and change nothing.
         bins = np.flatnonzero(power > 1e-8 * power.max())
-        low, high = int(bins[0]), int(bins[-1]) + 1
+        low = int(bins[0])
+        high = int(bins[-1]) + 1
         spectrum = np.zeros((channels, frequency_hz.size), dtype=np.complex64)
         drawn = rng.random((channels, 2 * (high - low)), dtype=np.float32)
         drawn -= np.float32(0.5)
@@ -190,7 +192,8 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
         return noise
 
 
-MIN_COUNT, LARGEST_COUNT = -2048, 2047
+MIN_COUNT = -2048
+LARGEST_COUNT = 2047
 """Full scale of 12 bits, sign included."""
 
 

@@ -28,7 +28,8 @@ IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 MAX_IMAGES = 2000
 """Most images of a series."""
 
-MAX_PIXELS, _LARGEST = 1 << 30, 1 << 28
+MAX_PIXELS = 1 << 30
+_LARGEST = 1 << 28
 """Most pixels of a series, and of one image."""
 
 _MAX_BYTES = 512 * MIB
@@ -63,7 +64,8 @@ def read_images(
     for file in _files(path):
         read.append(_file(file, roi, pixel_m))
         sizes.setdefault(read[-1].size_m, file)
-        images, pixels = sum(len(each.frames) for each in read), sum(each.frames.size for each in read)
+        images = sum(len(each.frames) for each in read)
+        pixels = sum(each.frames.size for each in read)
         if images > MAX_IMAGES or pixels > MAX_PIXELS:
             raise RecordError(
                 f"{path}: more than {MAX_IMAGES} images or {MAX_PIXELS} pixels; give the images of one scan"
@@ -96,7 +98,8 @@ class _File:
     @property
     def names(self) -> list[str]:
         """Name of each image."""
-        name, count = self.path.name, len(self.frames)
+        name = self.path.name
+        count = len(self.frames)
         return [name] if count == 1 else [f"{name}, frame {number + 1}" for number in range(count)]
 
 
@@ -201,7 +204,8 @@ def _region_size_m(
     """Height and width of a pixel in the image regions that hold the rectangle, or in all; None if there are none."""
     if roi is not None:
         row, column, rows, columns = roi
-        first, last = np.array([row, column]), np.array([row + rows - 1, column + columns - 1])
+        first = np.array([row, column])
+        last = np.array([row + rows - 1, column + columns - 1])
         within = ((regions[:, :2] <= first) & (last <= regions[:, 2:4])).all(axis=1)
         regions = regions[within] if within.any() else regions
     sizes = [(height_m, width_m) for *_, height_m, width_m in regions.tolist()]

@@ -295,7 +295,9 @@ class FollowedChild:
     """
 
     def __init__(self, child: ChildRun, *, take: Callable[[ChildRun], None], on_end: Callable[[Outcome], None]) -> None:
-        self.child, self._take, self._on_end = child, take, on_end
+        self.child = child
+        self._take = take
+        self._on_end = on_end
         self._thread = threading.Thread(target=self._follow, name="follow a child", daemon=True)
         self._thread.start()
 
@@ -379,7 +381,9 @@ class Searches:
         on_end: Callable[[Outcome], None],
     ) -> None:
         self._options = options
-        self._on_start, self._on_item, self._on_end = on_start, on_item, on_end
+        self._on_start = on_start
+        self._on_item = on_item
+        self._on_end = on_end
         self._lock = threading.Lock()
         self._followed: FollowedChild | None = None
 

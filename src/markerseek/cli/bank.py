@@ -118,7 +118,8 @@ def scan(
     facts = assembled.facts
     # Of a scan that went on, with the acquisitions of before.
     held = read_bank(out)
-    taken, dark = len(held.angles_deg), held.dark_frames
+    taken = len(held.angles_deg)
+    dark = held.dark_frames
     values = with_version(
         path=str(out),
         rig=facts.description,
@@ -207,7 +208,8 @@ def _values(bank: IntensityBank | FrameBank, probe: str | None) -> dict[str, Any
     """
     from markerseek.records.banks import FrameBank
 
-    known, angles = bank.facts, bank.angles_deg
+    known = bank.facts
+    angles = bank.angles_deg
     begun = [each for each in bank.started_s if math.isfinite(each)]
     zero_s = known.clock_zero_unix_s
     return {

@@ -123,7 +123,8 @@ def verify(journal: _File, as_json: AsJson = False) -> None:
 
     recorded, damage = salvage(journal, frames=False)
     faults = [] if damage is None else [str(damage)]
-    entries, unfinished_bytes = len(recorded.entries), recorded.unfinished_bytes
+    entries = len(recorded.entries)
+    unfinished_bytes = recorded.unfinished_bytes
     values = {"ok": not faults, "entries": entries, "faults": faults, "unfinished_bytes": unfinished_bytes}
     # Nothing acted on an unfinished entry, so it is no fault.
     unfinished = f"; an unfinished entry of {counted(unfinished_bytes, 'byte')} behind them is ignored"
@@ -174,7 +175,8 @@ def _print_table(recorded: RecordedRun) -> None:
     from markerseek.records.journal import RunView
     from markerseek.show import event_line
 
-    plan, facts = recorded.configuration.plan, recorded.configuration.facts
+    plan = recorded.configuration.plan
+    facts = recorded.configuration.facts
     form = " as published" if plan.as_published else ""
     stdout.print(f"[bold]{one_line(plan.method)}{form}[/] on a {facts.rig_name}: {one_line(facts.description)}")
     versions = ", ".join(f"{name} {version}" for name, version in recorded.configuration.versions.items())

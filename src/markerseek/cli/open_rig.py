@@ -110,7 +110,8 @@ def announce_sweeps(rig: rigs.Rig, policy: AnyPolicy, *, start_deg: float, stay:
     from markerseek.search.posterior import SweepPosterior
 
     assert isinstance(policy, SweepPosterior)  # noqa: S101  that of a plan with sweeps
-    devices, sweeps = rig.scanner.sweeping, policy.sweeps
+    devices = rig.scanner.sweeping
+    sweeps = policy.sweeps
     begin_deg = sweeps[0].from_deg
     first_deg = start_deg if begin_deg is None else begin_deg
     places_deg = [first_deg, *(sweep.to_deg for sweep in sweeps)]
@@ -171,7 +172,8 @@ def confirmed(question: str, *, name: str, asked_by: str | None = None) -> bool:
 
 def _typed_line() -> str:
     """The next line of the terminal, without what was typed before; empty if it ends."""
-    terminal, line = sys.stdin.fileno(), b""
+    terminal = sys.stdin.fileno()
+    line = b""
     try:
         # By the descriptor, because Python's own buffer may hold earlier lines too.
         termios.tcflush(terminal, termios.TCIFLUSH)
@@ -190,7 +192,8 @@ def _typed_line() -> str:
 
 def print_permissions(settings: drivers.BenchSettings) -> None:
     """Print what a user's rig file allows once it is armed: limits, pulses, budgets, exposure, its start command."""
-    limits, firing = settings.limits, settings.firing
+    limits = settings.limits
+    firing = settings.firing
     command = getattr(settings.receiver, "start_command", None)
     for line in settings.foreign_lines:
         print_warning(line)

@@ -380,7 +380,8 @@ _OF_COMMAND = ("--record", "--continue", "--heartbeat", "--asked-by")
 
 def _continue_command(folder: Path) -> str:
     """The command that goes on with a session: this one, with the session's folder."""
-    words, given = ["markerseek"], iter(sys.argv[1:])
+    words = ["markerseek"]
+    given = iter(sys.argv[1:])
     for word in given:
         if word.partition("=")[0] not in _OF_COMMAND:
             words.append(word)

@@ -67,7 +67,8 @@ def command(
             f"{', '.join(names)} {made_from} in {counted(options.workers, 'process', 'processes')}, into "
             f"{escape(str(out))}; the time that is left of each part is said as soon as it is known"
         )
-        sections, made = [], []
+        sections = []
+        made = []
         began_s = time.perf_counter()
         for section in waiting:
             files = [str(path) for path in paper.write_section(section, out)]

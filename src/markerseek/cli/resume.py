@@ -144,7 +144,8 @@ def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> boo
     from markerseek.records.journal import RunView
 
     view = RunView.of(recorded)
-    plan, facts = recorded.configuration.plan, recorded.configuration.facts
+    plan = recorded.configuration.plan
+    facts = recorded.configuration.facts
     rig_file_needed = rig is None and facts.kind == "bench"
     if as_json:
         print_json(

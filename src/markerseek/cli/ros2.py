@@ -98,15 +98,18 @@ class RosGroup(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """The arguments without those of the node, which are the object of the context."""
-        own, ctx.obj = args, []
+        own = args
+        ctx.obj = []
         if "--ros-args" in args:
             begin = args.index("--ros-args")
             end = args.index("--", begin) if "--" in args[begin:] else len(args)
-            own, ctx.obj = args[:begin] + args[end + 1 :], args[begin + 1 : end]
+            own = args[:begin] + args[end + 1 :]
+            ctx.obj = args[begin + 1 : end]
         return super().parse_args(ctx, own)
 
 
-_STAGE, _ACQUISITION = ("trus_stage", topics.STATE), ("trus_acquisition", topics.ACQUIRED)
+_STAGE = ("trus_stage", topics.STATE)
+_ACQUISITION = ("trus_acquisition", topics.ACQUIRED)
 """Names of the two nodes, and a topic that only nodes of their kind publish."""
 
 

@@ -186,7 +186,8 @@ def closed_at_end(journal: Journal | None) -> Iterator[None]:
             print_warning(str(problem))
 
 
-FOUND, OTHER_ANSWER = 0, 3
+FOUND = 0
+OTHER_ANSWER = 3
 """Exit codes of a search that ended well."""
 
 
@@ -215,7 +216,8 @@ def conclude(
     if output.folder is not None and view.finished is not None and view.samples:
         curve = drawn_curve(view, reveal=True)
         if recorded is not None:
-            angles_deg, intensities = recorded.angle_deg.tolist(), recorded.intensity.tolist()
+            angles_deg = recorded.angle_deg.tolist()
+            intensities = recorded.intensity.tolist()
             curve = msgspec.structs.replace(curve, recorded_deg=tuple(angles_deg), recorded=tuple(intensities))
         draw = _figure(view, curve, imaging)
         pictures = {f"{name}.png": drawn(draw), f"{name}.html": partial(_write_page, view, curve, title, draw)}

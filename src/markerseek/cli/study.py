@@ -96,7 +96,8 @@ def command(
 
 def _faults(study: studies.Study, finish: studies.FinishedStudy) -> dict[str, str]:
     """How many searches of a policy failed, and why the first one did, by its label."""
-    count, faults = study.rows // len(study.policies), {}
+    count = study.rows // len(study.policies)
+    faults = {}
     for number, policy in enumerate(study.policies):
         failed = sum(each.answers["failed"].hits for each in finish.summary.policies if each.policy == number)
         if failed:
@@ -160,7 +161,9 @@ LEGEND = (
 def _heading(summary: studies.Summary) -> str:
     """Title of the table of differences: in how many trials both policies found, of how many."""
     counts = sorted({pair.error_deg.count for pair in summary.differences})
-    least, most, trials = counts[0], counts[-1], summary.policies[0].trials
+    least = counts[0]
+    most = counts[-1]
+    trials = summary.policies[0].trials
     both = f"{most}" if least == most else f"{least} to {most}"
     return (
         f"\nerror of one policy minus that of another, in the trials of a cell in which both found: {both} of "

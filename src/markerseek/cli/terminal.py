@@ -153,7 +153,8 @@ class ProgressLines:
             self._stages[stage] = (began_s, before, min(2 * passed_s, passed_s + _MOST_S))
 
 
-_FIRST_LINE_S, _MOST_S = 2.0, 30.0
+_FIRST_LINE_S = 2.0
+_MOST_S = 30.0
 
 
 def time_left(seconds: float) -> str:

@@ -17,7 +17,8 @@ from markerseek.core.checks import Within, is_finite, require_fields, require_ra
 from markerseek.core.errors import ConfigError
 from markerseek.core.interval import Interval
 
-LEAST_SIGMA_DEG, MOST_SIGMA_DEG = 0.1, 45.0
+LEAST_SIGMA_DEG = 0.1
+MOST_SIGMA_DEG = 45.0
 """Limits of its standard deviation, in degrees: no prediction is better, and a wider one says nothing."""
 
 MOST_ANGLES = 1000
@@ -163,7 +164,8 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
         """Both ends of the shortest interval that holds the prior but for its tails, in degrees."""
         if not self.table:
             return self.mean_deg - REACH_SIGMAS * self.sigma_deg, self.mean_deg + REACH_SIGMAS * self.sigma_deg
-        first_deg, last_deg = self.table[0][0], self.table[-1][0]
+        first_deg = self.table[0][0]
+        last_deg = self.table[-1][0]
         places = [first_deg + (last_deg - first_deg) * step / 200 for step in range(201)]
         mass = [self.below(each) for each in places]
         spans = []
@@ -218,7 +220,9 @@ def _unread(text: str) -> ConfigError:
 
 def _moments(low_deg: float, low: float, high_deg: float, high: float) -> tuple[float, float, float]:
     """Integrals of a linear density, of it times the angle, and times its square."""
-    middle_deg, middle, width_deg = (low_deg + high_deg) / 2, (low + high) / 2, high_deg - low_deg
+    middle_deg = (low_deg + high_deg) / 2
+    middle = (low + high) / 2
+    width_deg = high_deg - low_deg
     # Simpson's rule is exact for these polynomials.
     weights = (low * width_deg / 6, 4 * middle * width_deg / 6, high * width_deg / 6)
     places_deg = (low_deg, middle_deg, high_deg)

@@ -23,7 +23,8 @@ STRONG_SHARE = 0.5
 SAME_SOURCE_M = 3e-3
 """Largest distance, along the array and in depth, of its peak from the strongest one's: the widest stained spot."""
 
-LATERAL_M, DEPTH_M = 0.5e-3, 0.5e-3
+LATERAL_M = 0.5e-3
+DEPTH_M = 0.5e-3
 """Standard deviations of lateral position and depth over the share of the channels' energy that is out of phase, in
 metres. A stained spot is uneven, all frames show its brightest part, and so their scatter says little; but its grains
 are out of phase, as a point is not. Fitted to simulated searches on four materials (docs/explanation/registration.md).
@@ -88,7 +89,8 @@ class MarkerCandidate(msgspec.Struct, frozen=True, kw_only=True):
 _STRONGER_DB = 3.0
 """Standard deviation in dB of a difference in strength that does not show which source is the marker."""
 
-_USUAL_OTHER, _LEAST_OTHER = 0.01, 1e-6
+_USUAL_OTHER = 0.01
+_LEAST_OTHER = 1e-6
 """Probability that an answer is another source, where its method does not compute it, and at least."""
 
 _SAME_DEG = 0.5
@@ -146,7 +148,8 @@ def _placed(
     angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: float, coherence: float = UNKNOWN_COHERENCE
 ) -> MarkerPosition:
     """Where a source is at this angle and distance from the axis; how well, follows from its coherence."""
-    angle, incoherent = math.radians(angle_deg), 1 - coherence
+    angle = math.radians(angle_deg)
+    incoherent = 1 - coherence
     return MarkerPosition(
         position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
         sigma_m=(radius_m * math.radians(sigma_deg), LATERAL_M * incoherent, DEPTH_M * incoherent),
@@ -172,7 +175,8 @@ def marker_position(estimate: Estimate, samples: Sequence[Sample], facts: RigFac
     strong = [at for at in positions if _same_source(at, strongest)]
     weights = [at.intensity**2 for at in strong]
     radii_m = [_radius_m(at.depth_m, face_m, math.radians(at.angle_deg - estimate.mean_deg)) for at in strong]
-    lateral_m, radius_m = _mean([at.lateral_m for at in strong], weights), _mean(radii_m, weights)
+    lateral_m = _mean([at.lateral_m for at in strong], weights)
+    radius_m = _mean(radii_m, weights)
     coherence = _mean([at.coherence for at in strong], weights)
     return _placed(estimate.mean_deg, estimate.sigma_deg, lateral_m, radius_m, coherence)
 
@@ -193,9 +197,11 @@ def _position_of(sample: Sample, sound_speed_m_s: float | None) -> _SourcePositi
     reading = sample.reading
     if reading.lateral_m is None or reading.depth_m is None:
         return None
-    lateral_m, depth_m = reading.lateral_m, reading.depth_m
+    lateral_m = reading.lateral_m
+    depth_m = reading.depth_m
     if reading.spot is not None:
-        lateral_m, depth_m = reading.spot.lateral_m, reading.spot.depth_m
+        lateral_m = reading.spot.lateral_m
+        depth_m = reading.spot.depth_m
     elif reading.centroid_s is not None and reading.arrival_s is not None:
         # Both count from the trigger, so that its offset cancels.
         depth_m += (sound_speed_m_s or 0.0) * (reading.centroid_s - reading.arrival_s)

@@ -285,7 +285,8 @@ MAX_ACQUISITIONS = 500
 MAX_ARRIVALS = 8
 """Most arrivals that a reading lists."""
 
-MIN_INTENSITY, MAX_INTENSITY = 1e-60, 1e60
+MIN_INTENSITY = 1e-60
+MAX_INTENSITY = 1e60
 """Intensities outside are refused as damaged: squares and ratios of those inside neither vanish nor overflow."""
 
 

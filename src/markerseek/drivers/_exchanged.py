@@ -6,7 +6,8 @@ from markerseek.core import Clock, DeviceError, LaserError
 from markerseek.drivers.clock import polls
 from markerseek.wire import Port, apt, laserbox
 
-_ANSWER_S, _POLL_S = 0.3, 0.01
+_ANSWER_S = 0.3
+_POLL_S = 0.01
 
 _EXCHANGED = "the ports of stage and laser are exchanged: exchange stage.port and laser.port"
 

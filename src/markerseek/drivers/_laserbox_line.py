@@ -187,7 +187,8 @@ _BEAT_S = 0.02
 
 POLL_S = 0.002
 
-_AGAIN_S, _BURST_S = 0.5, 0.1
+_AGAIN_S = 0.5
+_BURST_S = 0.1
 """Time after which HELLO is sent to a deaf board again, and in which it answers those that it kept, in seconds."""
 
 _MIN_LEASE_MS = 50

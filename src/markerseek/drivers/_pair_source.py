@@ -124,7 +124,8 @@ SILENT_S = 2.0
 _FIRST_S = 10.0
 """Longest time until its first image, in seconds."""
 
-ALONE_S, ALONE_IMAGES = 5.0, 10
+ALONE_S = 5.0
+ALONE_IMAGES = 10
 """Images without a partner, and seconds without a pair, from which it is said that nothing pairs."""
 
 _JOIN_S = 1.0

@@ -47,7 +47,8 @@ _OFF_SCALE = 5.0
 
 _RENEW_S = 0.1
 """How often a target is renewed, in seconds."""
-_POLL_S, _NEAR_POLL_S = 0.05, 0.02
+_POLL_S = 0.05
+_NEAR_POLL_S = 0.02
 _STABLE_READS = 3
 _SETTLES_S = 0.5
 """Time in which a servo settles at the end of a move, in seconds."""
@@ -216,7 +217,8 @@ class Course:
             return ""
         *earlier, last = self._last
         bounds = [self._advances(first, last, reading, unsteady_deg=unsteady_deg) for first in earlier]
-        low_deg, high_deg = max(low for low, _ in bounds), min(high for _, high in bounds)
+        low_deg = max(low for low, _ in bounds)
+        high_deg = min(high for _, high in bounds)
         advance_deg = self._heading * (reading.angle_deg - last.angle_deg)
         if low_deg <= advance_deg <= high_deg:
             return self._uneven(reading, cure)

@@ -18,13 +18,15 @@ from markerseek.files import MIB, endings, os_reason, read_input
 from markerseek.geometry import Camera
 from markerseek.vision import SUFFIXES, decoded_image, says_its_end
 
-NAMED_S, NEAR_S = 1.0, 0.05
+NAMED_S = 1.0
+NEAR_S = 0.05
 """Largest difference of the times of two files, in seconds: of the same number in their names, and of others."""
 
 INCOMPLETE_S = 2.0
 """Time without a change after which an incomplete file is named, and a folder that cannot be read is an error."""
 
-_EVERY_S, _SHARE = 0.04, 0.2
+_EVERY_S = 0.04
+_SHARE = 0.2
 """Time between two looks into the folders, and the largest share of a processor that looking may take: 1,000 files take
 5 ms."""
 

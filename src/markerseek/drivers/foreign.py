@@ -76,10 +76,13 @@ OFFERED = {
 _NOT_REAL = ("markerseek.sim.", "markerseek.emulators.")
 """Packages whose classes are no devices; by name, because drivers do not import them."""
 
-_QUIET_S, _ANSWERED_S = 0.2, 2.0
+_QUIET_S = 0.2
+_ANSWERED_S = 2.0
 """Silence of a device that ends the answer to a safe command, and longest time until then, in seconds."""
 
-_UNEXPECTED_DEG, _BEGIN_S, _BRAKE_S = 0.5, 1.0, 2.0
+_UNEXPECTED_DEG = 0.5
+_BEGIN_S = 1.0
+_BRAKE_S = 2.0
 """Farthest that a stage of one's own may be from where it should be, in degrees; time without motion after which it
 counts as stuck, and time that it may take to stop where its acceleration is not known, in seconds."""
 

@@ -220,7 +220,9 @@ class IgtlEncoder(IgtlMessages):
     `NotConnectedError` if no server answers.
     """
 
-    driver, peer, content = "stage", "server of its encoder", "TRANSFORM"
+    driver = "stage"
+    peer = "server of its encoder"
+    content = "TRANSFORM"
 
     def __init__(
         self,
@@ -451,7 +453,8 @@ class GuidedStage(TurnedByHand):
             now_s = self._clock.now_s()
             here_deg = self._angle_deg
             turned = turned or abs(here_deg - start_deg) > settings.steady_deg
-            low_deg, high_deg = min(low_deg, here_deg), max(high_deg, here_deg)
+            low_deg = min(low_deg, here_deg)
+            high_deg = max(high_deg, here_deg)
             if high_deg - low_deg > settings.steady_deg or not self._is_at(angle_deg):
                 low_deg = high_deg = here_deg
                 calm_s = now_s

@@ -40,7 +40,8 @@ _MAX_COUNTS = 2**30
 
 DISABLED = "its channel is disabled, and its motor gets no current: arming the rig enables it"
 
-_ANSWER_S, _POLL_S = 0.1, 1e-3
+_ANSWER_S = 0.1
+_POLL_S = 1e-3
 """Time for an answer before the request is repeated, and between two looks for it, in seconds."""
 _READ_BYTES = 4096
 _LOST_AGES = 2
@@ -176,7 +177,8 @@ class Kdc101Logic:
         # With a reversed probe, the lowest reading of the stage belongs to the highest angle of the probe.
         low_deg, high_deg = sorted((self._sense * travel.low_deg, self._sense * travel.high_deg))
         # Rounded inwards: half a count too far would be outside the travel range.
-        low, high = math.ceil(low_deg * apt.COUNTS_PER_DEG), math.floor(high_deg * apt.COUNTS_PER_DEG)
+        low = math.ceil(low_deg * apt.COUNTS_PER_DEG)
+        high = math.floor(high_deg * apt.COUNTS_PER_DEG)
         self._limits = limits = apt.SoftLimits(low=self._zero + low, high=self._zero + high)
         if not limits.low <= status.position <= limits.high:
             raise LimitError(

@@ -114,7 +114,8 @@ class IgtlMessages(ConnectionMessages[igtl.Message]):
 class PlusMessages(IgtlMessages):
     """The images of a PLUS server; ``unix_s``: time of day in seconds since 1970, which the images carry."""
 
-    driver, content = "plus", "IMAGE"
+    driver = "plus"
+    content = "IMAGE"
     called = "images"
     cure = "the device must send one image for each trigger"
 

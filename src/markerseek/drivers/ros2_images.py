@@ -22,7 +22,8 @@ NEAR_S = 0.01
 _SPIN_S = 0.1
 """Longest time until the end of the source is noticed, in seconds."""
 
-_IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+_IMAGE = "sensor_msgs/msg/Image"
+_COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
 _CHANNELS = {
     "mono8": 1,

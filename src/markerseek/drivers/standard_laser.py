@@ -8,7 +8,8 @@ from typing import Generic, Protocol, TypeVar
 from markerseek.core import Clock, DeviceError, DeviceTimeoutError, LaserError, Permit, SweepPermit
 from markerseek.drivers.clock import polls
 
-_ANSWER_S, _POLL_S = 1.0, 0.005
+_ANSWER_S = 1.0
+_POLL_S = 0.005
 """Longest time from the last pulse to the count of the pulses, and between two looks for it, in seconds."""
 
 

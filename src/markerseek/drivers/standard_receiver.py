@@ -27,7 +27,8 @@ from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import ReceiverKeys
 
 _READ_BYTES = 1 << 16
-_MAX_TAKEN_BYTES, _MAX_TAKEN = 1 << 24, 500
+_MAX_TAKEN_BYTES = 1 << 24
+_MAX_TAKEN = 500
 """Most that is taken between two beats of the clock, in bytes and in messages: the lease is renewed in each."""
 
 _FLOOD_PER_S = 5000

@@ -25,7 +25,8 @@ from markerseek.drivers._stage_move import Move, StageLogic, StageRules
 from markerseek.drivers.clock import polls
 from markerseek.guard import Limits
 
-UP, DOWN = 1, -1
+UP = 1
+DOWN = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +99,8 @@ def require_room(limits: Limits, *, approach_from: Literal["below", "above"], ap
         )
 
 
-_STOP_S, _STOP_AGAIN_S = 1.0, 0.02
+_STOP_S = 1.0
+_STOP_AGAIN_S = 0.02
 _READS = 6
 
 

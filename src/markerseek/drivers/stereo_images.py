@@ -31,7 +31,8 @@ def open_stereo_images(source: str | Sequence[str], *, left: Camera, right: Came
     cameras = (left, right)
     if not 1 <= len(words) <= 2 or not all(words):
         raise ConfigError(f"images: {len(words)} words were given; {_CURE}")
-    first, last = words[0], words[-1]
+    first = words[0]
+    last = words[-1]
     topics = [word.startswith(TOPIC) for word in words]
     if any(topics):
         if not all(topics) or len(words) != 2:

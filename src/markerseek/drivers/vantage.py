@@ -77,7 +77,8 @@ def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
 class VantageMessages(ConnectionMessages[wire.VantageFrame]):
     """The frames of a sender; ``unix_s``: time of day in seconds since 1970, which the frames carry."""
 
-    driver, peer = "vantage", "sender"
+    driver = "vantage"
+    peer = "sender"
     used = called = "frames"
     cure = "the sequence must wait for the laser's trigger (triggerIn) before each acquisition"
     check = "the trigger, and that the sequence calls markerseek_send for each"

@@ -73,7 +73,8 @@ class Motor:
             if left_s <= _NO_TIME_S:
                 break
         if left_s > _NO_TIME_S or (abs(self.angle_deg - self.target_deg) < 1e-9 and abs(self.speed_deg_s) < 1e-6):
-            self.angle_deg, self.speed_deg_s = self.target_deg, 0.0
+            self.angle_deg = self.target_deg
+            self.speed_deg_s = 0.0
             self._note()
         return False
 
@@ -88,7 +89,8 @@ class Turned(Protocol):
     angle_deg: float
 
 
-_SWING_S, _SWING_ENDS_S = 0.15, 0.1
+_SWING_S = 0.15
+_SWING_ENDS_S = 0.1
 """Period of the servo's swings at the end of a move, and time in which they fall to 1/e, in seconds."""
 _LARGEST_SWING = 0.707
 """Largest value of exp(-t/_SWING_ENDS_S) * sin(2 pi t/_SWING_S)."""
@@ -163,7 +165,8 @@ class Prm1z8:
         if motor.at_rest:
             self._rested_s += duration_s
             return False
-        motor.lowest_deg, motor.highest_deg = math.inf, -math.inf
+        motor.lowest_deg = math.inf
+        motor.highest_deg = -math.inf
         before_deg = motor.angle_deg
         stopped = motor.advance(duration_s)
         self._heading = math.copysign(1.0, motor.angle_deg - before_deg)
@@ -198,10 +201,17 @@ class Prm1z8:
 
 
 # MGMSG_MOT_MOVE_COMPLETED, _MOVE_STOPPED and _MOVE_HOMED of the APT protocol.
-COMPLETED, STOPPED, HOMED = 0x0464, 0x0466, 0x0444
+COMPLETED = 0x0464
+STOPPED = 0x0466
+HOMED = 0x0444
 """Messages at the end of a move, after a stop, and at home."""
 
-VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET = 0x0413, 0x0416, 0x0423, 0x043A, 0x0440, 0x0450
+VELOCITY = 0x0413
+JOG = 0x0416
+LIMITS = 0x0423
+BACKLASH = 0x043A
+HOME = 0x0440
+TARGET = 0x0450
 """Identities of the messages that set a parameter; identity + 1 requests the parameter, identity + 2 answers."""
 
 _BEGINS_S = 5e-3
@@ -320,7 +330,8 @@ class MotionControl:
         if motor.at_rest and self._pending is None:
             self.moves += 1
             self._fail()
-        overshoot, early = self._fault("overshoot"), self._fault("done too early")
+        overshoot = self._fault("overshoot")
+        early = self._fault("done too early")
         if overshoot is not None:
             target_deg += math.copysign(overshoot.amount, target_deg - motor.angle_deg)
         if self._fault("says done") or self._fault("says it is there"):
@@ -339,7 +350,8 @@ class MotionControl:
             return
         self.moves += 1
         # Not homed until it reaches the switch, as the device reports it: a homing that was stopped must show.
-        self._homing, self._homed = True, False
+        self._homing = True
+        self._homed = False
         self._pending = self._then_deg = None
         self._motor.target_deg = 360.0 * math.floor(self._motor.angle_deg / 360.0)
         if self._motor.at_rest:
@@ -349,7 +361,8 @@ class MotionControl:
         """Stop at once without deceleration, or, if ``profiled``, with the deceleration that was set."""
         if self._fault("ignores stop") is None:
             if profiled:
-                motor, acceleration = self._motor, self._acceleration_deg_s2
+                motor = self._motor
+                acceleration = self._acceleration_deg_s2
                 motor.target_deg = motor.angle_deg + motor.speed_deg_s * abs(motor.speed_deg_s) / (2 * acceleration)
             else:
                 self._motor.halt()
@@ -386,20 +399,25 @@ class MotionControl:
             self._arrive()
 
     def _prepare(self) -> None:
-        motor, acceleration_deg_s2 = self._motor, self._acceleration_deg_s2
+        motor = self._motor
+        acceleration_deg_s2 = self._acceleration_deg_s2
         speed_deg_s = self._home_speed_deg_s if self._homing else self._speed_deg_s
-        slow, fast, obstacle = self._fault("slow"), self._fault("too fast"), self._fault("obstacle")
+        slow = self._fault("slow")
+        fast = self._fault("too fast")
+        obstacle = self._fault("obstacle")
         if slow is not None:
             speed_deg_s *= slow.amount
         if fast is not None:
             speed_deg_s = acceleration_deg_s2 = fast.amount
         motor.top_speed_deg_s = min(speed_deg_s, _TOP_SPEED_DEG_S)
         motor.acceleration_deg_s2 = acceleration_deg_s2
-        motor.low_deg, motor.high_deg = -math.inf, math.inf
+        motor.low_deg = -math.inf
+        motor.high_deg = math.inf
         if self._soft_range is not None and not self._homing:
             low_deg, high_deg = (self._stage.angle_of(counts) for counts in self._soft_range)
             # A motor that is outside already may still turn back.
-            motor.low_deg, motor.high_deg = min(low_deg, motor.angle_deg), max(high_deg, motor.angle_deg)
+            motor.low_deg = min(low_deg, motor.angle_deg)
+            motor.high_deg = max(high_deg, motor.angle_deg)
         if obstacle is not None and (at_deg := self._stage.motor_angle_of(obstacle.amount)) >= motor.angle_deg:
             motor.high_deg = min(motor.high_deg, at_deg)
 
@@ -408,16 +426,19 @@ class MotionControl:
         self._then_deg = None
         # As in the device, downward moves overshoot and come back from below.
         if self._backlash_deg > 0 and target_deg < self._motor.angle_deg:
-            self._then_deg, target_deg = target_deg, target_deg - self._backlash_deg
+            self._then_deg = target_deg
+            target_deg = target_deg - self._backlash_deg
         self._motor.target_deg = target_deg
         if self._motor.at_rest:
             self._arrive()
 
     def _arrive(self) -> None:
         if self._then_deg is not None:
-            self._motor.target_deg, self._then_deg = self._then_deg, None
+            self._motor.target_deg = self._then_deg
+            self._then_deg = None
         elif self._homing:
-            self._homing, self._homed = False, True
+            self._homing = False
+            self._homed = True
             self._stage.offset -= self._stage.counts
             self.events.append(HOMED)
         else:

@@ -29,7 +29,9 @@ EVERY_S = 0.1
 _FILES = 20
 """Files of each camera; then the first is written again."""
 
-_DISTANCE_M, _TILT_DEG, _ROLL_DEG = 0.1, 30.0, 20.0
+_DISTANCE_M = 0.1
+_TILT_DEG = 30.0
+_ROLL_DEG = 20.0
 """Where the cameras stand: distance from the tissue, and tilt and roll in degrees."""
 
 _CONTRAST = 0.25
@@ -56,7 +58,10 @@ class EmulatedEndoscope:
         rng: np.random.Generator,
         displacement_m: Callable[[float], Float64[np.ndarray, " 3"]] | None = None,
     ) -> None:
-        self._world, self._settings, self._clock, self._rng = world, settings, clock, rng
+        self._world = world
+        self._settings = settings
+        self._clock = clock
+        self._rng = rng
         self.folders = folder / "left", folder / "right"
         for each in self.folders:
             each.mkdir(parents=True, exist_ok=True)
@@ -86,7 +91,8 @@ class EmulatedEndoscope:
             tissue=tissue,
             displacement_m=displacement_m,
         )
-        self._next_s, self._written = clock.now_s(), 0
+        self._next_s = clock.now_s()
+        self._written = 0
         width, height = self.cameras.left.size_px
         self.light((width / 2, height / 2))
 

@@ -71,7 +71,8 @@ class Faults:
     __slots__ = ("_device", "_held", "_step")
 
     def __init__(self, device: DeviceName, *, step: Callable[[], int] = lambda: 0) -> None:
-        self._device, self._step = device, step
+        self._device = device
+        self._step = step
         self._held: dict[str, Fault] = {}
 
     def __bool__(self) -> bool:

@@ -193,7 +193,8 @@ class Kdc101Emulator:
             else:
                 self._send_status(event)
         self._motion.events.clear()
-        out, self._outbox = bytes(self._outbox), bytearray()
+        out = bytes(self._outbox)
+        self._outbox = bytearray()
         return b"" if self._is_cut else out
 
     @property
@@ -215,7 +216,8 @@ class Kdc101Emulator:
         self._send(message.ident + 1, data=self._stored[message.ident - 1])
 
     def _send_info(self, message: AptMessage) -> None:
-        model, number = self._settings.model.encode("ascii"), self._settings.serial_number
+        model = self._settings.model.encode("ascii")
+        number = self._settings.serial_number
         notes = apt.EMULATOR.encode("ascii")
         self._send(message.ident + 1, data=struct.pack("<i8sH4B60s3H", number, model, 16, *_FIRMWARE, notes, 1, 0, 1))
 
@@ -235,7 +237,8 @@ class Kdc101Emulator:
         self._send_status(message.ident + 1)
 
     def _send_status(self, ident: int) -> None:
-        position, bits = self._motion.position, self._motion.bits
+        position = self._motion.position
+        bits = self._motion.bits
         if ident == 0x0481:
             data = struct.pack("<HiiI", apt.CHANNEL, position, position, bits)
         else:

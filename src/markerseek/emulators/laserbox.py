@@ -18,7 +18,8 @@ from markerseek.emulators.faults import Faults
 from markerseek.sim import LaserSettings, SimulatedWorld, vary_last_flash
 from markerseek.wire import laserbox as wire
 
-_NEVER_US, _LEASE_US = 1 << 62, 1000 * wire.LEASE_MS
+_NEVER_US = 1 << 62
+_LEASE_US = 1000 * wire.LEASE_MS
 
 _BOOT_TEXT = b"MicroPython v1.22.2 on 2024-02-22; laser box with RP2040\r\n"
 """What a board prints when it starts."""
@@ -190,7 +191,8 @@ class EmulatedLaserBox:
 
     def _interlock_open(self) -> bool:
         """Whether the interlock is open, or was since the last turn."""
-        opened, self._interlock_opened = self._interlock_opened, False
+        opened = self._interlock_opened
+        self._interlock_opened = False
         return opened or not self._interlock_closed
 
     def _shine(self) -> None:
@@ -200,7 +202,8 @@ class EmulatedLaserBox:
             self._seen += self.faults("blind photodiode") is None
 
     def _take(self) -> bytes:
-        answers, self._answers = self._answers, b""
+        answers = self._answers
+        self._answers = b""
         return answers
 
     def _answer(self, reply: wire.Reply) -> None:

@@ -165,7 +165,8 @@ class EmulatedSonixDaq(EmulatedReceiver):
             raise ConfigError(f"sonixdaq: the folder {folder} cannot be created ({error.strerror})") from error
         super().__init__(world=world)
         self.faults = Faults("receiver")
-        self._folder, self._readout_s = folder, readout_s
+        self._folder = folder
+        self._readout_s = readout_s
         self._now_s = 0.0
         self._queue: deque[_Writing] = deque()
         self._unfilled: deque[tuple[float, Path, bytes]] = deque()
@@ -338,7 +339,8 @@ class EmulatedPlus(EmulatedSender):
             newest, _ = self._server.accept()
             self._drop()
             newest.settimeout(_TAKEN_S)
-            self._client, self._version = newest, 1
+            self._client = newest
+            self._version = 1
             self._framer = igtl.Framer(most_bytes=1 << 16)
             status = igtl.Status(code=igtl.OK, name="EMULATOR", message=igtl.EMULATOR)
             self._send(self._encoded(igtl.Message(device="PlusServer", content=status, time_s=self._unix_s())))

@@ -122,7 +122,8 @@ class Notation:
 
 
 def _notation(point: str, thousands: str) -> Notation:
-    p, t = re.escape(point), re.escape(thousands)
+    p = re.escape(point)
+    t = re.escape(thousands)
     # An Indian lakh has groups of two digits.
     lakhs = r"|[1-9]\d?(?:,\d\d)+,\d{3}" if thousands == "," else ""
     pattern = rf"""
@@ -180,7 +181,8 @@ def plain_numbers(
 
 def _possible(path: Path, cells: Mapping[int, str], most: float | None) -> list[Notation]:
     """Notations that fit all numbers of a column; refused if none does."""
-    left, last = _NOTATIONS, next(iter(cells), 0)
+    left = _NOTATIONS
+    last = next(iter(cells), 0)
     for line, text in cells.items():
         fitting = [each for each in left if each.pattern.fullmatch(text)]
         if not fitting and any(each.pattern.fullmatch(text) for each in _NOTATIONS):
@@ -189,7 +191,8 @@ def _possible(path: Path, cells: Mapping[int, str], most: float | None) -> list[
                 "numbers in one, best without thousands separators and with a decimal point"
             )
         if fitting and len(fitting) < len(left):
-            left, last = fitting, line
+            left = fitting
+            last = line
     if most is None or len(left) == 1:
         return left
     numbers = [text for text in cells.values() if left[0].pattern.fullmatch(text)]

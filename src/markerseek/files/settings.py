@@ -130,7 +130,8 @@ def _refusal(value: object, hint: typing.Any, place: Sequence[str], *, name: str
 
     ``place``: keys and indices that lead from the value to the one that does not fit.
     """
-    step, deeper = place[0] if place else "", place[1:]
+    step = place[0] if place else ""
+    deeper = place[1:]
     members = typing.get_args(hint) if _is_union(hint) else (hint,)
     kind = next((each for each in members if _keys_of(each) is not None), None)
     if kind is not None and isinstance(value, Mapping):

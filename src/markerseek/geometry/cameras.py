@@ -221,8 +221,10 @@ def _other_arrangements(
     left_px: Float64[np.ndarray, "points 2"], right_px: Float64[np.ndarray, "points 2"], cameras: StereoCameras
 ) -> list[str]:
     """What may have been done to the images: each would make all pixels those of points in front of the cameras."""
-    left, right = cameras.left, cameras.right
-    left_turned_px, right_turned_px = _turned(left_px, left), _turned(right_px, right)
+    left = cameras.left
+    right = cameras.right
+    left_turned_px = _turned(left_px, left)
+    right_turned_px = _turned(right_px, right)
     arrangements = {
         "the two images are exchanged": (right_px, left_px),
         "both images are turned by 180 deg": (left_turned_px, right_turned_px),

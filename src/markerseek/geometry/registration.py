@@ -45,7 +45,8 @@ OFFSET_FACTORS = (3.0, 1.7)
 """Factors by which the offset between two measurements of a point may be smaller and larger than stated: its logarithm
 has a Gaussian prior on either side, of which two thirds lie within. A point in a phantom has no offset."""
 
-DOUBT, WIDER = 0.05, 4.0
+DOUBT = 0.05
+WIDER = 4.0
 """Probability that one of the shared errors is larger than assumed, and its standard deviation then over the assumed
 one."""
 
@@ -190,7 +191,8 @@ def best_rotation(
     that). ``weights``: weight of each point, positive.
     """
     share = weights / weights.sum()
-    from_middle, to_middle = share @ source_m, share @ target_m
+    from_middle = share @ source_m
+    to_middle = share @ target_m
     s = np.einsum("n,ni,nj->ij", share, source_m - from_middle, target_m - to_middle)
     # Horn's eq. for the 4 x 4 matrix N; its eigenvector with the largest eigenvalue is the quaternion (w, x, y, z).
     cross = np.array([s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]])
@@ -493,7 +495,8 @@ def _refine(points: _Points, fit: _Fit) -> _Fit:
             if reached <= misfit * (1 + 1e-9) or np.abs(step).max() < _SMALL:
                 break
             step = step / 2
-        fit, misfit = tried, reached
+        fit = tried
+        misfit = reached
         if np.abs(step[:6]).max() < _SMALL:
             break
     # Three points far from a camera can leave a flat valley: every step was downhill, and the end is as good as any.

@@ -24,7 +24,8 @@ from markerseek.geometry.cameras import StereoCameras
 from markerseek.geometry.registration import effect_of_motion
 from markerseek.geometry.transform import RigidTransform
 
-BEFORE, NOW = "DaVinciBefore", "DaVinci"
+BEFORE = "DaVinciBefore"
+NOW = "DaVinci"
 """Names of the left camera's frame at the first moment and at the second."""
 
 MIN_PARTS = 10
@@ -433,8 +434,10 @@ def _least_median(pull: _Linear, rng: np.random.Generator) -> tuple[Float64[np.n
 
 def _unevenness(pull: _Linear, regions: Int64[np.ndarray, " points"]) -> float:
     """Return by how much more regions are displaced than the scatter of their points explains."""
-    normals, pulls = pull.normals[:, 3:, 3:], pull.pulls[:, 3:]
-    between, unknowns = 0.0, 0
+    normals = pull.normals[:, 3:, 3:]
+    pulls = pull.pulls[:, 3:]
+    between = 0.0
+    unknowns = 0
     for region in np.unique(regions):
         inside = regions == region
         if inside.sum() < _SAMPLE:

@@ -64,7 +64,8 @@ class Admission:
             raise AcquisitionError(f"stale frame: of {header.token!r}, not of {permit.token!r}; take it again")
         if previous is not None and not header.sequence > previous.header.sequence:
             raise AcquisitionError(f"frame {header.sequence} after {previous.header.sequence}: out of order; try again")
-        pulses, to_deg = permit.pulses_in_frame, permit.commanded_deg
+        pulses = permit.pulses_in_frame
+        to_deg = permit.commanded_deg
         if header.pulses != pulses:
             raise AcquisitionError(f"{header.pulses} pulses were seen, {pulses} were permitted; check the laser")
         if header.commanded_deg != to_deg:
@@ -105,7 +106,8 @@ class Admission:
             why = f"saturated: {saturated:.0%} of the channels are at full scale in the marker's window, the limit is"
             raise SaturationError(f"{why} {self.saturated_limit:.0%}; reduce the gain or the laser's energy")
         if isinstance(frame, ChannelFrame):
-            dead, channels = len(reading.dead_channels), frame.samples.shape[0]
+            dead = len(reading.dead_channels)
+            channels = frame.samples.shape[0]
             if not dead <= self.dead_limit * channels:
                 why = f"{dead} of {channels} channels are dead, the limit is {self.dead_limit:.0%}"
                 raise AcquisitionError(f"{why}; check the probe's connector")
@@ -115,7 +117,8 @@ class Admission:
 
         The largest of M cells of noise exceeds σ·sqrt(2·ln(M/p)) with probability p (decision 6 of the safety notes).
         """
-        sigma, cells = reading.noise_sigma, reading.cells
+        sigma = reading.noise_sigma
+        cells = reading.cells
         if self.dark_alarm is None or not sigma or not cells:
             return None
         limit = sigma * math.sqrt(2 * math.log(cells / self.dark_alarm))
@@ -135,5 +138,6 @@ def _is_old(frame: Frame, previous: Frame | None) -> bool:
     """Whether the data are not new; `previous` is of the same kind and shape."""
     if isinstance(frame, ReadingFrame):
         return frame.intensity in (0, getattr(previous, "intensity", None))
-    data, before = frame.samples.ravel(), getattr(previous, "samples", None)
+    data = frame.samples.ravel()
+    before = getattr(previous, "samples", None)
     return not np.any(data != data[:1]) or (before is not None and np.array_equal(data, before.ravel()))

@@ -54,7 +54,9 @@ class Guard:
         self._permits = Permits(firing)
         self._state = State.DISARMED
         self._fault: str | None = None
-        self._issued_s, self._turned_s, self._read = math.nan, math.nan, (math.nan, math.nan)
+        self._issued_s = math.nan
+        self._turned_s = math.nan
+        self._read = (math.nan, math.nan)
         self._previous: Frame | None = None
         self._usual_sigma: dict[int, float | None] = {}
 
@@ -92,20 +94,23 @@ class Guard:
     def disarm(self) -> None:
         """Any state but FAULT -> DISARMED; open permits are void, and the next run starts fresh."""
         self._permits.void()
-        self._previous, self._usual_sigma = None, {}
+        self._previous = None
+        self._usual_sigma = {}
         if self._state is not State.FAULT:
             self._state = State.DISARMED
 
     def fail(self, reason: str) -> None:
         """Any state -> FAULT; the first reason is kept."""
         self._permits.void()
-        self._state, self._fault = State.FAULT, self._fault or reason
+        self._state = State.FAULT
+        self._fault = self._fault or reason
 
     def reset(self, *, by: str) -> None:
         """FAULT -> DISARMED, in the name of a person who has looked at the rig."""
         _require_name(by)
         self._require("reset", State.FAULT)
-        self._state, self._fault = State.DISARMED, None
+        self._state = State.DISARMED
+        self._fault = None
 
     def readback(self, angle_deg: float) -> float:
         """The stage's readback in degrees, checked against the travel range wherever it is read."""
@@ -154,9 +159,13 @@ class Guard:
             raise self._failed(error) from None
         angle_deg = self.readback(angle_deg)
         self._require_at(permit.angle_deg, angle_deg, "the permit holds at", "nothing was fired; check what moved it")
-        self._state, self._firing = State.FIRING, permit.pulses
+        self._state = State.FIRING
+        self._firing = permit.pulses
         if isinstance(permit, SweepPermit):
-            self._state, self._sweep, self._read, self._turned_s = State.SWEEPING, permit, (angle_deg, now_s), math.inf
+            self._state = State.SWEEPING
+            self._sweep = permit
+            self._read = (angle_deg, now_s)
+            self._turned_s = math.inf
 
     def read_sweep(self, angle_deg: float, *, now_s: float) -> bool:
         """Whether the probe may be lit at this readback of a sweep: not while it is slower than permitted.
@@ -186,7 +195,8 @@ class Guard:
         self._require_at(before_deg, angle_deg, "the sweep ended at", "the stage does not stop")
         self._permits.count(self._sweep, now_s=now_s)
         self._require_fired(pulses, least=0)
-        self._state, self._firing = State.ARMED, pulses
+        self._state = State.ARMED
+        self._firing = pulses
 
     def admit_sweep(self, frames: int) -> None:
         """Refuse a sweep as a whole unless as many frames came as pulses were fired; the state stays."""
@@ -209,7 +219,8 @@ class Guard:
 
         A dark frame that holds a source ends in FAULT: if frames come late, a second try would hide it.
         """
-        pulses, known = frame.header.pulses, self._usual_sigma
+        pulses = frame.header.pulses
+        known = self._usual_sigma
         # The first lit frame may be stronger than a dark one, and the first dark one quieter than those with light.
         others = [sigma for of, sigma in known.items() if sigma and bool(of) != bool(pulses)]
         usual_sigma = known.get(pulses) or (max if pulses else min)([reading.noise_sigma or 0, *others])

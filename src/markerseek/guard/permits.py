@@ -81,7 +81,8 @@ class Permits:
         if not self._pulses + pulses <= self._limits.pulses_per_session:
             why = f"{self._pulses} pulses were permitted in this session and {pulses} more are asked for; the limit is"
             raise LimitError(f"{why} {self._limits.pulses_per_session}: a person must start a new session")
-        self._issued, self._pulses = self._issued + 1, self._pulses + pulses
+        self._issued = self._issued + 1
+        self._pulses = self._pulses + pulses
         return f"permit-{self._issued}", float(now_s + self._limits.lifetime_s)
 
     def redeem(self, permit: Permit, *, now_s: float) -> None:
@@ -98,7 +99,8 @@ class Permits:
             raise LaserError(f"the permit {permit.token!r} has expired; nothing was fired; what took so long?")
         while self._used and not now_s - self._used[0][0] < 1:
             self._used.popleft()
-        recent, more = sum(pulses for _, pulses in self._used), permit.pulses_in_1_s
+        recent = sum(pulses for _, pulses in self._used)
+        more = permit.pulses_in_1_s
         if not recent + more <= self._limits.pulses_per_second:
             why = f"{recent} pulses within a second and {more} more are asked for; the limit is"
             raise LimitError(f"{why} {self._limits.pulses_per_second}: fire more slowly; nothing was fired")

@@ -22,7 +22,8 @@ from markerseek.core import RecordError
 Reader: TypeAlias = Callable[[Path], object]
 """Function of a module, which the child imports by its name."""
 
-LIMIT_S, PROCESSOR_LIMIT_S = 60.0, 5
+LIMIT_S = 60.0
+PROCESSOR_LIMIT_S = 5
 """Longest time for one small file, and of it on the processor, in seconds."""
 
 _LEAST_BYTES_PER_S = 10_000_000
@@ -72,9 +73,11 @@ def try_files(reader: Reader, paths: Sequence[Path]) -> None:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
             check=False,
         )
-        survived, code = len(done.stdout), done.returncode
+        survived = len(done.stdout)
+        code = done.returncode
     except subprocess.TimeoutExpired as problem:
-        survived, code = len(problem.stdout or b""), -_TIME_OVER
+        survived = len(problem.stdout or b"")
+        code = -_TIME_OVER
     _tried.update(left[:survived])
     if survived < len(left):
         reason = _REASONS.get(code, "the library that reads such files breaks down on it")

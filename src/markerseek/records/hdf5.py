@@ -28,7 +28,8 @@ a search path."""
 
 _MAX_TEXT = 10_000
 
-_MOST_LINKS, _MOST_OBJECTS = 16, 1000
+_MOST_LINKS = 16
+_MOST_OBJECTS = 1000
 """Most links that lead from one to the next, and most datasets and groups that are looked at where no name is known."""
 
 _NEUTRAL = {

@@ -89,7 +89,8 @@ def read_npy(path: Path) -> dict[str, np.ndarray]:
     # The header is a Python literal; a hostile one raises errors of many kinds in NumPy's parser.
     except Exception as problem:
         # NumPy's own sentence advises to unpickle it, and the parser's names objects of Python.
-        pickled, senseless = "it holds Python objects, or another format", "its header makes no sense"
+        pickled = "it holds Python objects, or another format"
+        senseless = "its header makes no sense"
         known = {"pickle": pickled, "Python objects": pickled, " object at 0x": senseless}
         reason = next((said for word, said in known.items() if word in str(problem)), problem)
         raise RecordError(f"{path}: it is no .npy, or cut off: {reason}; save it again with numpy.save") from problem

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 FRAMES = "RcvData"
 """The variable by which a workspace is known."""
 
-NUMBERS, LAST = "buffer frame", "last buffer frame"
+NUMBERS = "buffer frame"
+LAST = "last buffer frame"
 """Names of the arrays with the number in the buffer of each frame, from 1, and of the last one, where it is stated."""
 
 MAX_ITEMS = 5000
@@ -242,7 +243,8 @@ class _Workspace:
 
     def frame_numbers(self, receives: _Receives, data: h5py.Dataset) -> Int64[np.ndarray, " frames"]:
         """Numbers of the frames that the receives fill, from 1, rising."""
-        frames, rows = data.shape[0] if data.ndim == 3 else 1, data.shape[-1]
+        frames = data.shape[0] if data.ndim == 3 else 1
+        rows = data.shape[-1]
         numbers = np.unique(receives.frame)
         if numbers[0] < 1 or numbers[-1] > frames:
             self.refuse(
@@ -328,7 +330,8 @@ class _Workspace:
         spacing_mm = self.number("Trans.spacingMm")
         if spacing_mm is not None:
             return 1e-3 * spacing_mm
-        waves, frequency_mhz = self.number("Trans.spacing"), self.number("Trans.frequency")
+        waves = self.number("Trans.spacing")
+        frequency_mhz = self.number("Trans.frequency")
         speed_m_s = self.number("Resource.Parameters.speedOfSound")
         return waves * speed_m_s / (1e6 * frequency_mhz) if waves and speed_m_s and frequency_mhz else None
 

@@ -43,7 +43,8 @@ MIN_SHARE = 0.99
 MOVED = 0.05
 """Probability that the newest marker does not belong to the others because the endoscope has moved before it."""
 
-DISPLACED, DISPLACED_M = 0.05, 2e-3
+DISPLACED = 0.05
+DISPLACED_M = 2e-3
 """Probability that all markers are displaced among themselves, because tissue or endoscope move, and the usual standard
 deviation of that along each direction."""
 
@@ -56,7 +57,9 @@ OVER_AFTER = 6
 MOST_CANDIDATES = 4
 """Most candidates of a marker that are tried, the likeliest."""
 
-_MOST_SETS, _MOST_WITHOUT, _MOST_GROWN = 40, 15, 150
+_MOST_SETS = 40
+_MOST_WITHOUT = 15
+_MOST_GROWN = 150
 """Most sets that are registered, the likeliest first, with all markers and for each number of markers that are left
 out; and most that are grown by another marker."""
 
@@ -177,7 +180,8 @@ class _Fit:
 
 def _fits(markers: Sequence[SeenMarker], spot: SpotToSource, *, most_left_out: int) -> tuple[list[_Fit], str]:
     """All sets whose distances fit, and why others determine no transform."""
-    found, problem = list[_Fit](), ""
+    found = list[_Fit]()
+    problem = ""
     apart = _distance_misfits(markers, spot)
     for left_out in range(most_left_out + 1):
         for chosen in _sets(markers, apart, left_out=left_out):

@@ -16,7 +16,8 @@ from markerseek.core import ConfigError, Float64, StereoPair
 from markerseek.geometry import RigidTransform, StereoCameras, StereoMotion, motion_about
 from markerseek.vision import NotKnown, SceneFollower, SceneSeen, SceneTexture, scene_texture
 
-MOVED_MM, MOVED_DEG = 0.25, 0.15
+MOVED_MM = 0.25
+MOVED_DEG = 0.15
 """Least displacement and rotation of the scene that are called a move: half of what must be noticed."""
 
 Vector: TypeAlias = tuple[float, float, float]

@@ -251,7 +251,8 @@ def _table(path: Path) -> tuple[Collection[str], list[Row]]:
         # A decimal comma in a table that commas separate shifts all columns behind it.
         if any(cell.strip() for cell in cells[table.width :]):
             raise RecordError(f"{where}: it has {len(cells)} columns, {table.width} are named; {DECIMAL_COMMA}")
-        row, given = dict(zip(heading, cells, strict=False)), iter(texts[line])
+        row = dict(zip(heading, cells, strict=False))
+        given = iter(texts[line])
         numbers = {
             kind: tuple(_number(where, name, next(given), positive="sigma" in kind) for name in names)
             for kind, names in present.items()

@@ -34,7 +34,8 @@ DRAWS = 4000
 MOST_SLANT_DEG = 75.0
 """Largest angle between the camera's line of sight and the straight way from the tissue to the probe."""
 
-USUAL_ROLL_DEG, UNUSUAL = 60.0, 0.1
+USUAL_ROLL_DEG = 60.0
+UNUSUAL = 0.1
 """Largest angle between the rows of the image and the way across the probe, to either side, that is usual: people hold
 an endoscope upright, and look at what the probe can reach. How likely it is otherwise, in comparison."""
 
@@ -50,18 +51,21 @@ BIN_DEG = 1.0
 KNOWN_SHARE = 0.7
 """Share of the range beyond which a prediction leaves nothing out."""
 
-EDGE_DEG, EDGE_PX = 5.0, 60
+EDGE_DEG = 5.0
+EDGE_PX = 60
 """Distance from the ends of the range, in degrees, and from the edges of both images, in pixels, of a place that is
 proposed."""
 
-APART_M, CORNER_APART_M = 10e-3, 15e-3
+APART_M = 10e-3
+CORNER_APART_M = 15e-3
 """Least distance of a place that is proposed from the spots before, once a spot lies near each corner that can be
 reached, and until then."""
 
 LEAST_CORNERS = 2
 """Markers from which corners are asked for: two show the roll of the camera to some degrees."""
 
-SURE, FAIRLY_SURE = 0.95, 0.7
+SURE = 0.95
+FAIRLY_SURE = 0.7
 """Least probability that a corner is in reach: by a registration, and by two markers, which leave one rotation open."""
 
 MISSED = 0.1
@@ -239,7 +243,9 @@ class Poses:
         possible = (radius_m > DEPTHS_M[0]) & (radius_m < DEPTHS_M[1])
         if not possible.any():
             return None
-        angle_deg, lateral_m, radius_m = angle_deg[possible], lateral_m[possible], radius_m[possible]
+        angle_deg = angle_deg[possible]
+        lateral_m = lateral_m[possible]
+        radius_m = radius_m[possible]
         spot_m = math.sqrt(float(np.trace(covariance_m2)) / 3)
         spot_deg = math.degrees(spot_m / float(np.median(radius_m)))
         sigma_m = math.hypot(float(trus_m[possible].std(axis=0).max()), spot_m)

@@ -30,7 +30,8 @@ from markerseek.registration.stereo_files import StereoSettings
 MIN_PROBABILITY = 1e-3
 """Probability of residuals as large, or larger, below which points do not fit (a chi-squared test)."""
 
-WRONG, WRONG_M3 = 0.02, 1e-4
+WRONG = 0.02
+WRONG_M3 = 1e-4
 """Probability that a point is wrong before it is compared with others, and the volume in which it then lies anywhere:
 what a probe can reach."""
 
@@ -368,7 +369,8 @@ class _Fit:
 
 def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: str, mirror_fre_m: float) -> str:
     """Why the points do not fit, and what to do."""
-    fre_mm, expected_mm = 1e3 * found.fre_m, 1e3 * fit.expected_fre_m
+    fre_mm = 1e3 * found.fre_m
+    expected_mm = 1e3 * fit.expected_fre_m
     if mirror_fre_m < MIRROR_SHARE * found.fre_m:
         return (
             f"a mirror image fits better: FRE {1e3 * mirror_fre_m:.2f} mm and {fre_mm:.2f} mm without; one of the "
@@ -411,7 +413,8 @@ def _shared(
     directions = shared_directions(camera_m, _camera_shared(pairs), spot, motions=motion_m(pairs).shape[2])
     covariance = found.errors.covariance[6:, 6:]
     doubts = iter(found.doubts)
-    reports, doubted = [], []
+    reports = []
+    doubted = []
     for error, direction in directions:
         doubt = next(doubts) if error.cure else None
         larger = 0.0 if doubt is None else doubt.probability
@@ -503,11 +506,13 @@ def target_pixels(report: RegistrationReport, *, stereo: StereoSettings) -> tupl
     """
     if report.davinci_to_trus is None:
         raise ConfigError("the points do not fit, so that nobody knows where the target is in the images")
-    place_m, covariance_m2 = np.array(report.target_trus_m), np.array(report.target_covariance_m2)
+    place_m = np.array(report.target_trus_m)
+    covariance_m2 = np.array(report.target_covariance_m2)
     seen = []
     way = davinci_to_probe_home(report.davinci_to_trus).inverse(), stereo.cameras.left_to_right
     for name, camera, step in zip(("left", "right"), (stereo.left, stereo.right), way, strict=True):
-        place_m, covariance_m2 = step.apply(place_m), step.rotation @ covariance_m2 @ step.rotation.T
+        place_m = step.apply(place_m)
+        covariance_m2 = step.rotation @ covariance_m2 @ step.rotation.T
         if not place_m[2] > 0:
             raise ConfigError(f"the target is behind the {name} camera; name another by --target-mm")
         seen.append((camera.project(place_m[None])[0], camera.project_covariance(place_m, covariance_m2)))

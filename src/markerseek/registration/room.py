@@ -163,7 +163,8 @@ CAMERA_M = 0.1
 # A camera that looks straight down is turned by 180 deg about an axis across its view, whatever its roll, so that its
 # transform is nearly its own inverse (1.5 to 2.2 mm apart at the markers): one that is applied in the wrong direction
 # would not show. With a tilt like that of a 30 deg endoscope, and less roll, the two are 15 mm or more apart.
-CAMERA_TILT_DEG, CAMERA_ROLL_DEG = (25.0, 35.0), (-60.0, 60.0)
+CAMERA_TILT_DEG = (25.0, 35.0)
+CAMERA_ROLL_DEG = (-60.0, 60.0)
 """Tilt of the line of sight against the tissue's normal, and rotation about it, in degrees; drawn evenly."""
 
 MISSED_M = 2e-3
@@ -260,7 +261,8 @@ class SimulatedRoom:
     """Not counted."""
 
     def __init__(self, settings: SimulatedRoomSettings, *, seed: int) -> None:
-        self._settings, self._seed = settings, seed
+        self._settings = settings
+        self._seed = seed
         self.endoscope_held = settings.endoscope_held
         """Whether the session is told that nobody moves the endoscope."""
         rng = np.random.default_rng(seed)
@@ -288,7 +290,8 @@ class SimulatedRoom:
         spot = settings.rig.spot
         self._depth_m = max(spot.depth_m + spot.depth_sigma_m * depth, 0.0)
         cameras = endoscope()
-        look, motion = settings.look, self._movable.world.motion
+        look = settings.look
+        motion = self._movable.world.motion
         self.stereo = StereoSettings.of(cameras, calibration_sigma_px=look.calibration_sigma_px)
         """The calibration of the cameras."""
         self.images = SimulatedEndoscope(
@@ -306,7 +309,8 @@ class SimulatedRoom:
         )
         self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
         self._sources_m: dict[tuple[float, ...], Float64[np.ndarray, " 3"]] = {}
-        self._turn, self._asked = 0, dict[str, int]()
+        self._turn = 0
+        self._asked = dict[str, int]()
         self._recalled: set[str] = set()
 
     @property

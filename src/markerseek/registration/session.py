@@ -147,7 +147,8 @@ class RegistrationSession:
 
     def _continued(self) -> Continued | None:
         """Return what is different from the session that is continued; None if nothing is."""
-        view, plan = self.view, self._plan
+        view = self.view
+        plan = self._plan
         changed = []
         if not math.isclose(view.goal_m, plan.goal_m, rel_tol=1e-9):
             changed.append(f"the goal is {1e3 * plan.goal_m:g} mm, and was {1e3 * view.goal_m:g} mm")
@@ -393,7 +394,8 @@ class RegistrationSession:
         then = next(marker for marker in markers if marker.name == first.name)
         transform = registered_pairs(chosen_pairs(markers, chosen), spot=self._room.rig.spot).transform
         spots_m = transform.apply(np.array([then.camera_m, again.camera_m]))
-        was, now = first.candidates[chosen[first.name]].position, again.candidates[0].position
+        was = first.candidates[chosen[first.name]].position
+        now = again.candidates[0].position
         apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])
         camera = then.camera_covariance_m2 + np.array(again.camera_covariance_m2)
         covariance = was.covariance_m2 + now.covariance_m2 + transform.rotation @ camera @ transform.rotation.T

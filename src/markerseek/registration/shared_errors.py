@@ -14,7 +14,11 @@ import numpy as np
 from markerseek.core import Float64, SpotToSource
 from markerseek.geometry import StereoCameras, Triangulated, triangulate
 
-SOUND_SPEED, FACE_RADIUS_M, ANGLE_ZERO_DEG, FOCAL_LENGTH, BASE_LENGTH = 0.01, 0.2e-3, 0.1, 0.005, 0.005
+SOUND_SPEED = 0.01
+FACE_RADIUS_M = 0.2e-3
+ANGLE_ZERO_DEG = 0.1
+FOCAL_LENGTH = 0.005
+BASE_LENGTH = 0.005
 """Standard deviations of the sound speed (relative), of the distance of the array's face from the axis (metres), of the
 angle at which the stage finds its zero again (degrees), of the focal length and of the distance between the cameras
 (both relative)."""
@@ -155,7 +159,8 @@ def seen_point(
 
     ``spot_px``, ``calibration_px``: standard deviations of the spot and of the calibration, in pixels.
     """
-    left, right = left_px[None], right_px[None]
+    left = left_px[None]
+    right = right_px[None]
     seen = triangulate(left, right, cameras, sigma_px=math.hypot(spot_px, calibration_px))
     shared = camera_shared_m(seen, left, right, cameras, calibration_sigma_px=calibration_px)
     return seen.points_m[0], seen.covariances_m2[0], shared[0]

@@ -30,7 +30,8 @@ LATE_S = 0.5
 MOST_LATE_S = 3.0
 """Longest delay that is awaited, in seconds."""
 
-MOVED_SIGMAS, MOVED_PX = 4.0, 0.2
+MOVED_SIGMAS = 4.0
+MOVED_PX = 0.2
 """Standard deviations, and pixels more, by which a spot may seem to move during its search."""
 
 SIDES = ("left", "right")
@@ -58,7 +59,8 @@ class SpotFinder:
     """
 
     def __init__(self, room: Room, *, show: Callable[[StereoPair], None] = lambda _pair: None) -> None:
-        self._room, self._show = room, show
+        self._room = room
+        self._show = show
         # How long the light took to appear in the images, where they are late; None: it was not seen yet.
         self._late_s: float | None = None
 
@@ -88,7 +90,8 @@ class SpotFinder:
 
     def _lit(self, dark: Sequence[StereoPair]) -> list[StereoPair]:
         """Pairs that show light, while the laser fires or, of late images, after that."""
-        scanner, late_s = self._room.rig.scanner, self._late_s
+        scanner = self._room.rig.scanner
+        late_s = self._late_s
         began_s = scanner.clock.now_s()
         lit: list[StereoPair] = []
         for pairs in self._coming(LOOK_S + (MOST_LATE_S if late_s is None else late_s)):
@@ -106,7 +109,8 @@ class SpotFinder:
 
     def _coming(self, within_s: float) -> Iterator[list[StereoPair]]:
         """The newest pairs, again and again until the time is over."""
-        clock, pairs = self._room.rig.scanner.clock, list[StereoPair]()
+        clock = self._room.rig.scanner.clock
+        pairs = list[StereoPair]()
         ends_s = clock.now_s() + within_s
         yield pairs
         while clock.now_s() < ends_s:

@@ -95,7 +95,8 @@ class _Moving:
 
 def _carried(marker: SeenMarker, station: str, here: str, motions: dict[str, EndoscopeMotion]) -> _Moving | None:
     """Carry a marker from its station to another one; None if no known motions connect them."""
-    back, there = _way_to_first(station, motions), _way_to_first(here, motions)
+    back = _way_to_first(station, motions)
+    there = _way_to_first(here, motions)
     if back[-1] != there[-1]:
         return None
     shared = next(each for each in back if each in there)
@@ -117,7 +118,8 @@ def _way_to_first(station: str, motions: dict[str, EndoscopeMotion]) -> list[str
 
 def _moved(moving: _Moving, station: str, motion: EndoscopeMotion) -> _Moving:
     """Carry a marker over a motion."""
-    marker, transform = moving.marker, motion.transform
+    marker = moving.marker
+    transform = motion.transform
     camera_m = transform.apply(marker.camera_m)
     by_motion_m = {name: transform.rotation @ each for name, each in moving.by_motion_m.items()}
     by_motion_m[station] = _effect(camera_m, motion)
@@ -126,7 +128,8 @@ def _moved(moving: _Moving, station: str, motion: EndoscopeMotion) -> _Moving:
 
 def _moved_back(moving: _Moving, station: str, motion: EndoscopeMotion) -> _Moving:
     """Carry a marker over a motion, from after it to before it."""
-    marker, back = moving.marker, motion.transform.inverse()
+    marker = moving.marker
+    back = motion.transform.inverse()
     by_motion_m = {name: back.rotation @ each for name, each in moving.by_motion_m.items()}
     by_motion_m[station] = -back.rotation @ _effect(marker.camera_m, motion)
     return _Moving(marker=_turned(marker, back.apply(marker.camera_m), back.rotation), by_motion_m=by_motion_m)

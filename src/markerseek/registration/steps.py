@@ -173,7 +173,8 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
         )
 
 
-_FARTHEST_M, _FINEST_M = 10.0, 1e-9
+_FARTHEST_M = 10.0
+_FINEST_M = 1e-9
 """Largest distance of a spot or marker from its frame's origin, and least standard deviation of it, in metres."""
 
 

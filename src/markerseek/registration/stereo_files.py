@@ -394,7 +394,8 @@ def _of_ini(sections: configparser.ConfigParser) -> StereoCameras:
         matrix = (fx, skew, cx, 0, fy, cy, 0, 0, 1)
         return _camera(f"[{section}]", matrix, coefficients, numbers(section, "res_x", "res_y"))
 
-    turns, shifts = [f"R_{each}" for each in range(9)], [f"T_{each}" for each in range(3)]
+    turns = [f"R_{each}" for each in range(9)]
+    shifts = [f"T_{each}" for each in range(3)]
     if turns[0] in sections["StereoLeft"]:
         of_left = (*numbers("StereoLeft", *turns), *numbers("StereoLeft", *shifts))
         if not np.allclose(of_left, (*np.eye(3).ravel(), 0, 0, 0), atol=1e-9):

@@ -33,7 +33,8 @@ _USUAL_COUNTS = 600.0
 _MIN_SIGMA = 2.0
 """Noise in counts to which that gain is raised where there is room: rounding (variance 1/12) then adds 1 % to it."""
 
-_NOISE_SIGMAS, _JITTER_SIGMAS = 6.0, 5.0
+_NOISE_SIGMAS = 6.0
+_JITTER_SIGMAS = 5.0
 """Room for the noise's largest sample in some hundred thousand, and for the strongest flash, in standard deviations."""
 
 MIN_NOISE_COUNTS = 0.25
@@ -237,7 +238,8 @@ _OFF_PLANE_DEG = np.concatenate(
 _PEAKS = 6
 """Number of separate peaks of an image that a curve stores."""
 
-_APART_DEPTH_M, _APART_LATERAL_M = 0.3e-3, 0.5e-3
+_APART_DEPTH_M = 0.3e-3
+_APART_LATERAL_M = 0.5e-3
 """Peaks nearer than this, about a resolution cell, have the same noise and count as one."""
 
 

@@ -17,10 +17,13 @@ from markerseek.geometry import RigidTransform
 JOINT = "trus_roll"
 """Name of the joint."""
 
-HOME, PROBE, IMAGE = "trus_home", "trus_probe", "trus_image"
+HOME = "trus_home"
+PROBE = "trus_probe"
+IMAGE = "trus_image"
 """Frames: the probe at 0 degrees, the probe, and the images (x along columns, y along rows, from the first pixel)."""
 
-CAMERA, SIMULATED_CAMERA = "davinci_camera_optical", "simulated_davinci_camera_optical"
+CAMERA = "davinci_camera_optical"
+SIMULATED_CAMERA = "simulated_davinci_camera_optical"
 """Frame of the da Vinci camera (z along its view) with a real and with a simulated registration. The name states this,
 because a transform has no field for it."""
 
@@ -220,7 +223,9 @@ def state_of(message: Any) -> OperatingState | None:
 
 def counts_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:
     """Channel data of an image message; None if it is not a 16SC1 image of the size that it states."""
-    rows, columns, data = message.height, message.width, bytes(message.data)
+    rows = message.height
+    columns = message.width
+    data = bytes(message.data)
     right = message.encoding == "16SC1" and rows > 0 and columns > 0 and message.step == 2 * columns
     if not right or len(data) != 2 * rows * columns:
         return None

@@ -21,7 +21,8 @@ _LOG = logging.getLogger(__name__)
 
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
-_MIDDLEWARE, _RANGE = "RMW_IMPLEMENTATION", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_MIDDLEWARE = "RMW_IMPLEMENTATION"
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
 _SHOWN = 120
@@ -114,7 +115,8 @@ class Once:
 
     def is_new(self, info: Mapping[str, Any]) -> bool:
         """Whether a message is accepted, by what rclpy says of it."""
-        publisher, number = info.get("publisher_gid"), info.get("publication_sequence_number")
+        publisher = info.get("publisher_gid")
+        number = info.get("publication_sequence_number")
         if publisher is not None and number is not None:
             if number <= self._last.get(publisher["data"], -1):
                 return False
@@ -296,7 +298,8 @@ class RosNode(Closing):
 
         ``topic``: what only nodes like this one publish.
         """
-        name, namespace = self._node.get_name(), self._node.get_namespace()
+        name = self._node.get_name()
+        namespace = self._node.get_namespace()
         named = self._node.get_node_names_and_namespaces().count((name, namespace))
         resolved = self._resolved(topic)
         publishers = self._node.count_publishers(resolved)
@@ -306,7 +309,8 @@ class RosNode(Closing):
 
     def require_alone(self, topic: str) -> None:
         """Refuse to be the second node that does the same work, as two on one command would both carry it out."""
-        began_s, other = time.monotonic(), None
+        began_s = time.monotonic()
+        other = None
         while (waited_s := time.monotonic() - began_s) < _FOUND_S or (other and waited_s < _GONE_S):
             # One that was killed a moment ago is forgotten soon.
             other = self.other(topic)

@@ -13,19 +13,23 @@ def beside(name: str, neighbour: str) -> str:
     return f"{name.rpartition('/')[0]}/{neighbour.rpartition('/')[2]}"
 
 
-MEASURED_JS, SETPOINT_JS = "/TRUS/measured_js", "/TRUS/setpoint_js"
+MEASURED_JS = "/TRUS/measured_js"
+SETPOINT_JS = "/TRUS/setpoint_js"
 """Angle read back, and angle asked for: sensor_msgs/JointState, joint ``trus_roll``."""
 
 MOVE_JP = "/TRUS/move_jp"
 """Command to a stage node: go to an angle and rest there. sensor_msgs/JointState."""
 
-STOP, HOLD = "/TRUS/stop", "/TRUS/hold"
+STOP = "/TRUS/stop"
+HOLD = "/TRUS/hold"
 """Stop now, by our name and by that of CRTK: std_msgs/Empty, to a stage node; without a stamp: it is never too late."""
 
 STATE = "/TRUS/state"
 """State of a stage node: std_msgs/String with `messages.OperatingState` as JSON."""
 
-ACQUIRE, ACQUIRED, CHANNELS = "/TRUS/pa/acquire", "/TRUS/pa/acquired", "/TRUS/pa/channels"
+ACQUIRE = "/TRUS/pa/acquire"
+ACQUIRED = "/TRUS/pa/acquired"
+CHANNELS = "/TRUS/pa/channels"
 """Request to an acquisition node and its answers: std_msgs/String with JSON; channel data: sensor_msgs/Image, 16SC1."""
 
 ACQUISITION_STATE = "/TRUS/pa/state"
@@ -34,18 +38,24 @@ ACQUISITION_STATE = "/TRUS/pa/state"
 FRAMES = "/tf"
 """tf2_msgs/TFMessage if it is installed, else geometry_msgs/TransformStamped."""
 
-PICTURE, ENVELOPE = "/TRUS/pa/image", "/TRUS/pa/envelope"
+PICTURE = "/TRUS/pa/image"
+ENVELOPE = "/TRUS/pa/envelope"
 """Photoacoustic image to be looked at (mono8) and to be calculated with (32FC1): sensor_msgs/Image."""
 
-REGISTRATION, STATIC_FRAMES = "/pa_search/registration", "/tf_static"
+REGISTRATION = "/pa_search/registration"
+STATIC_FRAMES = "/tf_static"
 """The camera of the da Vinci system in the home frame of the probe, latched, as geometry_msgs/TransformStamped, and for
 tf2 with the type of `FRAMES`; that of a session is not static, and is sent on `FRAMES` while it holds."""
 
 REGISTRATION_STATE = "/pa_search/registration_state"
 """Whether the registration holds, and its errors, latched: std_msgs/String with JSON."""
 
-BANK, SAMPLE, INTENSITY = "/pa_search/bank", "/pa_search/sample", "/pa_search/intensity"
+BANK = "/pa_search/bank"
+SAMPLE = "/pa_search/sample"
+INTENSITY = "/pa_search/intensity"
 """What is known of the rig, latched; each acquisition as JSON; its intensity as std_msgs/Float64."""
 
-RUN, CANCEL, RESULT = "/pa_search/run", "/pa_search/cancel", "/pa_search/result"
+RUN = "/pa_search/run"
+CANCEL = "/pa_search/cancel"
+RESULT = "/pa_search/result"
 """Services of the search node, std_srvs/Trigger, and its latched answer: std_msgs/String with JSON."""

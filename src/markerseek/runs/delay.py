@@ -34,7 +34,8 @@ from markerseek.guard import FiringLimits
 from markerseek.rigs import Rig
 from markerseek.scan import run
 
-SLOW, SLOW_SHARE = 0.2, 1 / 3
+SLOW = 0.2
+SLOW_SHARE = 1 / 3
 """Speed of the slow sweeps over the fastest of the stage, and how many there are for each fast one: at a fifth of the
 speed the delay shifts by little, and what is left of the difference is the backlash."""
 
@@ -109,8 +110,10 @@ class DelayRun:
     def __init__(self, rig: Rig, *, times: int = 9) -> None:
         if not 3 <= times <= 30:
             raise ConfigError(f"times is {times}, it must be from 3 to 30; 9 is usual")
-        self._rig, self._devices = rig, rig.scanner.sweeping
-        low_deg, high_deg = rig.limits.search.low_deg, rig.limits.search.high_deg
+        self._rig = rig
+        self._devices = rig.scanner.sweeping
+        low_deg = rig.limits.search.low_deg
+        high_deg = rig.limits.search.high_deg
         fast = self._devices.stage.fastest_sweep_deg_s
         speeds = [fast] * times + [self._slow_deg_s(low_deg, high_deg)] * round(SLOW_SHARE * times)
         if self._devices.in_bursts:
@@ -127,7 +130,8 @@ class DelayRun:
 
     def _slow_deg_s(self, low_deg: float, high_deg: float) -> float:
         """Speed of the slow sweeps: as slow as the permit of one lives long enough."""
-        devices, fast = self._devices, self._devices.stage.fastest_sweep_deg_s
+        devices = self._devices
+        fast = self._devices.stage.fastest_sweep_deg_s
         longest_s = LONGEST * FiringLimits().lifetime_s
         back_deg = low_deg if devices.in_bursts else None
         for per_cent in range(round(100 * SLOW), 100, 2):
@@ -171,14 +175,17 @@ class DelayRun:
                 "put one marker in mid-range, and raise the laser's energy"
             )
         design = np.stack([np.ones(len(table)), -speeds, np.sign(speeds) * table[:, 3]], axis=1)
-        unknown, weight = design.any(axis=0), 1 / table[:, 2]
-        weighted, centre = design[:, unknown] * weight[:, None], table[:, 0] * weight
+        unknown = design.any(axis=0)
+        weight = 1 / table[:, 2]
+        weighted = design[:, unknown] * weight[:, None]
+        centre = table[:, 0] * weight
         found, *_ = np.linalg.lstsq(weighted, centre, rcond=None)
         rest = centre - weighted @ found
         # Of their scatter: what all curves share, their form, shifts none against another.
         variance = float(rest @ rest) / max(1, len(table) - int(unknown.sum()))
         covariance = variance * np.linalg.inv(weighted.T @ weighted)
-        sigmas, values = np.zeros(3), np.zeros(3)
+        sigmas = np.zeros(3)
+        values = np.zeros(3)
         values[unknown], sigmas[unknown] = found, np.sqrt(np.diag(covariance))
         return MeasuredDelay(
             stamp_delay_s=self._devices.laser.stamp_delay_s + float(values[1]),

@@ -27,7 +27,8 @@ SLOTS = 16
 MAX_SLOT_BYTES = 1 << 22
 """Largest image that is handed on, with its head; that of the simulated probe has half a megabyte."""
 
-_NUMBER, _SHAPE = struct.Struct("<Q"), struct.Struct("<II")
+_NUMBER = struct.Struct("<Q")
+_SHAPE = struct.Struct("<II")
 _HEAD_BYTES = _NUMBER.size + _SHAPE.size
 """Before each image: number of its entry, 0 while the image is written; then its rows and columns.
 

@@ -59,7 +59,8 @@ def rebuild_rig(recorded: RecordedRun, *, bench_settings: BenchSettings | None =
 
 def _require_as_emulated(rig: Rig, configuration: Configuration) -> Rig:
     """The connected rig, unless emulated devices have replaced the journal's real ones, or the reverse."""
-    was, now = configuration.facts.emulated, rig.facts.emulated
+    was = configuration.facts.emulated
+    now = rig.facts.emulated
     if was == now:
         return rig
     rig.close()
@@ -142,7 +143,8 @@ def _read_again(entry: Entry, reader: Reader) -> Entry:
 
 def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dict[str, str]:
     """Settings in the user's rig file that differ from those in the journal: a description by dotted key."""
-    was, now = _by_key(recorded.table()), _by_key(named.table())
+    was = _by_key(recorded.table())
+    now = _by_key(named.table())
     keys = sorted(was.keys() | now.keys())
     return {key: f"{key} is {now.get(key)}, was {was.get(key)}" for key in keys if was.get(key) != now.get(key)}
 

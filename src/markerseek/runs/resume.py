@@ -40,7 +40,9 @@ from markerseek.rigs import Rig
 from markerseek.runs.journalled import committed, limits_of
 from markerseek.scan import RunLimits, Tally, larger_noise, moved_source, run
 
-SHARE, PULSE_SHARE, HAND_SHARE = 0.1, 0.4, 0.3
+SHARE = 0.1
+PULSE_SHARE = 0.4
+HAND_SHARE = 0.3
 """Allowed relative change of an intensity: about the drift of a laser's energy; where it was a single pulse, which
 differs by up to 10 % from the mean; where a person turns the probe, who comes to rest beside the angle of before."""
 
@@ -76,7 +78,8 @@ def resumed(
     if view.state == "finished":
         raise RecordError(f"{recorded.path}: the run is over; it cannot be resumed")
     require_reset(recorded.path, view, reset_fault=reset_fault)
-    entries, clock = since_started(recorded.entries), rig.scanner.clock
+    entries = since_started(recorded.entries)
+    clock = rig.scanner.clock
     limits = limits or limits_of(journal.configuration)
     begun_s = entries[0].clock_s if entries else 0.0
     ahead_s = (recorded.entries[-1].clock_s if recorded.entries else 0.0) - clock.now_s()
@@ -122,14 +125,16 @@ def resumed(
         raise
     earlier: Tally | None = Tally.of((entry.event for entry in entries), elapsed_s=clock.now_s() + ahead_s - begun_s)
     if changed:
-        policy, earlier = anew(), None
+        policy = anew()
+        earlier = None
     events = run(policy, rig.scanner, journal.configuration.plan, limits=limits, earlier=earlier)
     yield from committed(events, policy, rig, journal, ahead_s=ahead_s, earlier=earlier)
 
 
 def tell_recorded(policy: AnyPolicy, entries: Iterable[Entry]) -> None:
     """Ask a fresh policy and tell it the recorded samples, in their order, except a dark frame at the end."""
-    lit, sweeping = False, None
+    lit = False
+    sweeping = None
     for entry in entries:
         match entry.event:
             case Asked(sweep=sweep):
@@ -183,7 +188,8 @@ def pulses_before(entries: Iterable[Entry], *, pulses: int, attempts: int, pulse
             case Refused():
                 permits += lit
             case Swept(pulses=fired):
-                swept, open_sweep = swept + fired, 0
+                swept = swept + fired
+                open_sweep = 0
             case Resuming(check_deg=check_deg):
                 permits += attempts * (check_deg is not None)
     return permits * pulses + swept + open_sweep

@@ -91,7 +91,8 @@ def moved_source(before: Reading, now: Reading) -> str | None:
         return None
     for name in ("lateral_m", "depth_m"):
         # A CSV of intensities has no positions: then the intensity alone decides.
-        then_m, now_m = getattr(before, name), getattr(now, name)
+        then_m = getattr(before, name)
+        now_m = getattr(now, name)
         if then_m is not None and now_m is not None and not abs(now_m - then_m) <= MOVED_M:
             return f"{name} is {1e3 * now_m:.2f} mm and was {1e3 * then_m:.2f} mm, {1e3 * MOVED_M:g} mm is the limit"
     return None

@@ -97,7 +97,8 @@ class Tally:
                 self.place_deg = start_deg
             case Asked(sweep=sweep):
                 self.sweep_from_deg = None if sweep is None else sweep.from_deg
-                self.sweeps, self.steps = self.sweeps + (sweep is not None), self.steps + (sweep is not None)
+                self.sweeps = self.sweeps + (sweep is not None)
+                self.steps = self.steps + (sweep is not None)
                 self.turn(self.sweep_from_deg)
             case Measured(role=role, sample=sample):
                 self.counts[role] += 1
@@ -108,7 +109,8 @@ class Tally:
                     self.lit.append(structs.replace(sample, frame=None))
                     self.turn(sample.angle_deg)
             case Swept(angle_deg=angle_deg):
-                self.sweep_from_deg, self.confirmed = None, False
+                self.sweep_from_deg = None
+                self.confirmed = False
                 self.turn(angle_deg)
 
     def turn(self, angle_deg: float | None) -> None:
@@ -118,7 +120,8 @@ class Tally:
             self.place_deg = angle_deg
 
 
-_RUN_LIMITS, _RUN_PLAN = RunLimits(), RunPlan()
+_RUN_LIMITS = RunLimits()
+_RUN_PLAN = RunPlan()
 
 
 def run(
@@ -177,7 +180,8 @@ def _search(
     policy: AnyPolicy, scanner: Scanner, plan: RunPlan, limits: RunLimits, tally: Tally
 ) -> Generator[Event, None, None]:
     """The events of a run up to its answer; the caller adds each to the tally."""
-    began_s, place_deg = scanner.clock.now_s() - tally.elapsed_s, scanner.angle_deg
+    began_s = scanner.clock.now_s() - tally.elapsed_s
+    place_deg = scanner.angle_deg
     if tally.place_deg is None:
         yield Started(start_deg=place_deg, limits=scanner.limits.search)
     tally.place_deg = place_deg
@@ -222,7 +226,8 @@ def _step(
 ) -> Generator[Event, None, None]:
     """One step, at rest or in motion, and again while it is refused."""
     step = asked if role == "dark" else _planned(asked, policy, scanner.limits, tally)
-    angle_deg, before = step.to_deg if isinstance(step, Sweep) else step, tally.counts[role]
+    angle_deg = step.to_deg if isinstance(step, Sweep) else step
+    before = tally.counts[role]
     for attempt in range(1, attempts + 1):
         if attempt == 1 or isinstance(step, Sweep):
             sweep = step if isinstance(step, Sweep) else None

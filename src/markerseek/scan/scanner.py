@@ -45,7 +45,8 @@ _LOG = logging.getLogger(__name__)
 _THERE_DEG = 0.1
 """A probe so near to the beginning of a sweep is not moved there."""
 
-_MARKS, _MARK_S = 10, 3.0
+_MARKS = 10
+_MARK_S = 3.0
 """A burst has up to 9 dark triggers more, another number every 3 s, so that their number shows which one it is.
 
 A program that is killed in a sweep leaves a burst that is written within 25 s; the next one cannot have the number of
@@ -181,7 +182,9 @@ class Scanner:
         wanted = self._pulses[0] if pulses is None else pulses
         permit = self.guard.issue(angle_deg=at_deg, pulses=wanted, now_s=self.clock.now_s())
         # What a receiver may have recorded of it must not pass for the answer to the next permit.
-        self._begun, self._settled, self._lit = True, False, True
+        self._begun = True
+        self._settled = False
+        self._lit = True
         self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())
         _LOG.debug("fire %s", permit)
         with self._faulting, self._watchdog_held:
@@ -205,7 +208,8 @@ class Scanner:
         # What an acquisition before this run may still write has another number of triggers than the burst.
         if self._begun or not devices.in_bursts:
             self._settle()
-        self._begun, self._settled = True, False
+        self._begun = True
+        self._settled = False
         dark, mark = (self.pulses, self._next_mark()) if devices.in_bursts else (0, 0)
         wanted = devices.permit(sweep, from_deg=self.angle_deg, dark=dark, mark=mark)
         now_s = self.clock.now_s()
@@ -217,7 +221,8 @@ class Scanner:
             devices.laser.prepare_sweep()
         with self._refusable:
             devices.receiver.begin_sweep(permit)
-        from_deg, now_s = self.angle_deg, self.clock.now_s()
+        from_deg = self.angle_deg
+        now_s = self.clock.now_s()
         self.guard.redeem(permit, angle_deg=from_deg, now_s=now_s)
         progress = SweepInProgress(
             devices,
@@ -316,7 +321,8 @@ class Scanner:
 
     def _settle(self) -> None:
         self._begun = True
-        lit, self._lit = self._lit, False
+        lit = self._lit
+        self._lit = False
         if not self._settled:
             # After an acquisition that failed, its frame may arrive late and would pass for the answer to this permit.
             try:

@@ -38,7 +38,8 @@ from markerseek.guard import Guard
 
 _LOG = logging.getLogger(__name__)
 
-SLOWEST, FASTEST = 0.08, 1.25
+SLOWEST = 0.08
+FASTEST = 1.25
 """Lowest and highest speed at which the laser fires, over the speed of the sweep: it fires on the ramps, but not if the
 probe stalls."""
 
@@ -101,7 +102,8 @@ class SweepingDevices:
 
         ``dark``: least number of triggers without light at the end. ``mark``: additional triggers.
         """
-        speed, fastest = sweep.speed_deg_s, self.stage.fastest_sweep_deg_s
+        speed = sweep.speed_deg_s
+        fastest = self.stage.fastest_sweep_deg_s
         if not speed <= fastest:
             raise ConfigError(
                 f"sweep: {speed:g} deg/s is too fast for this stage: at most {math.floor(100 * fastest) / 100:g} deg/s"
@@ -128,7 +130,8 @@ class SweepingDevices:
 
     def require_in_time(self, sweep: Sweep, permit: SweepPermit, *, now_s: float) -> None:
         """Raise `ConfigError`, before anything moves, if the permit may expire during the sweep."""
-        duration_s, left_s = self.duration_s(sweep, from_deg=permit.angle_deg), permit.expires_s - now_s
+        duration_s = self.duration_s(sweep, from_deg=permit.angle_deg)
+        left_s = permit.expires_s - now_s
         if not SLOWER * duration_s <= left_s:
             raise ConfigError(
                 f"sweep: it takes {duration_s:.1f} s at {sweep.speed_deg_s:g} deg/s, and its permit holds for "
@@ -144,7 +147,8 @@ class SweepingDevices:
 
     def _way_s(self, way_deg: float, *, speed_deg_s: float) -> float:
         """Time from rest to rest, in seconds."""
-        way_deg, acceleration = abs(way_deg), self.stage.acceleration_deg_s2
+        way_deg = abs(way_deg)
+        acceleration = self.stage.acceleration_deg_s2
         if way_deg <= speed_deg_s**2 / acceleration:
             return 2 * math.sqrt(way_deg / acceleration)
         return way_deg / speed_deg_s + speed_deg_s / acceleration
@@ -288,7 +292,9 @@ class SweepInProgress:
         ``goes_on``: whether more of the sweep is wanted; if not, the light ends, then the motion. `AcquisitionError`
         refuses the sweep as a whole: frames and pulses do not belong together.
         """
-        stage, laser, receiver = self._devices.stage, self._devices.laser, self._devices.receiver
+        stage = self._devices.stage
+        laser = self._devices.laser
+        receiver = self._devices.receiver
         with self._held:
             stage.begin_sweep(self._permit.to_deg)
             self._await_speed()
@@ -303,7 +309,8 @@ class SweepInProgress:
                 self._turn_back()
             fired = self._end(lit)
         stage.end_sweep()
-        last_deg, to_deg = self._readings[-1].angle_deg, self._permit.end_deg
+        last_deg = self._readings[-1].angle_deg
+        to_deg = self._permit.end_deg
         if wanted and (self._turns_back or not abs(last_deg - to_deg) <= SHORT_DEG):
             raise MoveError(
                 f"the probe stopped at {last_deg:.3f} deg on its way to {to_deg:.3f} deg; look for an obstacle"
@@ -415,7 +422,8 @@ class SweepInProgress:
 
     def _take(self, pulses: Sequence[Pulse]) -> None:
         """Keep the times of pulses, as far as the delay of their stamps is known; none comes faster than permitted."""
-        now_s, laser = self._clock.now_s(), self._devices.laser
+        now_s = self._clock.now_s()
+        laser = self._devices.laser
         latest_s = now_s + CLOCKS_S + max(0.0, -laser.stamp_delay_s)
         latest_s += 4 * math.hypot(laser.delay_sigma_s, STAMP_SIGMA_S)
         for stamped in pulses:
@@ -445,7 +453,8 @@ class SweepInProgress:
         """Keep frames; each is of the trigger after that of the frame before."""
         for frame in frames:
             if self._frames:
-                before, now = self._frames[-1].header.sequence, frame.header.sequence
+                before = self._frames[-1].header.sequence
+                now = frame.header.sequence
                 if now != before + 1:
                     raise AcquisitionError(
                         f"frame {now} came after frame {before}: a trigger was lost or doubled, and the sweep is "
@@ -518,7 +527,8 @@ def stamped_angle(pulse: Pulse, readings: Sequence[StageReading]) -> StampedAngl
     after = next((index for index, each in enumerate(readings) if each.at_s >= pulse.at_s), 0)
     if after == 0:
         raise not_between(pulse, readings)
-    lower, upper = readings[after - 1], readings[after]
+    lower = readings[after - 1]
+    upper = readings[after]
     interval_s = upper.at_s - lower.at_s
     share = (pulse.at_s - lower.at_s) / interval_s
     speed_deg_s = (upper.angle_deg - lower.angle_deg) / interval_s

@@ -34,10 +34,12 @@ LEAST_LOG = -12.0
 FLAT_SHARE = 0.1
 """A curve that falls by no more than this share of its largest sample is flat: background, no marker."""
 
-MAX_COMPARED, CENTRES = 150, 25
+MAX_COMPARED = 150
+CENTRES = 25
 """Samples, and angles of a marker, at which curves are compared with the samples at most."""
 
-TOP_ERROR, TAIL_ERROR = 0.07, 0.2
+TOP_ERROR = 0.07
+TAIL_ERROR = 0.2
 """Relative differences from a curve of the family up to which it explains samples: root mean square at the top, and
 elsewhere."""
 
@@ -174,7 +176,8 @@ def _sloping(curve: Curve, *, middle_deg: float, scatter: float) -> Background |
         level = float(curve.intensity[kept].mean()) - slope_per_deg * float(away_deg[kept].mean())
         rest = curve.intensity - level - slope_per_deg * away_deg
         spread = max(scatter, 1.4826 * float(np.median(np.abs(rest[kept]))))
-        former, kept = kept, rest < KEPT_SIGMAS * spread
+        former = kept
+        kept = rest < KEPT_SIGMAS * spread
         if (former == kept).all():
             break
     level = lower_quartile(replace(curve, intensity=curve.intensity - slope_per_deg * away_deg))

@@ -81,7 +81,8 @@ class BracketSearch(SearchPolicy):
         check_acquisitions(acquisitions, least=2, method=self.name)
         self._ratio = ratio
         self._limits = limits
-        self._low_deg, self._high_deg = limits.low_deg, limits.high_deg
+        self._low_deg = limits.low_deg
+        self._high_deg = limits.high_deg
         self._budget = acquisitions if reuse else acquisitions - acquisitions % 2
         self._reuse = reuse
         self._kept: tuple[Sample, bool] | None = None

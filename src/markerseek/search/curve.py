@@ -112,10 +112,12 @@ def _crossing_deg(curve: Curve, top: int, *, height: float, step: int) -> float 
         return None
     index = top + step
     while 0 <= index < len(curve):
-        inner, outer = float(curve.intensity[index - step]), float(curve.intensity[index])
+        inner = float(curve.intensity[index - step])
+        outer = float(curve.intensity[index])
         if outer < height:
             share = (inner - height) / (inner - outer)
-            inner_deg, outer_deg = float(curve.angle_deg[index - step]), float(curve.angle_deg[index])
+            inner_deg = float(curve.angle_deg[index - step])
+            outer_deg = float(curve.angle_deg[index])
             return inner_deg + share * (outer_deg - inner_deg)
         index += step
     return None
@@ -142,7 +144,9 @@ def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
 def scatter_of(curve: Curve) -> float:
     """Return the scatter of the samples about the line through both neighbours, as a standard deviation of one."""
     # 1.4826 turns a median into a standard deviation, and 1.5 is the variance with that of the two neighbours.
-    low_deg, middle_deg, high_deg = curve.angle_deg[:-2], curve.angle_deg[1:-1], curve.angle_deg[2:]
+    low_deg = curve.angle_deg[:-2]
+    middle_deg = curve.angle_deg[1:-1]
+    high_deg = curve.angle_deg[2:]
     spaced = high_deg > low_deg
     share = (middle_deg - low_deg)[spaced] / (high_deg - low_deg)[spaced]
     # The line through both neighbours removes slope; a peak still bends, but the median ignores it.

@@ -45,7 +45,8 @@ def why_not_detected(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: Se
         return "nothing has been measured yet"
     intensities = [sample.reading.intensity for sample in lit]
     strongest = lit[int(np.argmax(intensities))]
-    largest, smallest = max(intensities), min(intensities)
+    largest = max(intensities)
+    smallest = min(intensities)
     level = noise.floor.level
     if level is None:
         if not (largest > 0 and largest >= UNKNOWN_RATIO * smallest and len(lit) > 1):
@@ -111,7 +112,8 @@ def _incoherent(lit: Sequence[Sample], strongest: Sample, dark: Sequence[Sample]
 
 def _same_position(sample: Sample, other: Sample) -> bool:
     """Whether two samples are known to come from the same place in the image."""
-    here, there = sample.reading, other.reading
+    here = sample.reading
+    there = other.reading
     if here.lateral_m is None or there.lateral_m is None or here.depth_m is None or there.depth_m is None:
         return False
     return abs(here.lateral_m - there.lateral_m) <= LATERAL_M and abs(here.depth_m - there.depth_m) <= DEPTH_M

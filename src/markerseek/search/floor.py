@@ -129,8 +129,10 @@ def _from_frames(lit: Sequence[Sample]) -> SearchNoise:
 
 
 def _from_quartile(lit: Sequence[Sample]) -> SearchNoise:
-    curve, cells = curve_of(lit), _cells(lit, otherwise=FEWEST_CELLS)
-    quartile, scatter = lower_quartile(curve), scatter_of(curve)
+    curve = curve_of(lit)
+    cells = _cells(lit, otherwise=FEWEST_CELLS)
+    quartile = lower_quartile(curve)
+    scatter = scatter_of(curve)
     of_maxima = quartile / _quantile_factor(0.25, cells=cells)
     of_amounts = scatter / math.sqrt(1 - 2 / math.pi) if _is_even(curve) else 0.0
     level = max(

@@ -55,7 +55,8 @@ class ScriptedManual(SearchPolicy):
         self._turns = turns[::-1] if start_deg is not None and start_deg > limits.centre_deg else turns
         self._limits = limits
         self._budget = acquisitions
-        self._best_deg, self._best_intensity = limits.centre_deg, -math.inf
+        self._best_deg = limits.centre_deg
+        self._best_intensity = -math.inf
         self._step_deg = limits.width_deg / (TURNS - 1) / 2
         self._sides: tuple[int, ...] = (-1, 1)
 
@@ -71,7 +72,8 @@ class ScriptedManual(SearchPolicy):
 
     def _update(self, sample: Sample) -> None:
         if sample.reading.intensity > self._best_intensity:
-            self._best_deg, self._best_intensity = sample.angle_deg, sample.reading.intensity
+            self._best_deg = sample.angle_deg
+            self._best_intensity = sample.reading.intensity
         elif len(self._lit) > TURNS:
             self._turn_round()
         if len(self._lit) >= TURNS:

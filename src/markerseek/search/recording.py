@@ -20,7 +20,8 @@ class WholeRecording:
     """
 
     def __init__(self, search: Policy, posterior: Posterior, *, angles_deg: Sequence[float]) -> None:
-        self._search, self._posterior = search, posterior
+        self._search = search
+        self._posterior = posterior
         self._left_deg = list(angles_deg)
         self._dark: list[Sample] = []
         # One of each angle: a method of the paper may return to one, and a recording says the same again.
@@ -93,7 +94,8 @@ def contradiction(answer: Found, searched: Estimate) -> str | None:
     """Return why an answer from all angles contradicts that of the search, in words; None if it does not."""
     if not isinstance(searched, Found) or abs(answer.mean_deg - searched.mean_deg) <= AGREEING_DEG:
         return None
-    all_angles, few = answer.interval95_deg, searched.interval95_deg
+    all_angles = answer.interval95_deg
+    few = searched.interval95_deg
     if few.low_deg <= all_angles.high_deg and all_angles.low_deg <= few.high_deg:
         return None
     return (

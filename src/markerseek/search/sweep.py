@@ -165,7 +165,8 @@ def _top_run(curve: Curve) -> tuple[int, int]:
     while last < len(curve) - 1 and curve.intensity[last + 1] >= level:
         last += 1
     if last - first < 2:
-        first, last = max(0, top - 1), min(len(curve) - 1, top + 1)
+        first = max(0, top - 1)
+        last = min(len(curve) - 1, top + 1)
     return first, last + 1
 
 

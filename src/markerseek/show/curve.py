@@ -14,7 +14,8 @@ from markerseek.core import Ambiguous, AtBound, Estimate, Found, NotFound, Role,
 from markerseek.records.journal import Point, RunView
 from markerseek.show.words import with_minus
 
-ANGLE_TEXT, DENSITY_TEXT = "probe angle [deg]", "probability [1/deg]"
+ANGLE_TEXT = "probe angle [deg]"
+DENSITY_TEXT = "probability [1/deg]"
 """Names of the axes of the angle and of the density, with their units."""
 
 INSET_DEG = 2.0

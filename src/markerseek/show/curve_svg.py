@@ -156,7 +156,8 @@ def errors_svg(errors: Sequence[tuple[int, float, float]], *, goal_mm: float) ->
 
     ``errors``: number of markers, expected error, and the error below which 95 % are, both in millimetres.
     """
-    width, height = 420.0, 270.0
+    width = 420.0
+    height = 270.0
     last = max([7, *(count for count, _, _ in errors)])
     most = 1.1 * max([2 * goal_mm, *(high for _, _, high in errors)])
     frame = _Frame(54, 14, width - 66, height - 58, (2.5, last + 0.5), (0.0, most))
@@ -165,7 +166,9 @@ def errors_svg(errors: Sequence[tuple[int, float, float]], *, goal_mm: float) ->
     line = " ".join(f"{frame.x(count):.1f},{frame.y(mean):.1f}" for count, mean, _ in errors)
     parts.append(f'<polyline points="{line}" stroke="{BLUE}" stroke-width="3"/>')
     for count, mean, high in errors:
-        x, y, top = frame.x(count), frame.y(mean), frame.y(high)
+        x = frame.x(count)
+        y = frame.y(mean)
+        top = frame.y(high)
         parts.append(f'<path d="M{x:.1f} {y:.1f}V{top:.1f}m-5 0h10" stroke="{BLUE}" stroke-width="2"/>')
         parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="{BLUE}"/>')
         parts.append(_text(x + 9, y - 7, f"{mean:.2f}", size=15, anchor="start"))

@@ -33,8 +33,10 @@ def flat_answer(estimate: Estimate, *, as_published: bool = False) -> dict[str, 
 
 def flat_result(result: SearchResult) -> dict[str, object]:
     """Return a result."""
-    estimate, marker = result.estimate, result.marker
-    plan, facts = result.run.plan, result.run.facts
+    estimate = result.estimate
+    marker = result.marker
+    plan = result.run.plan
+    facts = result.run.facts
     return {
         "found": result.found,
         **flat_answer(estimate, as_published=plan.as_published),

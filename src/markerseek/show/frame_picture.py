@@ -30,7 +30,8 @@ def draw_image(axes: Axes, image: PaImage) -> None:
     axes.figure.colorbar(shown, ax=axes, shrink=0.6).set_label("dB re peak")
 
 
-_IMAGE_IN, _BESIDE_IN = (3.7, 5.2), (1.9, 1.3)
+_IMAGE_IN = (3.7, 5.2)
+_BESIDE_IN = (1.9, 1.3)
 """Most width and height of an image in inches, and what axes, bar and heading take besides."""
 
 _MIN_WIDTH_IN = 2.8

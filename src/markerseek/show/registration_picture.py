@@ -36,7 +36,8 @@ def registration_figure(
     """
     figure = new_figure(width_in=10.5, height_in=5.2, heading=title)
     for axes, (view, across, up) in zip(figure.subplots(1, 2), _VIEWS, strict=True):
-        x, y = 1e3 * trus_m[:, across], 1e3 * trus_m[:, up]
+        x = 1e3 * trus_m[:, across]
+        y = 1e3 * trus_m[:, up]
         far = 1e3 * (trus_m + EXAGGERATION * (transformed_m - trus_m))
         for number in range(len(trus_m)):
             label = f"residual, {EXAGGERATION} times as long" if number == 0 else None

@@ -313,7 +313,8 @@ _KINDS = {
 
 def _prior_rows(result: SearchResult) -> list[tuple[str, str]]:
     """What became of the prior over the angle."""
-    evidence, near = result.near_evidence, result.run.plan.near
+    evidence = result.near_evidence
+    near = result.run.plan.near
     return [] if evidence is None or near is None else [("prior", evidence.said(near))]
 
 
@@ -346,7 +347,8 @@ def _effort_rows(result: SearchResult) -> list[tuple[str, str]]:
 def _confirmation_rows(result: SearchResult) -> list[tuple[str, str]]:
     """The confirmation, and the threshold of all evidence."""
     rows = []
-    confirmation, floor = result.confirmation, result.estimate.floor
+    confirmation = result.confirmation
+    floor = result.estimate.floor
     if confirmation is not None:
         there = f"intensity {confirmation.reading.intensity:.4g} at {confirmation.angle_deg:.3f}°"
         if result.run.plan.as_published:
@@ -361,7 +363,8 @@ def _confirmation_rows(result: SearchResult) -> list[tuple[str, str]]:
 def _truth_rows(result: SearchResult) -> list[tuple[str, str]]:
     """How far the angle is from what is known of it, and for a recording what a search would have said."""
     rows = []
-    facts, error_deg = result.run.facts, result.error_deg
+    facts = result.run.facts
+    error_deg = result.error_deg
     if facts.truth_deg is not None:
         rows.append(("truth (simulated)", f"{facts.truth_deg:.3f}°, error {error_deg:.3f}°"))
     elif facts.reference_deg is not None:

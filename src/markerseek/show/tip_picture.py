@@ -45,7 +45,8 @@ def tip_figure(
     axes = figure.add_subplot(grid[1, :])
     # A region of no pixels has no grey value.
     tips = {frame.angle_deg: frame.tip for frame in frames if frame.tip is not None and frame.tip.area_px}
-    seen, level = [tip.intensity for tip in tips.values()], [tip.level for tip in tips.values()]
+    seen = [tip.intensity for tip in tips.values()]
+    level = [tip.level for tip in tips.values()]
     axes.plot(list(tips), seen, color=SIGNAL, marker="o", label="grey value of the tip")
     axes.plot(list(tips), level, color=QUIET, linestyle="--", label="level that it must exceed")
     if low_deg is not None and high_deg is not None:

@@ -174,7 +174,8 @@ def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> lis
     pulse_j
         Energy of one pulse in joules; None if it is not known.
     """
-    belief, simulated = view.belief, view.facts.kind == "simulated"
+    belief = view.belief
+    simulated = view.facts.kind == "simulated"
     rows = [
         ("search", name),
         ("acquisitions", acquisitions_text(view.acquisitions, view.refused)),

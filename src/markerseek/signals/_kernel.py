@@ -33,7 +33,8 @@ def fir(
     # A symmetric filter: both samples of a pair are added before the product, which halves the products. Four taps at
     # once, so that each result is loaded and stored once for four; channels side by side, so that the
     # compiler uses vector instructions.
-    rows, columns = out.shape[0], padded.shape[1]
+    rows = out.shape[0]
+    columns = padded.shape[1]
     half = len(taps) - 1
     for t in range(rows):
         result = out[t, first : first + columns]
@@ -41,11 +42,18 @@ def fir(
         for c in range(columns):
             result[c] = taps[0] * middle[c]
         for k in range(1, half + 1, 4):
-            h0, h1, h2, h3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
-            a0, b0 = padded[t + half - k], padded[t + half + k]
-            a1, b1 = padded[t + half - k - 1], padded[t + half + k + 1]
-            a2, b2 = padded[t + half - k - 2], padded[t + half + k + 2]
-            a3, b3 = padded[t + half - k - 3], padded[t + half + k + 3]
+            h0 = taps[k]
+            h1 = taps[k + 1]
+            h2 = taps[k + 2]
+            h3 = taps[k + 3]
+            a0 = padded[t + half - k]
+            b0 = padded[t + half + k]
+            a1 = padded[t + half - k - 1]
+            b1 = padded[t + half + k + 1]
+            a2 = padded[t + half - k - 2]
+            b2 = padded[t + half + k + 2]
+            a3 = padded[t + half - k - 3]
+            b3 = padded[t + half + k + 3]
             for c in range(columns):
                 result[c] += (h0 * (a0[c] + b0[c]) + h1 * (a1[c] + b1[c])) + (
                     h2 * (a2[c] + b2[c]) + h3 * (a3[c] + b3[c])
@@ -70,12 +78,20 @@ def magnitude(
         result = out[t]
         result[:] = np.float32(0)
         for k in range(0, len(taps), 4):
-            h0, h1, h2, h3 = taps[k], taps[k + 1], taps[k + 2], taps[k + 3]
-            low, high = t + half - 2 * k - 1, t + half + 2 * k + 1
-            a0, b0 = padded[low], padded[high]
-            a1, b1 = padded[low - 2], padded[high + 2]
-            a2, b2 = padded[low - 4], padded[high + 4]
-            a3, b3 = padded[low - 6], padded[high + 6]
+            h0 = taps[k]
+            h1 = taps[k + 1]
+            h2 = taps[k + 2]
+            h3 = taps[k + 3]
+            low = t + half - 2 * k - 1
+            high = t + half + 2 * k + 1
+            a0 = padded[low]
+            b0 = padded[high]
+            a1 = padded[low - 2]
+            b1 = padded[high + 2]
+            a2 = padded[low - 4]
+            b2 = padded[high + 4]
+            a3 = padded[low - 6]
+            b3 = padded[high + 6]
             for c in range(columns):
                 result[c] += (h0 * (a0[c] - b0[c]) + h1 * (a1[c] - b1[c])) + (
                     h2 * (a2[c] - b2[c]) + h3 * (a3[c] - b3[c])
@@ -106,8 +122,12 @@ def _add_four(
 ) -> None:
     """Add ``count`` neighbouring values of four rows of signals, and of the rows after them, to a row of the image."""
     # indices without sign: Numba then leaves out its test for negative ones, which costs as much as the sum
-    p, step = np.uint64(to), np.uint64(next_sample)
-    a, b, c, d = np.uint64(starts[0]), np.uint64(starts[1]), np.uint64(starts[2]), np.uint64(starts[3])
+    p = np.uint64(to)
+    step = np.uint64(next_sample)
+    a = np.uint64(starts[0])
+    b = np.uint64(starts[1])
+    c = np.uint64(starts[2])
+    d = np.uint64(starts[3])
     u0, u1, u2, u3 = early
     w0, w1, w2, w3 = late
     for j in range(np.uint64(count)):
@@ -135,7 +155,8 @@ def delay_and_sum(
     # distance alone. So the sum runs over distances, and adds whole rows of the signals to whole rows of the image.
     depths, columns = out.shape
     wide = signals.shape[1]
-    image, values = out.ravel(), signals.ravel()
+    image = out.ravel()
+    values = signals.ravel()
     for start in range(0, depths, _TILE):
         stop = min(depths, start + _TILE)
         out[start:stop] = np.float32(0)
@@ -152,13 +173,17 @@ def delay_and_sum(
                 t1, u1, w1 = _samples(first[m + 1, z], weight[m + 1, z], t0)
                 t2, u2, w2 = _samples(first[m + 2, z], weight[m + 2, z], t0)
                 t3, u3, w3 = _samples(first[m + 3, z], weight[m + 3, z], t0)
-                r0, r1, r2, r3 = t0 * wide, t1 * wide, t2 * wide, t3 * wide
+                r0 = t0 * wide
+                r1 = t1 * wide
+                r2 = t2 * wide
+                r3 = t3 * wide
                 s = from_right
                 starts = (r0 + s, r1 + s + 1, r2 + s + 2, r3 + s + 3)
                 _add_four(image, values, z * columns, span, wide, starts, (u0, u1, u2, u3), (w0, w1, w2, w3))
                 if m == 0:
                     # The element straight above a column is in the sum once only.
-                    u0, w0 = np.float32(0), np.float32(0)
+                    u0 = np.float32(0)
+                    w0 = np.float32(0)
                 s = from_left
                 starts = (r0 + s, r1 + s - 1, r2 + s - 2, r3 + s - 3)
                 to = (z + 1) * columns - span
@@ -188,9 +213,12 @@ def coherent_energies(
     last = signals.shape[0] - 1
     pitch = element_m[1] - element_m[0]
     for p in range(len(lateral_m)):
-        coherent, single, most = 0.0, 0.0, 0
+        coherent = 0.0
+        single = 0.0
+        most = 0
         for z in range(depth_m.shape[1]):
-            total, count = 0.0, 0
+            total = 0.0
+            count = 0
             low = max(0, int(np.ceil(max(-1e9, (lateral_m[p] - half_aperture[p, z] - element_m[0]) / pitch))))
             high = int(np.floor(min(1e9, (lateral_m[p] + half_aperture[p, z] - element_m[0]) / pitch)))
             for e in range(low, min(high + 1, len(element_m))):
@@ -233,7 +261,8 @@ def aligned_energies(
     total = np.empty(half_samples + 1)
     for p in range(len(place_m)):
         total[:] = 0.0
-        single, count = 0.0, 0
+        single = 0.0
+        count = 0
         depth = since / per_metre[p]
         for e in range(len(element_m)):
             offset = element_m[e] - place_m[p]
@@ -274,7 +303,8 @@ def beams(
     pitch = element_m[1] - element_m[0]
     for z in range(len(depth_m)):
         for x in range(len(lateral_m)):
-            total, used = np.float32(0), 0
+            total = np.float32(0)
+            used = 0
             low = max(0, int(np.ceil(max(-1e9, (lateral_m[x] - half_aperture[z] - element_m[0]) / pitch))))
             high = int(np.floor(min(1e9, (lateral_m[x] + half_aperture[z] - element_m[0]) / pitch)))
             for e in range(low, min(high + 1, len(element_m))):
@@ -327,18 +357,25 @@ def block_maxima(
     columns on either side of the pixel, a row for each place. ``quadrature`` is one side of the Hilbert transformer of
     which ``envelope`` is the magnitude (see `magnitude`).
     """
-    real, imaginary = np.empty(shifted.shape[1], np.float32), np.empty(shifted.shape[1], np.float32)
+    real = np.empty(shifted.shape[1], np.float32)
+    imaginary = np.empty(shifted.shape[1], np.float32)
     for i in range(out.shape[0]):
-        low, high = first_row + i * rows, min(first_row + (i + 1) * rows, end_row)
+        low = first_row + i * rows
+        high = min(first_row + (i + 1) * rows, end_row)
         for j in range(out.shape[1]):
-            z, x, largest = low, j * columns, np.float32(-1)
+            z = low
+            x = j * columns
+            largest = np.float32(-1)
             for a in range(low, high):
                 for b in range(j * columns, min((j + 1) * columns, envelope.shape[1])):
                     if envelope[a, b] > largest:
-                        z, x, largest = a, b, envelope[a, b]
+                        z = a
+                        x = b
+                        largest = envelope[a, b]
             _analytic(image, z, x, quadrature, real, imaginary)
             for s in range(shifted.shape[0]):
-                along, across = np.float32(0), np.float32(0)
+                along = np.float32(0)
+                across = np.float32(0)
                 for k in range(shifted.shape[1]):
                     along += shifted[s, k] * real[k]
                     across += shifted[s, k] * imaginary[k]
@@ -359,11 +396,13 @@ def _analytic(
     depths, columns = image.shape
     real[:], imaginary[:] = np.float32(0), np.float32(0)
     first = column - len(real) // 2
-    low, high = max(0, -first), min(len(real), columns - first)
+    low = max(0, -first)
+    high = min(len(real), columns - first)
     for k in range(low, high):
         real[k] = image[row, first + k]
     for m in range(len(quadrature)):
-        above, below = row - 2 * m - 1, row + 2 * m + 1
+        above = row - 2 * m - 1
+        below = row + 2 * m + 1
         for k in range(low, high):
             if above >= 0:
                 imaginary[k] += quadrature[m] * image[above, first + k]

@@ -118,7 +118,8 @@ def image_rows(preset: ProbePreset, *, samples: int) -> tuple[Float64[np.ndarray
     metres = preset.sound_speed_m_s / preset.sampling_hz
     origin = preset.trigger_offset_s * preset.sampling_hz
     step = preset.depth_step_m
-    near, far = max((preset.pickup_samples - origin) * metres, step), (samples - 1 - origin) * metres
+    near = max((preset.pickup_samples - origin) * metres, step)
+    far = (samples - 1 - origin) * metres
     if not far - near >= 3 * step:
         raise ConfigError(
             f"the record of {samples} samples ends at a depth of {1e3 * far:.4g} mm, and the image would begin at "

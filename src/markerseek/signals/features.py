@@ -96,7 +96,8 @@ def coherent_energies(
     half = max(1, window_samples(preset) // 2)
     depth = np.maximum(depth_m[:, None] + step * np.arange(-half, half + 1), step)
     aperture = half_aperture_m(preset, depth.ravel(), at_least=MIN_CHANNELS / 2).reshape(depth.shape)
-    energy, used = np.empty(len(depth_m)), np.empty(len(depth_m), np.int64)
+    energy = np.empty(len(depth_m))
+    used = np.empty(len(depth_m), np.int64)
     kernel.coherent_energies(
         signals, elements_m(preset.array), lateral_m, depth, path_delay(preset), aperture, energy, used
     )

@@ -27,7 +27,8 @@ TAPER_SAMPLES = 32
 def band_pass_taps(preset: ProbePreset) -> Float64[np.ndarray, " taps"]:
     """Impulse response of the band-pass: a sinc under a Hamming window, gain 1 in the middle of the band."""
     k = np.arange(-HALF_LENGTH, HALF_LENGTH + 1)
-    low, high = 2 * preset.low_hz / preset.sampling_hz, 2 * preset.high_hz / preset.sampling_hz
+    low = 2 * preset.low_hz / preset.sampling_hz
+    high = 2 * preset.high_hz / preset.sampling_hz
     # The difference of two low-passes, scaled to gain 1 at the centre of the band.
     taps = (high * np.sinc(high * k) - low * np.sinc(low * k)) * np.hamming(len(k))
     taps = np.asarray(taps / np.sum(taps * np.cos(np.pi * (low + high) / 2 * k)))
@@ -37,7 +38,8 @@ def band_pass_taps(preset: ProbePreset) -> Float64[np.ndarray, " taps"]:
 
 def response(preset: ProbePreset, frequency_hz: Float64[np.ndarray, " bins"]) -> Float64[np.ndarray, " bins"]:
     """Gain of the band-pass at the given frequencies; no phase, because its delay is taken out."""
-    taps, k = band_pass_taps(preset), np.arange(1, HALF_LENGTH + 1)
+    taps = band_pass_taps(preset)
+    k = np.arange(1, HALF_LENGTH + 1)
     waves = np.cos(2 * np.pi * frequency_hz[:, None] / preset.sampling_hz * k)
     return np.asarray(taps[HALF_LENGTH] + 2 * waves @ taps[HALF_LENGTH + 1 :])
 

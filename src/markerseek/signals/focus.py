@@ -59,10 +59,13 @@ def focused_coherence(
     half = 2 * round(WINDOW_S * preset.sampling_hz / 2)
     aperture_m = float(half_aperture_m(preset, np.array([depth_m]), at_least=MIN_CHANNELS / 2)[0])
     per_metre, origin = path_delay(preset)
-    speeds, places_m = SPEEDS, lateral_m + ASIDE_M
+    speeds = SPEEDS
+    places_m = lateral_m + ASIDE_M
     for step in (1.0, 1 / 3, 1 / 9):
         points = len(speeds) * len(places_m)
-        of_sum, of_channels, used = np.empty(points), np.empty(points), np.empty(points, np.int64)
+        of_sum = np.empty(points)
+        of_channels = np.empty(points)
+        used = np.empty(points, np.int64)
         aligned_energies(
             signals,
             elements_m(preset.array),
@@ -76,7 +79,8 @@ def focused_coherence(
             used,
         )
         best = int(np.argmax(of_sum / np.maximum(of_channels, np.finfo(float).tiny)))
-        speed, place_m = speeds[best // len(places_m)], places_m[best % len(places_m)]
+        speed = speeds[best // len(places_m)]
+        place_m = places_m[best % len(places_m)]
         # About the best, one step to either side, in a third of the steps.
         speeds = speed + step * (SPEEDS[1] - SPEEDS[0]) * _FINER
         places_m = place_m + step * (ASIDE_M[1] - ASIDE_M[0]) * _FINER

@@ -64,9 +64,11 @@ def refine_peak(
     fine = _FINE * preset.array.pitch_m
     lateral = grid.lateral_m[column] + fine
     patch = envelope(image_at(lateral_m=lateral, depth_m=depth)).astype(np.float64)
-    low, high = max(0, row - first - 1), min(len(depth), row - first + 2)
+    low = max(0, row - first - 1)
+    high = min(len(depth), row - first + 2)
     best = np.unravel_index(int(np.argmax(patch[low:high])), patch[low:high].shape)
-    i, j = int(best[0]) + low, int(best[1])
+    i = int(best[0]) + low
+    j = int(best[1])
     down, height = _top(patch[:, j], i)
     side, across = _top(patch[i], j)
     # The two parabolas share their middle value, which is counted once.
@@ -103,8 +105,10 @@ class BlockGrid:
     def __init__(
         self, preset: ProbePreset, *, lateral_m: Float64[np.ndarray, " lateral"], depth_m: Float64[np.ndarray, " depth"]
     ) -> None:
-        pitch_m, step_m = preset.array.pitch_m, preset.depth_step_m
-        self._columns, self._rows = max(1, round(BLOCK_M / pitch_m)), max(1, round(BLOCK_M / step_m))
+        pitch_m = preset.array.pitch_m
+        step_m = preset.depth_step_m
+        self._columns = max(1, round(BLOCK_M / pitch_m))
+        self._rows = max(1, round(BLOCK_M / step_m))
         self._shape = (-(-len(depth_m) // self._rows), -(-len(lateral_m) // self._columns))
         self._first_m = (
             float(lateral_m[0] + (self._columns - 1) / 2 * pitch_m),

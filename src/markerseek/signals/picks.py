@@ -68,7 +68,8 @@ def common_wave(
     half = math.ceil(HALF_WINDOW_S * rate)
     wave = np.mean([_window(signals[channel], expected[channel], half) for channel in np.argsort(offset_m)[:8]], axis=0)
     lags = np.zeros(len(expected))
-    used, aligned = np.zeros(len(expected), dtype=np.bool_), wave[None]
+    used = np.zeros(len(expected), dtype=np.bool_)
+    aligned = wave[None]
     # The first wave is a rough mean of eight channels; the second pass correlates with the mean of all.
     for _ in range(2):
         lags, correlation = _follow(signals, expected, wave, int(np.argmin(offset_m)))
@@ -94,7 +95,8 @@ def _follow(
     middle: int,
 ) -> tuple[Float64[np.ndarray, " channels"], Float64[np.ndarray, " channels"]]:
     """Delay of each channel beyond the expected one, in samples, and its correlation with the common wave."""
-    lags, correlation = np.zeros(len(expected)), np.zeros(len(expected))
+    lags = np.zeros(len(expected))
+    correlation = np.zeros(len(expected))
     for outward in (range(middle, len(expected)), range(middle - 1, -1, -1)):
         before: list[float] = []
         lost = 0

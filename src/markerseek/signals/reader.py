@@ -272,12 +272,15 @@ class ImageReader:
         """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
         preset = self.preset
         window = chain.envelope[chain.layout.rows]
-        level, coherent = features.found_level(chain.layout.cells), features.COHERENT_LEVEL
-        speed, centre = preset.sound_speed_m_s, (preset.low_hz + preset.high_hz) / 2
+        level = features.found_level(chain.layout.cells)
+        coherent = features.COHERENT_LEVEL
+        speed = preset.sound_speed_m_s
+        centre = (preset.low_hz + preset.high_hz) / 2
         apart_depth = 4 * speed / (preset.high_hz - preset.low_hz)
         apart_lateral = 4 * speed / centre * max(1.0, preset.f_number)
         places = strongest_peaks(window, level=level * chain.sigma, limit=features.MAX_TESTED)
-        grid, first = chain.layout.grid, chain.layout.rows.start
+        grid = chain.layout.grid
+        first = chain.layout.rows.start
         depths = np.array([grid.depth_m[row + first] for row, _ in places])
         laterals = np.array([grid.lateral_m[column] for _, column in places])
         # All at once: one after another, they take longer than beamforming does.

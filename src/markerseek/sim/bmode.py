@@ -34,10 +34,12 @@ SLICE_DEG = 0.5
 REACH_DEG = 8.0
 """Angle off the plane beyond which scatterers are left out, in degrees: there the beam is at −50 dB."""
 
-PULSE_M, BEAM_M = 0.12e-3, 0.25e-3
+PULSE_M = 0.12e-3
+BEAM_M = 0.25e-3
 """Standard deviations of pulse (depth) and beam (lateral): FWHM 0.28 and 0.6 mm, as of 6.5 MHz at f-number 2."""
 
-_RESPONSE_STEP_M, _NEAREST_M = 5e-3, 2e-3
+_RESPONSE_STEP_M = 5e-3
+_NEAREST_M = 2e-3
 
 
 class Speckle:

@@ -189,12 +189,15 @@ class CurveWorld:
             raise ConfigError(f"curve world: cells is {cells}, at least 10 are needed; an image has some 100,000")
         self.angle_deg = settings.start_deg
         self.flashes: list[Flash] = []
-        self._curve, self._cells = curve, cells
+        self._curve = curve
+        self._cells = cells
         self._marker = Absorber(radius_m=settings.marker.radius_m, angle_deg=marker_deg)
         self.motion = settings.motion.drawn(rng)
         """How the tissue moves; of that, the part along the turn changes the intensity."""
         self._peak = 10 ** (settings.noise.peak_snr_db / 20)
-        self._laser, self._rng, self._noise_stated = settings.laser, rng, noise_stated
+        self._laser = settings.laser
+        self._rng = rng
+        self._noise_stated = noise_stated
 
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Light the tissue with the mean energy of this number of pulses, each with its jitter."""

@@ -45,7 +45,10 @@ class SimulatedLaser:
                 "laser: its energies, stamps, pulses without light and known delay are drawn, and there is no rng to "
                 "draw them from"
             )
-        self._world, self._clock, self._probe_deg, self._rng = world, clock, probe_deg, rng
+        self._world = world
+        self._clock = clock
+        self._probe_deg = probe_deg
+        self._rng = rng
         self.delay_sigma_s = DELAY_SIGMA_S if delay_sigma_s is None else delay_sigma_s
         """Standard deviation of the unknown delay of all pulses, in seconds."""
         self.stamp_delay_s = 0.0
@@ -56,7 +59,8 @@ class SimulatedLaser:
         """Time between two pulses, in seconds."""
         self._used: set[str] = set()
         self._sweep: SweepPermit | None = None
-        self._began_s, self._fired = 0.0, 0
+        self._began_s = 0.0
+        self._fired = 0
         self._untold: list[Pulse] = []
 
     def fire(self, permit: Permit) -> int:
@@ -82,7 +86,8 @@ class SimulatedLaser:
     def pulses(self) -> Sequence[Pulse]:
         """Pulses since the last call; they are fired here, at their times that have gone by."""
         self._fire_until(self._clock.now_s())
-        told, self._untold = self._untold, []
+        told = self._untold
+        self._untold = []
         return told
 
     def end_sweep(self) -> int:

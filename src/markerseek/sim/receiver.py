@@ -81,7 +81,8 @@ class SimulatedReceiver:
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Get ready for one flash after the other."""
-        self._sweep, self._heard = permit, len(self._world.flashes)
+        self._sweep = permit
+        self._heard = len(self._world.flashes)
 
     @property
     def sweep_readout_s(self) -> float:
@@ -95,7 +96,8 @@ class SimulatedReceiver:
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:  # noqa: ARG002  flashes alone trigger it
         """The frames that are left, after the read-out."""
         # All of them are read from the last flash on, each by itself from when it is asked for.
-        flashes, now_s = self._world.flashes[self._heard :], self._clock.now_s()
+        flashes = self._world.flashes[self._heard :]
+        now_s = self._clock.now_s()
         begun_s = flashes[-1].at_s if flashes and self.sweep_readout_s > 0 else now_s
         self._clock.wait(max(0.0, begun_s + self._readout_s - now_s))
         frames = self._swept(self._clock.now_s())

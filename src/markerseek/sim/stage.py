@@ -37,7 +37,8 @@ def phases(
     # All below is signed towards the target, seen from where braking now would end: that decides whether the motor must
     # turn round.
     sign = math.copysign(1.0, way_deg - speed_deg_s * abs(speed_deg_s) / (2 * rate))
-    ahead, left_deg = sign * speed_deg_s, sign * way_deg
+    ahead = sign * speed_deg_s
+    left_deg = sign * way_deg
     # Speed at which accelerating meets braking: v² = v0²/2 + a·s, from s = (v² - v0²)/2a + v²/2a.
     peak = min(math.sqrt(max(rate * left_deg + ahead**2 / 2, 0.0)), top_deg_s)
     if ahead < 0:
@@ -65,7 +66,9 @@ class Leg:
 
     def at(self, time_s: float) -> tuple[float, float]:
         """Angle in degrees, and speed in degrees per second with its sign, at a time."""
-        here_deg, speed, left_s = self.start_deg, self.speed_deg_s, max(time_s - self.began_s, 0.0)
+        here_deg = self.start_deg
+        speed = self.speed_deg_s
+        left_s = max(time_s - self.began_s, 0.0)
         for phase_s, acceleration in phases(
             self.target_deg - self.start_deg,
             speed_deg_s=self.speed_deg_s,
@@ -112,7 +115,8 @@ class StageMotion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         return sum(seconds for seconds, _ in way)
 
 
-_ANSWER_S, _READ_AFTER = 4e-3, 0.75
+_ANSWER_S = 4e-3
+_READ_AFTER = 0.75
 """Time from a question to its answer in a sweep, in seconds, and the share of it after which the encoder is read: a
 driver that takes the middle is 1 ms off."""
 
@@ -122,7 +126,8 @@ class SimulatedStage:
 
     def __init__(self, *, world: SimulatedWorld, clock: Clock, motion: StageMotion, travel: Interval) -> None:
         self.limits = travel
-        self.fastest_sweep_deg_s, self.acceleration_deg_s2 = motion.speed_deg_s, motion.acceleration_deg_s2
+        self.fastest_sweep_deg_s = motion.speed_deg_s
+        self.acceleration_deg_s2 = motion.acceleration_deg_s2
         self._world = world
         self._clock = clock
         self._motion = motion
@@ -178,7 +183,8 @@ class SimulatedStage:
         self._require_inside(to_deg)
         self._come_to_rest()
         # It turns one way only, so the backlash is taken up from where the probe was at the beginning.
-        self._sweep_to_deg, self._sweep_from_deg = to_deg, self._world.angle_deg
+        self._sweep_to_deg = to_deg
+        self._sweep_from_deg = self._world.angle_deg
         self._legs = [self._leg(self.angle_deg, 0.0)]
 
     def read_sweep(self) -> StageReading:
@@ -246,7 +252,8 @@ class SimulatedStage:
 
     def _turn(self, angle_deg: float) -> None:
         """Move the motor by whole counts; the probe follows once the backlash is taken up."""
-        start_deg, began_s = self.angle_deg, self._clock.now_s()
+        start_deg = self.angle_deg
+        began_s = self._clock.now_s()
         self.counts = round(angle_deg * self._motion.counts_per_deg)
         way_deg = self.angle_deg - start_deg
         duration_s = self._motion.duration_s(way_deg)
@@ -302,15 +309,21 @@ class SimulatedHand:
         rng: np.random.Generator,
         motion: HandMotion | None = None,
     ) -> None:
-        self._world, self._clock, self._limits, self._rng = world, clock, limits, rng
+        self._world = world
+        self._clock = clock
+        self._limits = limits
+        self._rng = rng
         self._motion = motion or HandMotion()
         # Moments in seconds, and the angle in degrees at each.
-        self._times_s, self._angles_deg = np.array([clock.now_s()]), np.array([world.angle_deg])
+        self._times_s = np.array([clock.now_s()])
+        self._angles_deg = np.array([world.angle_deg])
         self._drift_deg_s = 0.0
 
     def turn_to(self, angle_deg: float) -> None:
         """Begin to turn the probe to an angle in degrees."""
-        motion, here_deg, now_s = self._motion, self._now_deg(), self._clock.now_s()
+        motion = self._motion
+        here_deg = self._now_deg()
+        now_s = self._clock.now_s()
         duration_s = self._rng.uniform(*motion.turn_s)
         side = self._rng.choice((-1.0, 1.0))
         reached_deg = angle_deg + side * self._rng.uniform(*motion.beside_deg)

@@ -73,7 +73,8 @@ def on_tissue_m(
     camera_to_trus: RigidTransform, direction: Float64[np.ndarray, " 3"], *, height_m: float
 ) -> Float64[np.ndarray, " 3"]:
     """Where a line of sight meets level tissue at this z of the TRUS frame; ``direction`` in the camera's frame."""
-    origin_m, towards = camera_to_trus.translation_m, camera_to_trus.rotation @ direction
+    origin_m = camera_to_trus.translation_m
+    towards = camera_to_trus.rotation @ direction
     return np.asarray(origin_m + towards * (height_m - origin_m[2]) / towards[2])
 
 
@@ -117,11 +118,15 @@ def uneven_tissue(
     ``size_px``: width and height of the image.
     """
     width, height = size_px
-    across, down = [], []
+    across = []
+    down = []
     for _ in range(6):
-        length_px, direction, phase = rng.uniform(80, 400), rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
+        length_px = rng.uniform(80, 400)
+        direction = rng.uniform(0, np.pi)
+        phase = rng.uniform(0, 2 * np.pi)
         wave = 2 * np.pi / length_px
-        x, y = wave * np.cos(direction) * np.arange(width), wave * np.sin(direction) * np.arange(height) + phase
+        x = wave * np.cos(direction) * np.arange(width)
+        y = wave * np.sin(direction) * np.arange(height) + phase
         # sin(x + y), as products of what depends on the column and on the row alone.
         across += [np.sin(x), np.cos(x)]
         down += [np.cos(y), np.sin(y)]
@@ -174,7 +179,10 @@ class _Moment(NamedTuple):
 EXPOSURE_S = 11.0
 """Time in which the exposure changes and comes back, in seconds."""
 
-SHAFT_M, SHAFT_TIP_M, SHAFT_SWING_M, SHAFT_S = 4e-3, np.array([0.018, 0.012, 0.08]), 8e-3, 5.0
+SHAFT_M = 4e-3
+SHAFT_TIP_M = np.array([0.018, 0.012, 0.08])
+SHAFT_SWING_M = 8e-3
+SHAFT_S = 5.0
 """Radius of the instrument's shaft, the middle place of its tip in the frame of the left camera, how far the tip moves
 to either side, and the time of one such movement in seconds."""
 
@@ -235,7 +243,8 @@ class _View:
 
     def _draw(self, texture: TissueView, settings: EndoscopeSettings, scene: _Scene) -> None:
         """Fill in textured tissue, its highlights and the instrument."""
-        left_to_trus, back = scene.camera_to_trus, self._from_left.inverse()
+        left_to_trus = scene.camera_to_trus
+        back = self._from_left.inverse()
         to_trus = replace(
             left_to_trus,
             rotation=left_to_trus.rotation @ back.rotation,
@@ -312,7 +321,10 @@ class SimulatedEndoscope:
         require_range("endoscope: focal_error", focal_error, low=-0.5, high=0.5)
         require_range("endoscope: base_error", base_error, low=-0.5, high=0.5)
         require_range("endoscope: vergence_px", vergence_px, low=-20, high=20, unit="px")
-        self._settings, self._rng, self._clock, self._flashes = settings, rng, clock, flashes
+        self._settings = settings
+        self._rng = rng
+        self._clock = clock
+        self._flashes = flashes
         right = _refocused(cameras.right, focal_error)
         x_px, y_px = right.centre_px
         base_m = cameras.left_to_right.translation_m / (1 + base_error)
@@ -343,7 +355,8 @@ class SimulatedEndoscope:
         self._spot_m: Float64[np.ndarray, " 3"] | None = None
         self._motion_px = np.zeros(2)
         self._lit_pairs = 0
-        self._began_s, self._frames = clock.now_s(), 0
+        self._began_s = clock.now_s()
+        self._frames = 0
         self._seen_flashes = flashes()
 
     def show(self, spot_trus_m: Float64[np.ndarray, " 3"] | None) -> None:
@@ -351,7 +364,8 @@ class SimulatedEndoscope:
 
         The calibration's error at a point is the same whenever the spot comes back to that point.
         """
-        self._lit_pairs, self._motion_px = 0, np.zeros(2)
+        self._lit_pairs = 0
+        self._motion_px = np.zeros(2)
         self._spot_m = spot_trus_m
         if spot_trus_m is None:
             return
@@ -416,7 +430,8 @@ class SimulatedEndoscope:
         if frames == self._frames:
             return []
         flashes = self._flashes()
-        lit, self._seen_flashes = flashes > self._seen_flashes, flashes
+        lit = flashes > self._seen_flashes
+        self._seen_flashes = flashes
         new = range(max(self._frames, frames - MAX_PAIRS), frames)
         self._frames = frames
         come = [frame + 1 for frame in new if not self._rng.random() < self._settings.dropped_share]

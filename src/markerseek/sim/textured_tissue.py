@@ -153,7 +153,8 @@ class TissueView:
     """What one camera sees of textured tissue."""
 
     def __init__(self, camera: Camera, tissue: TexturedTissue) -> None:
-        self._camera, self._tissue = camera, tissue
+        self._camera = camera
+        self._tissue = tissue
         width, height = camera.size_px
         self._shape = height, width
         x_px = np.arange(0, width + STEP_PX, STEP_PX, dtype=np.float64)
@@ -221,7 +222,8 @@ def _draw_texture(
     out: Int16[np.ndarray, "rows columns"],
 ) -> None:
     """Fill in the texture at each pixel, its place and its light linear between the pixels of the grid."""
-    last_row, last_column = brightness.shape[0] - 2, brightness.shape[1] - 2
+    last_row = brightness.shape[0] - 2
+    last_column = brightness.shape[1] - 2
     for row in range(out.shape[0]):
         top = row // step
         down = (row - top * step) / step
@@ -241,8 +243,10 @@ def _draw_texture(
                 # Beyond the edge of the tissue its edge goes on.
                 x = min(max(u, 0.0), last_column + 0.999)
                 y = min(max(v, 0.0), last_row + 0.999)
-                i, k = int(y), int(x)
-                right, below = x - k, y - i
+                i = int(y)
+                k = int(x)
+                right = x - k
+                below = y - i
                 upper = brightness[i, k] + right * (brightness[i, k + 1] - brightness[i, k])
                 lower = brightness[i + 1, k] + right * (brightness[i + 1, k + 1] - brightness[i + 1, k])
                 out[row, column] = int(min(light * (upper + below * (lower - upper)), 8000.0) + 0.5)
@@ -267,7 +271,8 @@ def draw_shaft(
     """
     for row in range(total.shape[0]):
         for column in range(total.shape[1]):
-            x, y = column - tip_x, row - tip_y
+            x = column - tip_x
+            y = row - tip_y
             beside = (x * along_y - y * along_x) / half_width_px
             if -1.0 < beside < 1.0 and x * along_x + y * along_y > 0.0:
                 total[row, column] = int(bright * (0.25 + 0.75 * (1.0 - beside * beside)))

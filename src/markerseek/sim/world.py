@@ -53,7 +53,8 @@ class VirtualClock:
             time.sleep(duration_s * self._pace)  # noqa: TID251  only here and below does virtual time take real time
 
     def _wait_with_beats(self, duration_s: float, beat: Callable[[], None]) -> None:
-        began_s, ends_s = self._now_s, time.monotonic() + duration_s * self._pace
+        began_s = self._now_s
+        ends_s = time.monotonic() + duration_s * self._pace
         beat()
         while (left_s := ends_s - time.monotonic()) > 0:
             # A beat may end the wait by an exception: the time is then that of the moment.

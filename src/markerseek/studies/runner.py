@@ -30,13 +30,17 @@ from markerseek.studies.summary import Summary, summarise
 from markerseek.studies.trial import Row, run_trial
 from markerseek.studies.workers import in_order
 
-STUDY, PART, ROWS, SUMMARY = "study.json", "rows.part.csv", "rows.csv", "summary.json"
+STUDY = "study.json"
+PART = "rows.part.csv"
+ROWS = "rows.csv"
+SUMMARY = "summary.json"
 """Names in a study's folder."""
 
 COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
 """Columns of every table; the varied settings of the study follow, by their keys."""
 
-_MAX_TABLE_BYTES, _MAX_JSON_BYTES = 1 << 40, 256 * MIB
+_MAX_TABLE_BYTES = 1 << 40
+_MAX_JSON_BYTES = 256 * MIB
 """Largest table that is read, line by line, and largest file beside it."""
 
 _CHUNK_ROWS = {"curves": 250, "frames": 1}

@@ -34,7 +34,9 @@ from markerseek.studies.unknowns import SceneSettings
 VERSION = 1
 """Version of the form of a study."""
 
-MAX_POLICIES, MAX_CELLS, MAX_ROWS = 1000, 10_000, 10**9
+MAX_POLICIES = 1000
+MAX_CELLS = 10_000
+MAX_ROWS = 10**9
 """Most policies, combinations of varied settings, and rows of the table, of one study."""
 
 

@@ -108,7 +108,8 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
     settings = study.policies[policy]
     draw = draw_trial(study, cell, trial)
     rig = study_rig(study, cell, draw)
-    truth_deg, second = rig.facts.truth_deg, draw.scene.second
+    truth_deg = rig.facts.truth_deg
+    second = draw.scene.second
     two = None if second is None else TwoAngles(draw.marker_deg, second.angle_deg)
     row = Row(
         study=study.digest,
@@ -138,7 +139,8 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         fault = described(problem) if hidden is None else f"{hidden} ({described(problem)})"
         # A row is one line of the table.
         return msgspec.structs.replace(row, fault=" ".join(fault.split()))
-    finished, estimate = found.finished, found.finished.estimate
+    finished = found.finished
+    estimate = found.finished.estimate
     # A search that ended before a mark has its final answer there.
     at_marks = [found.answers.get(mark, estimate) for mark in study.marks]
     # float(): a user's own policy may answer in NumPy's numbers, which no table holds.
@@ -186,7 +188,8 @@ def former_curve(study: Study, cell: Cell, trial: int, settings: StudyPolicy) ->
 
 def _angle_prior(study: Study, cell: Cell, trial: int, settings: StudyPolicy, rig: rigs.Rig) -> AnglePrior | None:
     """The prior over the angle of a trial; None if none is asked for, or there is no marker."""
-    sigma_deg, truth_deg = settings.near_sigma_deg, rig.facts.truth_deg
+    sigma_deg = settings.near_sigma_deg
+    truth_deg = rig.facts.truth_deg
     if sigma_deg is None or truth_deg is None:
         return None
     expected_deg = expected_angle_deg(

@@ -307,7 +307,8 @@ def _second(settings: SecondSource, rng: np.random.Generator, *, marker: Absorbe
             f"marker at {marker.angle_deg:.1f} deg in the range {limits}; widen the range"
         )
     loudness = float(rng.uniform(settings.least_relative, settings.most_relative))
-    radius_m, size_m = float(rng.uniform(*MARKER_RADIUS_M)), log_uniform(rng, *SOURCE_RADIUS_M)
+    radius_m = float(rng.uniform(*MARKER_RADIUS_M))
+    size_m = log_uniform(rng, *SOURCE_RADIUS_M)
     if settings.same_place:
         return structs.replace(marker, angle_deg=angle_deg, strength=loudness)
     return Absorber(
@@ -340,6 +341,7 @@ def _require_span(
     settings: object, name: str, quantity: str, *, low: float, high: float, unit: str = "", open_low: bool = False
 ) -> None:
     """Refuse a range, from ``least_`` to ``most_``, that leaves its limits or descends."""
-    least, most = getattr(settings, f"least_{quantity}"), getattr(settings, f"most_{quantity}")
+    least = getattr(settings, f"least_{quantity}")
+    most = getattr(settings, f"most_{quantity}")
     require_range(f"{name}: least_{quantity}", least, low=low, high=high, unit=unit, open_low=open_low)
     require_range(f"{name}: most_{quantity}", most, low=least, high=high, unit=unit, cure="the range must not descend")

@@ -80,12 +80,15 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
     """
     world = cell.world
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial)))
-    search, marker, receiver = world.rig.limits.search, world.rig.marker, world.rig.receiver
+    search = world.rig.limits.search
+    marker = world.rig.marker
+    receiver = world.rig.receiver
     # Drawn also where the settings give them: the other random numbers must not depend on that.
     angle_deg, place_m = _draw_position(rng, search)
     marker_deg = angle_deg if marker.angle_deg is None else marker.angle_deg
     lateral_m = place_m if marker.lateral_m is None else marker.lateral_m
-    curve, noise_seed = int(rng.integers(world.curve.draws)), int(rng.integers(2**63))
+    curve = int(rng.integers(world.curve.draws))
+    noise_seed = int(rng.integers(2**63))
     unknowns = None
     if study.drawn != "marker":
         unknowns = draw_unknowns(rng, marker_deg=marker_deg, lateral_m=lateral_m, receiver=receiver)
@@ -109,9 +112,11 @@ def _draw_position(rng: np.random.Generator, search: Interval) -> tuple[float, f
 
 def former_rig(study: Study, cell: Cell, trial: int) -> rigs.Rig:
     """Return the rig of a trial with another marker: at another place, and louder or fainter by up to `FORMER_DB`."""
-    draw, settings = draw_trial(study, cell, trial), cell.world.rig
+    draw = draw_trial(study, cell, trial)
+    settings = cell.world.rig
     rng = np.random.default_rng(np.random.SeedSequence(study.seed, spawn_key=(cell.digest, trial, 1)))
-    search, noise = settings.limits.search, settings.noise
+    search = settings.limits.search
+    noise = settings.noise
     marker_deg, lateral_m = _draw_position(rng, search)
     noise = structs.replace(noise, peak_snr_db=noise.peak_snr_db + rng.uniform(-FORMER_DB, FORMER_DB))
     unknowns = draw.unknowns
@@ -203,7 +208,8 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
 
     The gain is that of the marker alone, lowered where another source would exceed full scale.
     """
-    material, marker = tissue_named(settings.tissue), unknowns.marker
+    material = tissue_named(settings.tissue)
+    marker = unknowns.marker
     if material.spot.count == 1:
         material = structs.replace(material, spot=Spot(grain=marker.source))
     model = replace(unknowns.model, reverberation=beside.reverberation or material.reverberation)
@@ -211,7 +217,8 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     drawn = beside.clutter if beside.second is None else (beside.second, *beside.clutter)
     others = [_scaled_to_level(each, model, marker_peak=scene.peak) for each in drawn]
     noise = scene.noise
-    total, peak_counts = math.hypot(noise.white_sigma, noise.coloured_sigma), scene.peak_counts
+    total = math.hypot(noise.white_sigma, noise.coloured_sigma)
+    peak_counts = scene.peak_counts
     if settings.receiver.single_pulses:
         total *= math.sqrt(settings.laser.pulses)
     # A source near the probe reaches fewer channels, and must be stronger in each to be as loud in the image. Its sound

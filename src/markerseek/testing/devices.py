@@ -93,7 +93,8 @@ class StageContract:
     def test_it_arrives_where_it_is_sent_and_says_so(self) -> None:
         """The readback after a move is the angle asked for, within the resolution."""
         stage = self.make()
-        low, high = stage.limits.low_deg, stage.limits.high_deg
+        low = stage.limits.low_deg
+        high = stage.limits.high_deg
         # From both sides, to both ends, and twice to one place: backlash and rounding show in these.
         for share in (0.5, 0.1, 0.9, 0.9, 0.0, 1.0, 0.3):
             target = low + share * (high - low)

@@ -85,7 +85,8 @@ def published_sensitive_range(
         tips |= _followed(images, order, side, tips[start], first, pixel_m)
     visible = [k for k, tip in tips.items() if tip.visible]
     reference = max(visible, key=lambda k: (tips[k].intensity, -abs(k - start)))
-    low, high = min(visible), max(visible)
+    low = min(visible)
+    high = max(visible)
     rivals = [angles[k] for k in sorted(visible) if tips[k].rivals]
     return SensitiveRange(
         frames=tuple(TipFrame(angle_deg=angle, tip=tips.get(k)) for k, angle in enumerate(angles)),
@@ -113,7 +114,8 @@ def _followed(
         # Carried along with the tip: its depth changes as the probe turns.
         found[k] = find_tip(images[order[k]], rectangle.centred(tip.row, tip.column), pixel_m=pixel_m)
         if found[k].visible:
-            tip, gone = found[k], 0
+            tip = found[k]
+            gone = 0
             continue
         gone += 1
         if gone == GONE_FRAMES:
@@ -187,15 +189,19 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
         )
     best = int(np.argmax(sums)) + 1
     rivals = int(np.sum((sums >= RIVAL_SHARE * sums.max()) & (boxes[1:, cv2.CC_STAT_AREA] >= MIN_PX))) - 1
-    column, row = float(centroids[best][0]) + around.column, float(centroids[best][1]) + around.row
-    upper, height = int(boxes[best][cv2.CC_STAT_TOP]) + around.row, int(boxes[best][cv2.CC_STAT_HEIGHT])
-    left, width = int(boxes[best][cv2.CC_STAT_LEFT]) + around.column, int(boxes[best][cv2.CC_STAT_WIDTH])
+    column = float(centroids[best][0]) + around.column
+    row = float(centroids[best][1]) + around.row
+    upper = int(boxes[best][cv2.CC_STAT_TOP]) + around.row
+    height = int(boxes[best][cv2.CC_STAT_HEIGHT])
+    left = int(boxes[best][cv2.CC_STAT_LEFT]) + around.column
+    width = int(boxes[best][cv2.CC_STAT_WIDTH])
     inside = min(upper, left) > 0 and upper + height < image.shape[0] and left + width < image.shape[1]
     area = int(boxes[best][cv2.CC_STAT_AREA])
     mean, deviation = _tissue(image, rectangle, around, upper, height)
     intensity = float(image[round(row), round(column)])
     level = mean + SIGMAS * deviation
-    small, dark = area < MIN_PX, not intensity > level
+    small = area < MIN_PX
+    dark = not intensity > level
     reason = (
         f"a region of {area} pixels, below {MIN_PX}"
         if small

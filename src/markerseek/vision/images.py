@@ -101,11 +101,13 @@ def _end(data: bytes) -> int | None:
 
 def _png_end(data: bytes) -> int | None:
     """Place behind the last chunk: each has its length, its name, its content and a check sum."""
-    place, name = len(_PNG), b""
+    place = len(_PNG)
+    name = b""
     while name != b"IEND":
         if place + 12 > len(data):
             return None
-        length, name = int.from_bytes(data[place : place + 4], "big"), data[place + 4 : place + 8]
+        length = int.from_bytes(data[place : place + 4], "big")
+        name = data[place + 4 : place + 8]
         place += 12 + length
     return place if data[:place].endswith(_PNG_END) else None
 
@@ -145,7 +147,8 @@ class Rectangle:
 
     def grown(self, rows: int, columns: int, *, shape: tuple[int, int]) -> Rectangle:
         """Larger by these numbers of pixels on each side, as far as the image reaches."""
-        row, column = max(0, self.row - rows), max(0, self.column - columns)
+        row = max(0, self.row - rows)
+        column = max(0, self.column - columns)
         return Rectangle(
             row=row,
             column=column,

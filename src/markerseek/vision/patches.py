@@ -221,8 +221,10 @@ def _align(
     side = values.shape[1]
     seen = np.empty((side, side))
     for n in range(len(places)):
-        x0, y0 = places[n, 0], places[n, 1]
-        x, y = x0, y0
+        x0 = places[n, 0]
+        y0 = places[n, 1]
+        x = x0
+        y = y0
         done = False
         for _ in range(_STEPS):
             # A place that is not finite, or too far away, is none.

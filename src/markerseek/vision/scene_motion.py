@@ -257,7 +257,8 @@ def _fine(texture: SceneTexture, both: _Both, view: ExpectedView) -> tuple[Bool[
 
 def _corrected(view: ExpectedView, found: Bool[np.ndarray, " patches"], pixels: StereoPixels) -> ExpectedView:
     """Return a prediction with the places of patches that move beside the scene as they were found."""
-    left_px, right_px = view.left_px.copy(), view.right_px.copy()
+    left_px = view.left_px.copy()
+    right_px = view.right_px.copy()
     beside = np.linalg.norm(pixels.left_px - left_px[found], axis=1) > _BESIDE_PX
     which = np.flatnonzero(found)[beside]
     left_px[which] = pixels.left_px[beside]
@@ -292,13 +293,17 @@ def _problem(texture: SceneTexture, pair: StereoPair, both: _Both, found: Bool[n
     counted = f"{int(found.sum())} of {len(found)} patches are found"
     cause: Cause
     if brightness < DARK_COUNTS:
-        cause, reason = "dark", f"the picture is dark: half of it is below {brightness:.0f} counts; {counted}"
+        cause = "dark"
+        reason = f"the picture is dark: half of it is below {brightness:.0f} counts; {counted}"
     elif found.sum() >= MIN_FOUND:
-        cause, reason = "several-motions", f"{counted}, and no motion of one rigid body explains most of them"
+        cause = "several-motions"
+        reason = f"{counted}, and no motion of one rigid body explains most of them"
     elif (sharpness := grain(both.left.fine) / texture.grain) < _BLURRED:
-        cause, reason = "blurred", f"the picture is blurred: {sharpness:.0%} of the reference's contrast; {counted}"
+        cause = "blurred"
+        reason = f"the picture is blurred: {sharpness:.0%} of the reference's contrast; {counted}"
     else:
-        cause, reason = "hidden", f"the picture shows another scene than the reference: {counted}"
+        cause = "hidden"
+        reason = f"the picture shows another scene than the reference: {counted}"
     return NotKnown(at_s=pair.at_s, cause=cause, reason=reason)
 
 

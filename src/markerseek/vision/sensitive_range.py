@@ -23,7 +23,8 @@ GONE_FRAMES = 2
 SPECKLE_DB = 5.57
 """Standard deviation of the level of fully developed speckle in dB (10 π / (ln 10 √6))."""
 
-LEAST_CONTRAST, LEAST_NAMED_CONTRAST = 1.6, 1.0
+LEAST_CONTRAST = 1.6
+LEAST_NAMED_CONTRAST = 1.0
 """Least excess of a tip over its surroundings, in standard deviations of the speckle: anywhere, and in a rectangle that
 a person names. Chosen on the development scans of ``benchmarks/tooltip``."""
 
@@ -33,7 +34,8 @@ WHITE_SHARE = 0.1
 LEAST_TISSUE = 0.02
 """Least share of an image that shows tissue with speckle."""
 
-_WHITE, _NEAR_WHITE = 255, 238
+_WHITE = 255
+_NEAR_WHITE = 238
 _BESIDE_M = (3.4e-3, 6.5e-3)
 """Distances along the array, from the middle of a tip, between which its surroundings are looked at."""
 _SMOOTH_M = (1e-3, 0.5e-3)
@@ -189,7 +191,8 @@ def _contrast(
     down, along = (sigma / size for sigma, size in zip(_SMOOTH_M, pixel_m, strict=True))
     smooth = np.stack([cv2.GaussianBlur(each.astype(np.float32), (0, 0), sigmaX=along, sigmaY=down) for each in stack])
     near, far = (round(distance / pixel_m[1]) for distance in _BESIDE_M)
-    columns, middle = stack.shape[2], (near + far) // 2
+    columns = stack.shape[2]
+    middle = (near + far) // 2
     uneven = np.ones((2 * round(0.3e-3 / pixel_m[0]) + 1, 1))
     # A tip is seen in less than four fifths of a scan.
     found = smooth - np.quantile(smooth, 0.2, axis=0)
@@ -203,7 +206,8 @@ def _contrast(
         looked[part.slices] = True
     else:
         # Beside the tip there must be something to compare with.
-        side, end = near + round(1e-3 / pixel_m[1]), round(2e-3 / pixel_m[0])
+        side = near + round(1e-3 / pixel_m[1])
+        end = round(2e-3 / pixel_m[0])
         looked[end:-end, side:-side] = True
     found[:, ~looked] = -np.inf
     return np.asarray(found, dtype=np.float64)
@@ -228,9 +232,11 @@ def _row_of_tip(
     strong = [int(k) for k in np.argsort(-strength) if strength[k] > 0.5 * strength.max()]
     clear = [k for k in strong if profiles[k].max() < _NEAR_WHITE] or strong[-1:]
     reach = round(_TAIL_M / pixel_m[0])
-    first, last = max(0, row - reach), row + reach + 1
+    first = max(0, row - reach)
+    last = row + reach + 1
     if part is not None:
-        first, last = max(first, part.row), min(last, part.row + part.rows)
+        first = max(first, part.row)
+        last = min(last, part.row + part.rows)
     return first + int(np.argmax(profiles[clear[:3]].mean(axis=0)[first:last]))
 
 
@@ -334,7 +340,9 @@ def _lost(
     angles: Float64[np.ndarray, " images"], excess: Float64[np.ndarray, " images"], start: int, step: int
 ) -> tuple[int, float | None]:
     """Last image of one side that shows the tip, and the angle at which it is lost; None beyond the images."""
-    last, k, gone = start, start + step, 0
+    last = start
+    k = start + step
+    gone = 0
     while 0 <= k < len(angles) and gone < GONE_FRAMES:
         last, gone = (k, 0) if excess[k] >= 0 else (last, gone + 1)
         k += step

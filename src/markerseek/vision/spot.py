@@ -211,7 +211,8 @@ def _second(
     apart = np.hypot(columns - spot.x_px, rows - spot.y_px) > _TILE_SHARE * spot.reach_px
     if not apart.any():
         return None
-    rows, columns = rows[apart], columns[apart]
+    rows = rows[apart]
+    columns = columns[apart]
     brightest = int(np.argmax(height[rows, columns]))
     return float(columns[brightest]), float(rows[brightest])
 
@@ -258,10 +259,12 @@ def _fitted(
     """
     half = MAX_SIZE_PX // 2
     column, row = first
-    top, left = max(0, row - half), max(0, column - half)
+    top = max(0, row - half)
+    left = max(0, column - half)
     near = (slice(top, row + half + 1), slice(left, column + half + 1))
     rows, columns = np.nonzero(np.max([frame[near] for frame in frames], axis=0) < _FULL_COUNTS)
-    rows, columns = rows + top, columns + left
+    rows = rows + top
+    columns = columns + left
     # Height, x and y of the middle, ln of the radius, two of the ellipse, ln of the exponent, three of the plane.
     level = float(np.median(image[rows, columns]))
     values = np.array([float(image[row, column]) - level, column, row, math.log(4.0), 0, 0, 0, level, 0, 0])
@@ -272,7 +275,8 @@ def _fitted(
     reach_px = float(half)
     for _ in range(3):
         within = np.hypot(columns - values[1], rows - values[2]) <= reach_px
-        x, y = columns[within].astype(np.float64), rows[within].astype(np.float64)
+        x = columns[within].astype(np.float64)
+        y = rows[within].astype(np.float64)
         wanted = image[rows[within], columns[within]].astype(np.float64)
         if len(wanted) < 4 * len(values):
             return None
@@ -316,7 +320,8 @@ def _profile(
 ) -> tuple[Float64[np.ndarray, " pixels"], Float64[np.ndarray, "pixels values"]]:
     """Super-Gaussian profile on a plane, and its derivatives."""
     height, x0, y0, log_radius, stretch, shear, log_exponent, level, across, down = values
-    dx, dy = x - x0, y - y0
+    dx = x - x0
+    dy = y - y0
     narrow = math.exp(-2 * log_radius)
     square = narrow * ((1 + stretch) * dx * dx + (1 - stretch) * dy * dy + 2 * shear * dx * dy)
     # 0 at the middle, where its logarithm is not finite.

@@ -153,7 +153,8 @@ def scene_texture(
     Raises `ConfigError` if the images have not the size of the calibration.
     """
     require_sizes(pair, cameras)
-    left, right = Levels.of(pair.left), Levels.of(pair.right)
+    left = Levels.of(pair.left)
+    right = Levels.of(pair.right)
     noise = noise_counts(pair.left)
     places = _chosen(left, noise)
     if len(places) < MIN_PATCHES:
@@ -165,7 +166,9 @@ def scene_texture(
         return without_texture(
             pair, f"{int(good.sum())} patches are seen by both cameras at one depth, {MIN_PATCHES} are needed"
         )
-    places, matched, points = places[good], matched[good], points[good]
+    places = places[good]
+    matched = matched[good]
+    points = points[good]
     return SceneTexture(
         at_s=pair.at_s,
         cameras=cameras,
@@ -268,7 +271,8 @@ def _matched(
     beside = np.abs(np.arange(likeness.shape[1]) - at[:, None]) > _PEAK_STEPS
     rival = np.where(beside, likeness, -1.0).max(axis=1)
     unique = (best >= _LEAST_STEREO_LIKENESS - 0.1) & (rival < best - _RIVAL_MARGIN)
-    places, start = places[unique], tried[np.arange(len(at)), at][unique]
+    places = places[unique]
+    start = tried[np.arange(len(at)), at][unique]
     upright = np.tile(np.eye(2), (len(places), 1, 1))
     rough = find_patches(coarse[unique], right.coarse, start / SCALE, upright, reach_px=3.0)
     patches = cut_patches(left.fine, places, half=FINE_HALF_PX)
@@ -313,7 +317,8 @@ def _parts(
 
 def _surface_slopes(points: RangedPoints, camera: Camera) -> Float64[np.ndarray, "patches 2"]:
     """Return the slopes, by the left pixel, of a surface of second order through the inverse depths of most points."""
-    x, y = points.directions[:, 0], points.directions[:, 1]
+    x = points.directions[:, 0]
+    y = points.directions[:, 1]
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     used = np.ones(len(x), dtype=bool)
     for _ in range(4):
@@ -356,7 +361,8 @@ def _forms(
     texture: SceneTexture, motion: RigidTransform
 ) -> tuple[Float64[np.ndarray, "patches 2 2"], Float64[np.ndarray, "patches 2 2"]]:
     """Return the derivatives of left and right pixels after a motion, by the left pixel before it."""
-    points, cameras = texture.points, texture.cameras
+    points = texture.points
+    cameras = texture.cameras
     by_pixel = np.zeros((len(points.directions), 3, 2))
     by_pixel[:, :2] = _by_pixel(points, cameras.left)
     scaled = points.directions @ motion.rotation.T + points.nearness_per_m[:, None] * motion.translation_m

@@ -106,7 +106,8 @@ def tissue_motion(series: DisplacementSeries, *, gate_mm: float = 0.2) -> Tissue
     along = (profile - profile.mean(axis=0)) @ direction
     if np.mean(along > 0.5 * (along.max() + along.min())) > 0.5:
         along = -along
-    rest, other = int(np.argmin(along)), int(np.argmax(along))
+    rest = int(np.argmin(along))
+    other = int(np.argmax(along))
     difference = _profile(_PHASES)[other] - _profile(_PHASES)[rest]
     covariance = float(difference @ fit.inverse @ difference) * fit.left_mm2
     swing = profile[other] - profile[rest]

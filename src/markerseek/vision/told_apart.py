@@ -214,7 +214,8 @@ def _endoscope(poses: _Poses) -> tuple[EndoscopeMoved, ...]:
         # The quantiles leave a share of the window to what was before.
         settled = min(settled + math.ceil(_ENDS[0] * _length(_windows(poses, begin, settled)[1])), last)
         moves.append(_move(poses, begin, number, settled))
-        begin, number = settled, settled + 1
+        begin = settled
+        number = settled + 1
     return tuple(moves)
 
 
@@ -325,7 +326,8 @@ def _spot(moments: Sequence[Moment]) -> list[SpotSlid]:
                     covariance_mm2=as_matrix(covariance),
                 )
             )
-            begin, number = number, number + MIN_SPOTS
+            begin = number
+            number = number + MIN_SPOTS
             continue
         number += 1
     return slid

@@ -139,7 +139,9 @@ class AptFramer:
 CONTROLLERS = ("KDC101", "TDC001")
 """Models of controllers that turn a PRM1-Z8."""
 
-COUNTS_PER_DEG, SPEED_WORD, ACCELERATION_WORD = 1919.6418578623391, 42941.66, 14.6574
+COUNTS_PER_DEG = 1919.6418578623391
+SPEED_WORD = 42941.66
+ACCELERATION_WORD = 14.6574
 """Counts for a degree of a PRM1-Z8, and words for 1 deg/s and 1 deg/s², from the protocol's table of scaling factors.
 
 The controller's clock ticks every 2048/6e6 s = T: speed = counts x T x 65536, acceleration = counts x T² x 65536.
@@ -150,7 +152,12 @@ CHANNEL = 1
 EMULATOR = "simulated by markerseek"
 """Notes in the identity of an emulated controller."""
 
-INFO, VELOCITY, BACKLASH, LIMITS, TARGET, STATUS = 0x0006, 0x0415, 0x043C, 0x0425, 0x0452, 0x0491
+INFO = 0x0006
+VELOCITY = 0x0415
+BACKLASH = 0x043C
+LIMITS = 0x0425
+TARGET = 0x0452
+STATUS = 0x0491
 TRIGGER_PORTS = 0x0525
 """Identities of the answers that `decode` knows."""
 
@@ -170,7 +177,10 @@ TRIGGER_OFF = 0x00
 
 _ACTIVE_HIGH = 1
 
-_MOVING, _HOMING, _HOMED, _ENABLED = 0xF0, 0x200, 0x400, 0x80000000
+_MOVING = 0xF0
+_HOMING = 0x200
+_HOMED = 0x400
+_ENABLED = 0x80000000
 _FAULTS = {
     0x4000: "motion error",
     0x8000: "instrument error",

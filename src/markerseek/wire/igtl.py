@@ -21,13 +21,17 @@ from markerseek.core import ConfigError, DeviceError, Float64, is_finite, is_who
 MAX_TEXT_BYTES = 0xFFFF
 """Longest text of a STRING, whose length is a 16-bit number; used for a COMMAND too."""
 
-COMMAND_NAME_BYTES, STATUS_NAME_BYTES = 128, 20
+COMMAND_NAME_BYTES = 128
+STATUS_NAME_BYTES = 20
 """Longest name of a COMMAND, and of a STATUS."""
 
 EMULATOR = "simulated by markerseek"
 """What an emulated server says of itself in a STATUS, and in the metadata ``emulator`` of its images."""
 
-OK, UNKNOWN_ERROR, BUSY, NOT_READY = 1, 2, 6, 13
+OK = 1
+UNKNOWN_ERROR = 2
+BUSY = 6
+NOT_READY = 13
 """Codes of a STATUS."""
 
 
@@ -209,7 +213,8 @@ _STATUS = struct.Struct(f">Hq{STATUS_NAME_BYTES}s")
 _COMMAND = struct.Struct(f">I{COMMAND_NAME_BYTES}sHI")
 _POSITION = struct.Struct(">7f")
 _IMAGE = struct.Struct(">HBBBB3H12f3H3H")
-_TRANSFORM_BYTES, _POINT_BYTES = 48, 136
+_TRANSFORM_BYTES = 48
+_POINT_BYTES = 136
 
 _NOWHERE = (math.nan,) * 3
 """Position that is none: the only numbers that nobody can take for a place."""
@@ -217,7 +222,8 @@ _NOWHERE = (math.nan,) * 3
 _NO_POINT = struct.pack(">64s32s4B4f20s", b"none", b"Unselected", 0, 0, 0, 0, *_NOWHERE, 0.0, b"")
 """No points in header version 1, whose libraries take an empty body for damaged; without colour Slicer hides it."""
 
-_ASCII, _UTF8 = 3, 106
+_ASCII = 3
+_UTF8 = 106
 """Numbers of the character sets (IANA)."""
 
 
@@ -286,7 +292,9 @@ def _transform(content: bytes) -> Transform:
 
 def _image(content: bytes) -> Image:
     _, components, scalar, order, system, *rest = _head(_IMAGE, content)
-    size, first, part = rest[:3], rest[15:18], rest[18:]
+    size = rest[:3]
+    first = rest[15:18]
+    part = rest[18:]
     if components != 1 or scalar not in SCALARS or order not in (1, 2) or system not in (1, 2):
         raise ConfigError(
             f"an IMAGE with {components} components, scalar type {scalar}, byte order {order} and coordinate system "
@@ -323,7 +331,8 @@ def _position(content: bytes) -> Position:
     if len(content) not in (12, 24, _POSITION.size):
         raise ConfigError(f"{len(content)} bytes, a POSITION has 12, 24 or {_POSITION.size}")
     values = struct.unpack(f">{len(content) // 4}f", content)
-    position, turned = values[:3], values[3:]
+    position = values[:3]
+    turned = values[3:]
     if len(turned) == 3:
         turned = (*turned, math.sqrt(max(0.0, 1 - sum(value**2 for value in turned))))
     place = None if all(map(math.isnan, position)) else position
@@ -546,7 +555,8 @@ class Framer:
                 self._header = decode_header(self._taken(HEADER_BYTES), most_bytes=self._most_bytes)
             if len(self._received) < self._header.body_bytes:
                 return
-            header, self._header = self._header, None
+            header = self._header
+            self._header = None
             yield header, self._taken(header.body_bytes)
 
     def _taken(self, size: int) -> bytes:
@@ -564,9 +574,11 @@ def _name(field_: bytes, what: str) -> str:
 
 def _metadata(values: Mapping[str, str]) -> tuple[bytes, bytes]:
     """Table of contents of the metadata, and the metadata."""
-    index, data = struct.pack(">H", len(values)), b""
+    index = struct.pack(">H", len(values))
+    data = b""
     for key, value in values.items():
-        one, other = key.encode(), value.encode()
+        one = key.encode()
+        other = value.encode()
         index += _ENTRY.pack(len(one), _character_set(value), len(other))
         data += one + other
     return index, data
@@ -582,11 +594,13 @@ def _without_metadata(body: bytes, what: str) -> tuple[bytes, dict[str, str]]:
         raise DeviceError(f"{what}: extended header and metadata are longer than its body")
     if index_bytes == 0:
         return body[start:end], {}
-    index, data = body[end : end + index_bytes], body[end + index_bytes :]
+    index = body[end : end + index_bytes]
+    data = body[end + index_bytes :]
     count = int.from_bytes(index[:2], "big")
     if count > _MAX_ENTRIES or len(index) != 2 + _ENTRY.size * count:
         raise DeviceError(f"{what}: {count} entries of metadata in {len(index)} bytes; at most {_MAX_ENTRIES} are read")
-    metadata, at = {}, 0
+    metadata = {}
+    at = 0
     for key_bytes, number, value_bytes in _ENTRY.iter_unpack(index[2:]):
         after = at + key_bytes + value_bytes
         if after > len(data):

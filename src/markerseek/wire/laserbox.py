@@ -68,10 +68,15 @@ LEASE_MS = 100
 LINE_BYTES = 80
 """Longest line, its end included."""
 
-MAX_PULSES, MAX_RATE_HZ, MAX_EXPIRY_MS, MAX_COUNT = 1024, 1000, 60_000, 2**31 - 1
+MAX_PULSES = 1024
+MAX_RATE_HZ = 1000
+MAX_EXPIRY_MS = 60_000
+MAX_COUNT = 2**31 - 1
 """Largest numbers of a permit that a box accepts, and of a token, a step, a stamp or a count of the photodiode."""
 
-MAX_SWEEP_PULSES, MIN_PERIOD_US, MAX_PERIOD_US = 10_000, 2000, 10_000_000
+MAX_SWEEP_PULSES = 10_000
+MIN_PERIOD_US = 2000
+MAX_PERIOD_US = 10_000_000
 """Most pulses of a sweep, and least and largest time between two of them: each is reported before the next is fired."""
 
 MAX_PULSES_PER_MINUTE = 6000
@@ -316,7 +321,8 @@ def _words(message: Command | Reply) -> list[str]:
 def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
     """Message of one of these kinds: its head, then its fields in their order; None for other words."""
     for kind in kinds:
-        head, names = kind.head.split(" "), kind.__struct_fields__
+        head = kind.head.split(" ")
+        names = kind.__struct_fields__
         if words[: len(head)] == head and len(words) == len(head) + len(names):
             try:
                 message = msgspec.convert(dict(zip(names, words[len(head) :], strict=True)), kind, strict=False)

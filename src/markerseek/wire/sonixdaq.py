@@ -157,10 +157,12 @@ def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "cha
 
     ``files``: name and bytes of each channel file. Raises `RecordError` if they are not all of one acquisition.
     """
-    samples, found = np.empty((CHANNELS, 0), np.int16), 0
+    samples = np.empty((CHANNELS, 0), np.int16)
+    found = 0
     for element, pulses in _channels(files):
         if not found:
-            found, samples = len(pulses), np.empty((CHANNELS, pulses.shape[1]), np.int16)
+            found = len(pulses)
+            samples = np.empty((CHANNELS, pulses.shape[1]), np.int16)
         samples[element] = mean_of(pulses)
     return samples, found
 
@@ -199,7 +201,8 @@ def _channels(files: Iterable[tuple[str, bytes]]) -> Iterator[tuple[int, Int16[n
     """Element and pulses of each channel file; `RecordError` if they are not all of one acquisition."""
     first: DaqHeader | None = None
     for name, data in files:
-        number, header = file_number(name), decode_header(data[:HEADER_BYTES], size=len(data), name=name)
+        number = file_number(name)
+        header = decode_header(data[:HEADER_BYTES], size=len(data), name=name)
         if header.samples > MAX_SAMPLES:
             raise RecordError(
                 f"{name}: it holds {header.samples} samples of each pulse, at most {MAX_SAMPLES} are read; record a "

@@ -17,7 +17,8 @@ import numpy as np
 from markerseek.core import AcquisitionError, Int16
 
 MARK = b"MSV1"
-MAX_CHANNELS, MAX_SAMPLES = 1024, 1 << 16
+MAX_CHANNELS = 1024
+MAX_SAMPLES = 1 << 16
 MAX_PROBE_BYTES = 20
 
 _HEADER = struct.Struct(f"<4sIIIId{MAX_PROBE_BYTES}s")

@@ -59,10 +59,8 @@ def test_nowhere_is_the_sum_of_energies_larger_than_in_the_plane(off_deg: float)
 
 
 def test_absorbers_add_up_and_strength_is_a_factor() -> None:
-    one, other = (
-        structs.replace(MARKER, strength=2.5),
-        Absorber(radius_m=45e-3, angle_deg=10.0, source=GaussianAbsorber(radius_m=0.1e-3)),
-    )
+    one = structs.replace(MARKER, strength=2.5)
+    other = Absorber(radius_m=45e-3, angle_deg=10.0, source=GaussianAbsorber(radius_m=0.1e-3))
     both = MODEL.channel_data([one, other], angle_deg=3.0)
     alone = MODEL.channel_data([MARKER], angle_deg=3.0), MODEL.channel_data([other], angle_deg=3.0)
     np.testing.assert_allclose(both, 2.5 * alone[0] + alone[1], atol=1e-5)
@@ -120,7 +118,8 @@ def test_clutter_fills_its_sector_evenly_and_repeats_with_its_seed() -> None:
     assert 0 < np.abs(received).max() < 1
 
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
+INF = float("inf")
 REFUSED = {
     "probe: element_width_m": lambda: Probe(element_width_m=0.5e-3),
     "probe: face_radius_m": lambda: Probe(face_radius_m=-1e-3),

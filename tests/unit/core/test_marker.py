@@ -21,7 +21,9 @@ from markerseek.core import (
 from markerseek.records.journal import RunView
 from markerseek.show import SearchResult, flat_result
 
-FACE_M, RADIUS_M, SPEED = 10e-3, 60e-3, 1540.0
+FACE_M = 10e-3
+RADIUS_M = 60e-3
+SPEED = 1540.0
 FACTS = RigFacts(
     kind="simulated",
     description="",

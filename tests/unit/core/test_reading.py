@@ -108,7 +108,8 @@ def test_position_and_pixel_are_inverse(row: float, column: float) -> None:
 
 
 def test_the_geometry_of_a_photoacoustic_image_is_that_of_its_axes() -> None:
-    lateral_m, depth_m = np.linspace(-0.02, 0.02, 81), 0.005 + 0.1e-3 * np.arange(300)
+    lateral_m = np.linspace(-0.02, 0.02, 81)
+    depth_m = 0.005 + 0.1e-3 * np.arange(300)
     image = PaImage(envelope=np.zeros((300, 81), np.float32), lateral_m=lateral_m, depth_m=depth_m)
     for row, column in ((0, 0), (299, 80), (17, 42)):
         assert image.geometry.position_m(row=row, column=column) == pytest.approx((lateral_m[column], depth_m[row]))
@@ -116,7 +117,8 @@ def test_the_geometry_of_a_photoacoustic_image_is_that_of_its_axes() -> None:
     assert image.geometry.edges_mm(300, 81) == pytest.approx((-20.25, 20.25, 34.95, 4.95))
 
 
-ROWS, COLUMNS = 7, 5
+ROWS = 7
+COLUMNS = 5
 HEIGHTS = np.random.default_rng(3).uniform(1, 9, (ROWS, COLUMNS)).astype("<f4")
 MAXIMA = LocalMaxima(
     first_lateral_m=-4e-3,
@@ -138,7 +140,8 @@ def test_the_window_touches_the_blocks_that_overlap_it(
     sides = (lateral_mm - within_mm, lateral_mm + within_mm, low_mm, low_mm + deep_mm)
     touched = np.zeros((ROWS, COLUMNS), dtype=bool)
     for row, column in np.ndindex(ROWS, COLUMNS):
-        left, top = -5 + 2 * column, 3.75 + 2.5 * row
+        left = -5 + 2 * column
+        top = 3.75 + 2.5 * row
         edges = (left, left + 2, top, top + 2.5)
         if any(abs(side - edge) < 1e-6 for side in sides for edge in edges):
             return

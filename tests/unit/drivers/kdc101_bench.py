@@ -87,6 +87,7 @@ class Bench:
 
 
 def bench(*, start_deg: float = 0.0, **fields: Any) -> Bench:
-    clock, probe = WatchedClock(), SimpleNamespace(angle_deg=start_deg)
+    clock = WatchedClock()
+    probe = SimpleNamespace(angle_deg=start_deg)
     emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(**fields))
     return Bench(clock, probe, emulator, WatchedPort(device=emulator, clock=clock))

@@ -103,7 +103,8 @@ class WithPickup:
     """A receiver whose channels have the pick-up of each pulse, as high as its energy, and a zero of their own."""
 
     def __init__(self, receiver: Receiver, energies: list[float]) -> None:
-        self._receiver, self._energies = receiver, energies
+        self._receiver = receiver
+        self._energies = energies
 
     def settle(self) -> None:
         self._receiver.settle()

@@ -10,7 +10,8 @@ from markerseek.core import ConfigError
 from markerseek.drivers import LaserBoxSettings, exposure_line
 from markerseek.drivers.exposure import CAVEAT, correction_c_a, skin_limit_j_m2
 
-NAN, INF = math.nan, math.inf
+NAN = math.nan
+INF = math.inf
 
 MJ_CM2 = 10.0
 """J/m² in one mJ/cm²."""

@@ -224,7 +224,8 @@ def test_numbers_of_numpy_become_numbers_of_python(rig: Callable[..., Path]) -> 
     settings = read(rig("lab_stage:Numpy")).stage
     assert isinstance(settings, ForeignStage)
     stage = OwnStage(settings, opening())
-    status, rules = stage.read(), stage.rules()
+    status = stage.read()
+    rules = stage.rules()
     assert [type(each) for each in (status.angle_deg, status.moving, status.since_s)] == [float, bool, float]
     assert [type(each) for each in (rules.speed_deg_s, rules.resolution_deg, rules.begin_s)] == [float] * 3
     with bench(read(rig("lab_stage:Numpy"))) as opened:
@@ -342,7 +343,8 @@ def test_what_a_stage_lacks_is_said(rig: Callable[..., Path], driver: str, said:
 def test_laser_and_receiver_are_tried_without_light() -> None:
     from markerseek.sim import SimulatedLaser, SimulatedReceiver
 
-    clock, world = VirtualClock(), SimpleNamespace(flashes=[], flash=None)
+    clock = VirtualClock()
+    world = SimpleNamespace(flashes=[], flash=None)
     laser = SimulatedLaser(world=world, clock=clock)  # type: ignore[arg-type]
     assert [each.problem for each in check_laser(laser)] == [None, None]
     receiver = SimulatedReceiver(world=world, clock=clock, readout_s=0.0)  # type: ignore[arg-type]

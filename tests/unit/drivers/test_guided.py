@@ -92,7 +92,8 @@ def test_it_takes_the_angle_reached_once_the_hand_rests() -> None:
 
 def test_nobody_is_asked_again_where_the_probe_still_is() -> None:
     clock = VirtualClock()
-    turner, asked = hand(clock), []
+    turner = hand(clock)
+    asked = []
     stage = guided(clock, turner, asks=lambda angle_deg: (asked.append(angle_deg), turner.turn_to(angle_deg)))  # type: ignore[func-returns-value]
     stage.move_to(5.0)
     stage.move_to(5.0)
@@ -103,10 +104,12 @@ def test_nobody_is_asked_again_where_the_probe_still_is() -> None:
 class Scripted:
     """An encoder that tells what a function of the time says."""
 
-    emulated, unused = False, ""
+    emulated = False
+    unused = ""
 
     def __init__(self, clock: VirtualClock, angle_deg: Callable[[float], float | None]) -> None:
-        self.clock, self.angle = clock, angle_deg
+        self.clock = clock
+        self.angle = angle_deg
 
     def read(self) -> float | None:
         return self.angle(self.clock.now_s())
@@ -421,7 +424,8 @@ class TypingClock(VirtualClock):
 
     def __init__(self, terminal: Terminal, *typed: str) -> None:
         super().__init__()
-        self._terminal, self._typed = terminal, list(typed)
+        self._terminal = terminal
+        self._typed = list(typed)
 
     def wait(self, duration_s: float) -> None:
         super().wait(duration_s)

@@ -148,7 +148,8 @@ def test_a_renewed_target_costs_little_time_and_is_never_far_ahead() -> None:
     rig = bench(start_deg=-35.0)
     stage = rig.stage(approach_deg=0.5)
     stage.move_to(-34.0)
-    moves, began_s = rig.emulator.moves, rig.clock.now_s()
+    moves = rig.emulator.moves
+    began_s = rig.clock.now_s()
     stage.move_to(35.0)
     took_s = rig.clock.now_s() - began_s
     single_s = StageMotion(speed_deg_s=10.0, acceleration_deg_s2=10.0).duration_s(69.0)
@@ -298,7 +299,8 @@ def test_a_computer_that_dies_leaves_the_stage_five_degrees_on_at_most(after_s: 
 def test_one_reading_that_is_a_little_wrong_carries_no_target_further(number: int) -> None:
     rig = bench()
     stage = rig.stage()
-    read, count = rig.port.read, 0
+    read = rig.port.read
+    count = 0
 
     def read_wrongly(size: int, *, timeout_s: float) -> bytes:
         nonlocal count

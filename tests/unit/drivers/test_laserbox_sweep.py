@@ -312,7 +312,8 @@ def test_whatever_a_box_says_a_pulse_has_a_time_or_there_is_none(said: list[tupl
 
 def test_what_was_stamped_twice_or_not_at_all_is_refused() -> None:
     bench = Bench()
-    feed, dropped = bench.box.advance, []
+    feed = bench.box.advance
+    dropped = []
 
     def without_third(now_s: float) -> bytes:
         lines = feed(now_s).splitlines(keepends=True)

@@ -39,7 +39,8 @@ def test_pairs_are_those_that_are_chosen_once_all_images_are_there(seed: int, lo
         for side in (0, 1)
         for number, time_s in enumerate(times_s[side])
     )
-    pairing, found = Pairing(near_s=0.05), []
+    pairing = Pairing(near_s=0.05)
+    found = []
     for now_s, side, number, time_s in come:
         pairing.add(side, image(number, time_s, now_s))
         found += pairing.pairs(now_s)

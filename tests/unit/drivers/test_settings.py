@@ -128,7 +128,8 @@ def limited(kind: type) -> dict[str, Within]:
 
 @pytest.mark.parametrize("kind", [*KINDS, BenchProbe, BenchSupervisor, EmulatedKdc101])
 def test_no_number_passes_outside_of_its_limits(kind: type) -> None:
-    limits, names = limited(kind), {each.name for each in inspect.signature(kind).parameters.values()}
+    limits = limited(kind)
+    names = {each.name for each in inspect.signature(kind).parameters.values()}
     needed = {key: 1 if key in limits else value for key, value in USUAL.items() if key in names}
     needed = {} if kind in (BenchProbe, EmulatedKdc101) else needed
     for key, within in limits.items():

@@ -92,7 +92,8 @@ class Box:
         self._answers += (str(self._lit) if command == "COUNT?" else "OK").encode() + b"\n"
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        data, self._answers = self._answers[:size], self._answers[size:]
+        data = self._answers[:size]
+        self._answers = self._answers[size:]
         return data
 
     def close(self) -> None:

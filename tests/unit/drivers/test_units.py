@@ -17,7 +17,9 @@ class Turning:
 
     def __init__(self, clock: VirtualClock, *, reads: float, goes: float, speed_deg_s: float, start_deg: float) -> None:
         self._clock = clock
-        self._reads, self._goes, self._speed_deg_s = reads, goes, speed_deg_s
+        self._reads = reads
+        self._goes = goes
+        self._speed_deg_s = speed_deg_s
         self.at_deg = self._target_deg = start_deg
         self._then_s = clock.now_s()
 

@@ -94,8 +94,11 @@ class Axis:
     """A controller that goes where it is sent at once, unless it fails."""
 
     def __init__(self, _uri: str) -> None:
-        self.steps, self.flags, self.commands = 0.0, highlevel.StateFlags.STATE_IS_HOMED, highlevel.MvcmdStatus(0)
-        self.stuck, self.stops = False, 0
+        self.steps = 0.0
+        self.flags = highlevel.StateFlags.STATE_IS_HOMED
+        self.commands = highlevel.MvcmdStatus(0)
+        self.stuck = False
+        self.stops = 0
         self.microstep_mode = 9
         self.moves = SimpleNamespace(Speed=0, uSpeed=0, Accel=0, Decel=0)
         self.borders = SimpleNamespace(BorderFlags=0, LeftBorder=0, uLeftBorder=0, RightBorder=0, uRightBorder=0)

@@ -184,7 +184,8 @@ class Stamped:
 
 
 def test_no_question_is_answered_as_of_a_time_before_it_was_asked() -> None:
-    clock, device = HeldUp(), Stamped()
+    clock = HeldUp()
+    device = Stamped()
     with PtyLine(device=device, clock=clock) as line:
         clock.end = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
         os.write(clock.end, b"a")

@@ -143,7 +143,9 @@ def test_a_search_over_the_bytes_answers_as_the_simulated_rig_does(
     events = list(bench.search())
     simulated = rigs.simulated(seed=3, settings=SETTINGS)
     *_, direct = run(sweeping(simulated.scanner.sweeping.stage.fastest_sweep_deg_s), simulated.scanner)
-    answer, expected = events[-1].estimate, direct.estimate  # type: ignore[union-attr]
+    # type: ignore[union-attr]
+    answer = events[-1].estimate
+    expected = direct.estimate
     assert isinstance(answer, Found)
     assert isinstance(expected, Found)
     assert answer.mean_deg == pytest.approx(expected.mean_deg, abs=0.15)
@@ -200,10 +202,13 @@ def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_nex
     bench.alive = False
     bench.clock.wait(6.0)
     bench.emulated.daq.faults.heal("late files")  # type: ignore[union-attr]
-    bench.stage, bench.laser = bench.connect(), LaserBox(port=bench.port, clock=bench.clock)
+    bench.stage = bench.connect()
+    bench.laser = LaserBox(port=bench.port, clock=bench.clock)
     bench.alive = True
     bench.begin()
-    daq, pulses = bench.emulated.daq, bench.emulated.daq._pulses  # type: ignore[union-attr]
+    # type: ignore[union-attr]
+    daq = bench.emulated.daq
+    pulses = bench.emulated.daq._pulses
     made: list[np.ndarray] = []
     monkeypatch.setattr(daq, "_pulses", lambda part: made.append(pulses(part)) or made[-1])
     events = list(bench.search())
@@ -220,7 +225,9 @@ def test_the_burst_of_a_program_that_was_killed_is_not_taken_for_that_of_the_nex
 
 def test_light_in_the_dark_frame_of_a_burst_ends_in_a_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(tmp_path)
-    daq, pulses = bench.emulated.daq, bench.emulated.daq._pulses  # type: ignore[union-attr]
+    # type: ignore[union-attr]
+    daq = bench.emulated.daq
+    pulses = bench.emulated.daq._pulses
     # As if the laser answered the dark triggers as well, with the probe at the marker.
     monkeypatch.setattr(daq, "_pulses", lambda part: np.concatenate([(made := pulses(part))[:-16], made[10:26]]))
     with pytest.raises(AcquisitionError, match="taken without light, yet it holds a source"):
@@ -263,15 +270,19 @@ class InMidSweep:
     def __init__(
         self, bench: Bench, action: Callable[[Bench], None], *, at_deg: float = -10.0, back: bool = False
     ) -> None:
-        self._bench, self._action, self._at_deg = bench, action, at_deg
-        self._back, self._before_deg = back, math.inf
+        self._bench = bench
+        self._action = action
+        self._at_deg = at_deg
+        self._back = back
+        self._before_deg = math.inf
         self.began_s: float | None = None
         self.at_deg = -math.inf
         bench.clock.lead(self._look)
 
     def _look(self, now_s: float) -> None:
         if self.began_s is None and self._bench.guard.state is State.SWEEPING:
-            self._before_deg, self.at_deg = self.at_deg, self._bench.probe_deg
+            self._before_deg = self.at_deg
+            self.at_deg = self._bench.probe_deg
             turned_back = self.at_deg < self._before_deg and self.at_deg < self._at_deg
             if turned_back if self._back else self.at_deg > self._at_deg:
                 self.began_s = now_s
@@ -375,7 +386,9 @@ def answering_late(bench: Bench, late_s: float) -> None:
 
 def old_readings(bench: Bench, age_s: float) -> None:
     """The stage's readings are as old, and their times do not show it."""
-    times_s, angles_deg, read = [0.0], [bench.probe_deg], bench.stage.read_sweep
+    times_s = [0.0]
+    angles_deg = [bench.probe_deg]
+    read = bench.stage.read_sweep
     bench.clock.lead(lambda now_s: (times_s.append(now_s), angles_deg.append(bench.probe_deg)))
 
     def aged() -> StageReading:

@@ -15,7 +15,8 @@ from markerseek.vision import decoded_image
 
 @pytest.fixture(scope="module")
 def endoscope(tmp_path_factory: pytest.TempPathFactory) -> EmulatedEndoscope:
-    settings, rng = SimulatedSettings(), np.random.default_rng(1)
+    settings = SimulatedSettings()
+    rng = np.random.default_rng(1)
     world = draw_scene(settings, rng).world(settings, rng)
     folder = tmp_path_factory.mktemp("bench")
     return EmulatedEndoscope(world=world, settings=settings, folder=folder, clock=VirtualClock(), rng=rng)
@@ -39,7 +40,9 @@ def test_a_place_outside_of_the_image_moves_nothing(endoscope: EmulatedEndoscope
 
 
 def test_an_image_of_each_camera_is_written_ten_times_a_second(tmp_path: Path) -> None:
-    settings, rng, clock = SimulatedSettings(), np.random.default_rng(1), VirtualClock()
+    settings = SimulatedSettings()
+    rng = np.random.default_rng(1)
+    clock = VirtualClock()
     world = draw_scene(settings, rng).world(settings, rng)
     emulated = EmulatedEndoscope(world=world, settings=settings, folder=tmp_path, clock=clock, rng=rng)
     for _ in range(10):

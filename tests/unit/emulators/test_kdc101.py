@@ -34,7 +34,8 @@ def test_a_move_takes_the_time_of_a_trapezoid(distance: float, speed: float, acc
 def test_a_motor_that_is_sent_elsewhere_keeps_its_speed_and_acceleration(
     targets: list[tuple[float, float]], slices: int
 ) -> None:
-    whole, sliced = Motor(angle_deg=0.0, target_deg=0.0), Motor(angle_deg=0.0, target_deg=0.0)
+    whole = Motor(angle_deg=0.0, target_deg=0.0)
+    sliced = Motor(angle_deg=0.0, target_deg=0.0)
     for target_deg, duration_s in targets:
         whole.target_deg = sliced.target_deg = target_deg
         whole.advance(duration_s)

@@ -96,7 +96,9 @@ def test_power_up_clears_the_permit_and_a_damaged_line_revokes_it() -> None:
 def test_under_any_commands_every_pulse_has_a_permit_a_lease_and_its_turn(commands: list[tuple[bytes, float]]) -> None:
     """Checked on the truth: from the answers alone, an observer can bound every pulse."""
     bench = Bench()
-    now_s, permitted, counted = 0.0, 0, 0
+    now_s = 0.0
+    permitted = 0
+    counted = 0
     renewed_s = -math.inf
     for data, pause_s in commands:
         now_s += pause_s
@@ -161,7 +163,8 @@ class Pair:
         for _ in range(duration_ms):
             self.now_ms += 1
             answers = self.turn()
-            theirs, ours = theirs + answers[0], ours + answers[1]
+            theirs = theirs + answers[0]
+            ours = ours + answers[1]
         return theirs, ours
 
     def turn(self) -> tuple[bytes, bytes]:

@@ -33,7 +33,8 @@ def shown(folder: Path) -> None:
 
 
 def endoscope(folder: Path) -> None:
-    settings, rng = SimulatedSettings(), np.random.default_rng(1)
+    settings = SimulatedSettings()
+    rng = np.random.default_rng(1)
     world = draw_scene(settings, rng).world(settings, rng)
     clock = VirtualClock()
     emulated = EmulatedEndoscope(world=world, settings=settings, folder=folder, clock=clock, rng=rng)
@@ -43,7 +44,8 @@ def endoscope(folder: Path) -> None:
 
 
 def channel_file(folder: Path) -> None:
-    settings, rng = SimulatedSettings(), np.random.default_rng(1)
+    settings = SimulatedSettings()
+    rng = np.random.default_rng(1)
     world = draw_scene(settings, rng).world(settings, rng)
     EmulatedSonixDaq(world=world, folder=folder)._write(3, b"channel data")
 

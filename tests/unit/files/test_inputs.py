@@ -110,7 +110,8 @@ REST = {
 
 @pytest.mark.parametrize("make", [lambda path, _: os.mkfifo(path), lambda path, target: path.symlink_to(target)])
 def test_nothing_is_written_through_a_link_or_a_pipe(make: Callable[[Path, Path], None], tmp_path: Path) -> None:
-    target, place = tmp_path / "precious", tmp_path / "search.html"
+    target = tmp_path / "precious"
+    place = tmp_path / "search.html"
     target.write_text("precious")
     make(place, target)
     with pytest.raises(RecordError, match=r"search\.html: it is a symbolic link, a pipe or a device"):

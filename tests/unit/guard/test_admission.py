@@ -382,7 +382,8 @@ def frame_of(*, pulses: int, sequence: int = 1, intensity: float = 1.0) -> Readi
 
 def test_noise_is_judged_by_the_first_frame_of_its_kind_in_a_run() -> None:
     made = armed()
-    lit, dark = frame_of(pulses=1), frame_of(pulses=0)
+    lit = frame_of(pulses=1)
+    dark = frame_of(pulses=0)
     for one, sigma in ((dark, 1.0), (lit, 3.0), (dark, 1.9), (lit, 1.6), (dark, 0.6)):
         made.admit_reading(Reading(intensity=1.0, noise_sigma=sigma), frame=one)
     for one, sigma in ((dark, 3.0), (lit, 1.0), (lit, 6.5), (dark, 0.4)):
@@ -442,7 +443,8 @@ def test_a_refused_reading_is_no_measure_of_noise() -> None:
 def test_a_guard_that_recalls_a_run_refuses_what_the_first_one_would_have() -> None:
     made = disarmed()
     made.charge(32)
-    lit, dark = frame_of(sequence=8, intensity=1.0, pulses=1), frame_of(sequence=7, intensity=3.0, pulses=0)
+    lit = frame_of(sequence=8, intensity=1.0, pulses=1)
+    dark = frame_of(sequence=7, intensity=3.0, pulses=0)
     made.recall(dark, Reading(intensity=3.0, noise_sigma=4.0))
     made.recall(lit, Reading(intensity=1.0, noise_sigma=1.0))
     made.recall(lit, Reading(intensity=1.0, noise_sigma=100.0))

@@ -12,7 +12,8 @@ from msgspec import structs
 from markerseek.core import ConfigError, Interval, LaserError, LimitError
 from markerseek.guard import FiringLimits, Lease, Limits, Permits
 
-NAN, INF = math.nan, math.inf
+NAN = math.nan
+INF = math.inf
 
 
 def test_permits_are_named_once_and_expire() -> None:

@@ -96,7 +96,8 @@ def test_files_of_matlab_itself():
 
 def test_what_unpacks_too_far_names_the_way_to_save_it(tmp_path):
     """Frames of a receiver that received nothing are valid."""
-    angles, frames = np.arange(4.0), np.zeros((4, 128, 2000), np.int16)
+    angles = np.arange(4.0)
+    frames = np.zeros((4, 128, 2000), np.int16)
     savemat(tmp_path / "a.mat", {"angle_deg": angles, "frames": frames}, do_compression=True)
     with pytest.raises(RecordError, match=r"more than 32 times its size; save it with -v6 \(uncompressed\)"):
         read_arrays(tmp_path / "a.mat")

@@ -199,7 +199,8 @@ def test_a_workspace_of_version_7_says_how_to_save_it(tmp_path):
 def test_octave_writes_the_same_workspace(tmp_path):
     """GNU Octave's own ``save -hdf5`` of cells and structures."""
     FRAMES.transpose(2, 1, 0).ravel(order="F").astype("<i2").tofile(tmp_path / "frames.bin")
-    samples, count = FRAMES.shape[2], FRAMES.shape[0]
+    samples = FRAMES.shape[2]
+    count = FRAMES.shape[0]
     (tmp_path / "save_it.m").write_text(
         f"""
         file = fopen('frames.bin'); frames = reshape(fread(file, Inf, 'int16=>int16'), {samples}, {ELEMENTS}, {count});

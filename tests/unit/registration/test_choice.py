@@ -18,7 +18,8 @@ from tests.sizes import examples
 
 def with_others(scene: ForgedScene, count: int, candidates: int) -> tuple[list[SeenMarker], dict[str, int]]:
     """Markers with other sources beside their own, as probable as is drawn; the number of their own."""
-    markers, right = [], {}
+    markers = []
+    right = {}
     for number, spot in enumerate(scene.wide(count), start=1):
         shares = scene.rng.dirichlet(np.ones(candidates)).tolist()
         own = scene.candidate(spot, shares[0])
@@ -29,7 +30,8 @@ def with_others(scene: ForgedScene, count: int, candidates: int) -> tuple[list[S
 
 
 def test_the_camera_chooses_the_markers_among_other_sources() -> None:
-    right, chosen_wrong = 0, 0
+    right = 0
+    chosen_wrong = 0
     scenes = examples(60)
     for seed in range(scenes):
         scene = ForgedScene(seed)

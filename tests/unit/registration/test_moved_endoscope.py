@@ -34,7 +34,8 @@ from markerseek.registration.stations import carry
 from tests.registration_sessions import begin, registered, taken
 
 MIDDLE_M = np.array([0.0, 0.0, 0.1])
-SIGMA_DEG, SIGMA_MM = 0.2, 0.25
+SIGMA_DEG = 0.2
+SIGMA_MM = 0.25
 """Errors of the motions that are forged: as large as a motion may have that counts as known."""
 
 SPOT = SpotToSource(depth_m=0.0, depth_sigma_m=0.0)

@@ -46,9 +46,11 @@ def test_cameras_and_probe_see_the_same_motion_of_the_tissue() -> None:
     settings = SimulatedRoomSettings(rig=SimulatedSettings(motion=BREATHING), places_m=PLACES_M, textured=True)
     room = SimulatedRoom(settings, seed=4)
     assert room.ask(waiting("A"))
-    clock, angle_deg = room.rig.scanner.clock, room.rig.facts.truth_deg
+    clock = room.rig.scanner.clock
+    angle_deg = room.rig.facts.truth_deg
     assert angle_deg is not None
-    laterals_m, ways_m = [], []
+    laterals_m = []
+    ways_m = []
     for _ in range(3):
         clock.wait(0.8)
         laterals_m.append(room.rig.scanner.measure(angle_deg).reading.lateral_m)
@@ -69,7 +71,8 @@ def test_what_is_drawn_for_a_session_does_not_depend_on_the_look_of_the_tissue()
 
 
 def test_the_source_of_a_spot_lies_below_and_beside_it_and_stays_there() -> None:
-    below_m, beside_m = [], []
+    below_m = []
+    beside_m = []
     for seed in range(20):
         settings = SimulatedSettings()
         marker = structs.replace(settings.marker, beside_spot_m=0.3e-3)

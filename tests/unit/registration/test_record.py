@@ -137,7 +137,8 @@ def test_a_full_disk_leaves_no_part_of_a_step_and_room_lets_it_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     record = SessionRecord.create(tmp_path / "s", BEGUN)
-    write, room = os.pwrite, [30]
+    write = os.pwrite
+    room = [30]
 
     def full(descriptor: int, data: bytes, at: int) -> int:
         if not room[0]:

@@ -184,7 +184,8 @@ def test_the_ellipse_holds_95_percent_of_the_pixels_of_the_target() -> None:
     rng = np.random.default_rng(4)
     true_left = np.array(TARGET_M) - MOVE_M
     true_px = STEREO.cameras.project(true_left[None])
-    inside, count = np.zeros(2), 40
+    inside = np.zeros(2)
+    count = 40
     for _ in range(count):
         report = register_pairs(pairs(rng), target_trus_m=TARGET_M)
         for side, (seen, true) in enumerate(zip(target_pixels(report, stereo=STEREO), true_px, strict=True)):

@@ -148,7 +148,8 @@ class ForgedSession(RegistrationSession):
 
     def __init__(self, room: FaultyRoom, scene: ForgedScene, *, moved_m: float) -> None:
         super().__init__(room, plan=SessionPlan(markers=4, again=True))
-        self._scene, self._places = scene, iter(scene.wide(4))
+        self._scene = scene
+        self._places = iter(scene.wide(4))
         self._first_m: np.ndarray | None = None
         turned = scene.rng.standard_normal(3)
         self._by_m = moved_m * turned / np.linalg.norm(turned)
@@ -197,7 +198,8 @@ def test_a_marker_that_has_moved_at_the_end_is_said_and_one_that_has_not_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(poses, "_GRID", (4, 3))
-    room, seeds = ForgedRoom(), range(12)
+    room = ForgedRoom()
+    seeds = range(12)
     still = [found for seed in seeds if (found := again_of(room, seed, moved_m=0.0)) is not None]
     moved = [found for seed in seeds if (found := again_of(room, seed, moved_m=3e-3)) is not None]
     assert len(still) >= 10

@@ -77,7 +77,8 @@ def test_a_sound_speed_off_by_one_per_cent_is_seen_and_the_expected_error_covers
     assert 0.6 < speed.value < 1.05
     # Base and focal length of the cameras change the size of the pattern, too.
     assert speed.sigma < 0.42
-    matrix, target_m = np.array(report.davinci_to_trus), np.array(report.target_trus_m)
+    matrix = np.array(report.davinci_to_trus)
+    target_m = np.array(report.target_trus_m)
     # The target where the probe would see it, were its values right.
     off_m = matrix[:3, :3] @ TRUE.inverse().apply(target_m) + matrix[:3, 3] - target_m
     assert np.linalg.norm(off_m) < 0.25e-3
@@ -89,6 +90,7 @@ def test_a_focal_length_that_no_point_shows_is_in_the_expected_error() -> None:
     focal = report.shared[0]
     assert (focal.name, focal.unit) == ("focal length", "%")
     assert focal.sigma > 0.8 * focal.assumed_sigma
-    matrix, target_m = np.array(report.davinci_to_trus), np.array(report.target_trus_m)
+    matrix = np.array(report.davinci_to_trus)
+    target_m = np.array(report.target_trus_m)
     off_m = matrix[:3, :3] @ TRUE.inverse().apply(target_m) + matrix[:3, 3] - target_m
     assert 0.3e-3 < np.linalg.norm(off_m) < report.tre95_m

@@ -19,7 +19,9 @@ class LateImages:
     name = "late images"
 
     def __init__(self, images: StereoImages, clock: Clock, late_s: float) -> None:
-        self._images, self._clock, self._late_s = images, clock, late_s
+        self._images = images
+        self._clock = clock
+        self._late_s = late_s
         self._coming: list[StereoPair] = []
 
     def newest(self) -> list[StereoPair]:
@@ -38,7 +40,8 @@ class ChangedImages:
     name = "changed images"
 
     def __init__(self, images: StereoImages, light: np.ndarray) -> None:
-        self._images, self._light = images, light
+        self._images = images
+        self._light = light
 
     def newest(self) -> list[StereoPair]:
         return [

@@ -37,7 +37,8 @@ def test_the_example_shows_every_key_with_its_default() -> None:
     path = EXAMPLES / "probes" / "linear-64.toml"
     shown = tomllib.loads(path.read_text(encoding="utf-8"))
     assert shown.keys() == set(ProbeKeys.__struct_fields__) | {"sampling_hz"}
-    preset, usual = read_probe_file(path), probe_preset("BPL9-5/55")
+    preset = read_probe_file(path)
+    usual = probe_preset("BPL9-5/55")
     for key in shown.keys() - set(NEEDED):
         assert getattr(preset, key) == getattr(usual, key), key
     assert (preset.name, preset.array.elements, preset.array.pitch_m) == ("linear-64.toml", 64, 0.3e-3)

@@ -102,7 +102,8 @@ def test_channel_data_survive_as_an_image_and_a_wrong_size_is_refused() -> None:
     counts = np.arange(-6, 6, dtype=np.int16).reshape(3, 4)
     message = SimpleNamespace(height=3, width=4, step=8, encoding="16SC1", is_bigendian=0, data=counts.tobytes())
     assert (messages.counts_of(message) == counts).all()
-    message.is_bigendian, message.data = 1, counts.astype(">i2").tobytes()
+    message.is_bigendian = 1
+    message.data = counts.astype(">i2").tobytes()
     assert (messages.counts_of(message) == counts).all()
     for wrong in ({"height": 2}, {"step": 4}, {"encoding": "mono8"}, {"data": b""}, {"height": 0, "data": b""}):
         assert messages.counts_of(SimpleNamespace(**{**vars(message), **wrong})) is None

@@ -29,7 +29,10 @@ from tests.unit.records.journal.synthetic_journals import changed
 
 Begin: TypeAlias = Callable[[], tuple[AnyPolicy, Rig, Configuration]]
 
-METHOD, ACQUISITIONS, SEED, MARKER_DEG = "golden-section", 8, 5, -9.4
+METHOD = "golden-section"
+ACQUISITIONS = 8
+SEED = 5
+MARKER_DEG = -9.4
 
 
 class Refusing:

@@ -25,11 +25,13 @@ from tests.notes import noted
 
 def scanned(path: Path, *, stop_after: int = 99) -> int:
     """Scan 8 angles, and stop early after some acquisitions; returns how many were made with light."""
-    taken, lit = 0, 0
+    taken = 0
+    lit = 0
     scan = scan_bank(rigs.simulated(seed=3), path, step_deg=10.0, pulse_energy_j=2e-3)
     for event in scan:
         if isinstance(event, Measured):
-            taken, lit = taken + 1, lit + (not event.sample.dark)
+            taken = taken + 1
+            lit = lit + (not event.sample.dark)
             kept = read_journal(record_of(path)).entries[-1].event
             assert isinstance(kept, Measured)
             assert kept.sample.angle_deg == event.sample.angle_deg
@@ -41,7 +43,8 @@ def scanned(path: Path, *, stop_after: int = 99) -> int:
 def sticking(at: int) -> rigs.Rig:
     """A simulated rig whose stage sticks at an acquisition."""
     rig = rigs.simulated(seed=3)
-    measure, calls = rig.scanner.measure, iter(range(99))
+    measure = rig.scanner.measure
+    calls = iter(range(99))
 
     def failing(angle_deg: float) -> Sample:
         if next(calls) == at:
@@ -154,7 +157,8 @@ def test_a_disk_without_room_for_record_and_bank_ends_the_scan_at_its_first_fram
 
 def scanned_with_damage(path: Path) -> None:
     """Scan 8 angles, while another program flips a bit in the record of the fourth."""
-    taken, begins = 0, 0
+    taken = 0
+    begins = 0
     for event in scan_bank(rigs.simulated(seed=3), path, step_deg=10.0):
         taken += isinstance(event, Measured)
         if isinstance(event, Measured) and taken == 6:

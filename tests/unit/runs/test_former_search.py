@@ -27,7 +27,8 @@ def rig(seed: int = 4) -> rigs.Rig:
 
 def test_curve_and_marker_are_read_from_a_result_that_an_earlier_version_has_printed() -> None:
     path = Path(__file__).parents[2] / "data" / "result-0.4.json"
-    curve, marker = former_curve(path), read_marker(path)
+    curve = former_curve(path)
+    marker = read_marker(path)
     assert (curve.fwhm_deg, curve.peak) == (3.6110303834739037, 1978.393150125062)
     assert marker.position_m == (0.0009319876735345835, 0.018031829449839238, 0.05999077182852456)
 
@@ -92,9 +93,11 @@ def test_a_second_marker_takes_fewer_acquisitions() -> None:
     counts = {}
     for prior in (None, MarkerCurve(fwhm_deg=5.0, peak=100.0)):
         rng = np.random.default_rng(3)
-        taken, errors = [], []
+        taken = []
+        errors = []
         for _ in range(64):
-            marker_deg, peak = rng.uniform(-30, 30), 100 * math.exp(0.3 * rng.standard_normal())
+            marker_deg = rng.uniform(-30, 30)
+            peak = 100 * math.exp(0.3 * rng.standard_normal())
             fwhm_deg = 5.0 * math.exp(0.15 * rng.standard_normal())
             policy = Posterior(others=0.0, prior=prior, target_sigma_deg=0.1)
             while (angle_deg := policy.ask()) is not None:

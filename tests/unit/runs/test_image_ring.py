@@ -79,7 +79,9 @@ def test_the_newest_images_are_got_as_they_were_put_in(numbers: list[int], shape
 def test_an_image_that_is_not_whole_is_not_got(steps: int, at: int) -> None:
     with made() as ring, pytest.MonkeyPatch.context() as patched:
         ring.put(3, image_of(3))
-        plain, plain_several, left = os.pwrite, os.pwritev, steps
+        plain = os.pwrite
+        plain_several = os.pwritev
+        left = steps
 
         def number_is_written(descriptor: int, data: bytes, place: int) -> int:
             nonlocal left
@@ -107,7 +109,8 @@ def test_an_image_that_is_not_whole_is_not_got(steps: int, at: int) -> None:
 def test_an_image_over_which_another_is_written_meanwhile_is_not_got(
     ring: ImageRing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plain, calls = os.pread, []
+    plain = os.pread
+    calls = []
 
     def read(descriptor: int, size: int, place: int) -> bytes:
         calls.append(size)

@@ -60,7 +60,8 @@ def begin_method(method: str, *, resumed_after: int = 0) -> tuple[AnyPolicy, Rig
 def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(method: str, tmp_path: Path) -> None:
     unbroken = tmp_path / "whole.journal"
     live(unbroken, begun=lambda: begin_method(method))
-    wanted, count = SearchResult.of(RunView.of(read_journal(unbroken))), len(read_journal(unbroken).entries)
+    wanted = SearchResult.of(RunView.of(read_journal(unbroken)))
+    count = len(read_journal(unbroken).entries)
     for until in (2, count // 2, count - 2):
         path = tmp_path / f"{until}.journal"
         live(path, until=until, begun=lambda: begin_method(method))
@@ -179,7 +180,8 @@ def test_an_unchanged_rig_seldom_seems_changed() -> None:
 
 
 def sticking(rig: Rig, *, at_move: int) -> None:
-    sound, moves = rig.stage.move_to, iter(range(1, 1000))
+    sound = rig.stage.move_to
+    moves = iter(range(1, 1000))
     rig.stage.move_to = lambda angle_deg: sound(angle_deg) + (next(moves) == at_move)  # type: ignore[method-assign]
 
 
@@ -238,7 +240,8 @@ def test_a_receiver_that_repeats_a_frame_of_before_is_refused(tmp_path: Path) ->
     events = live(path, until=12, begun=lambda: begin_method("golden-section"))
     last = [event.sample.frame for event in events if isinstance(event, Measured)][-1]
     _, rig, _ = begin_method("golden-section", resumed_after=1)
-    acquire, calls = rig.scanner._receiver.acquire, iter(range(99))
+    acquire = rig.scanner._receiver.acquire
+    calls = iter(range(99))
 
     def stuck(permit: object) -> object:
         frame = acquire(permit)  # type: ignore[arg-type]

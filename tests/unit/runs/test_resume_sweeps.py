@@ -53,7 +53,8 @@ def begin() -> tuple[AnyPolicy, Rig, Configuration]:
     return build_sweeping(PLAN, limits=rig.limits.search), rig, configuration_of(rig, PLAN)
 
 
-live, resume_run = partial(journalled_runs.live, begun=begin), partial(journalled_runs.resume_run, begun=begin)
+live = partial(journalled_runs.live, begun=begin)
+resume_run = partial(journalled_runs.resume_run, begun=begin)
 
 
 @pytest.fixture(scope="module")

@@ -54,7 +54,8 @@ class Sweeps:
         """Take a sample."""
         self.samples.append(sample)
         if self.left and sample.angle_deg > self.until_deg:
-            self.ended, self.left = True, self.left[1:]
+            self.ended = True
+            self.left = self.left[1:]
 
     def end_sweep(self) -> None:
         """Go on to the next sweep, unless this one was ended here."""

@@ -94,7 +94,8 @@ def test_an_estimate_that_is_none_names_the_policy(answer: object) -> None:
 
 
 def test_a_refused_frame_is_reported_and_taken_again() -> None:
-    policy, made = Tour(0.0), scanner(Bench(bad_frames=2))
+    policy = Tour(0.0)
+    made = scanner(Bench(bad_frames=2))
     events = list(run(policy, made, RunPlan(stay=True)))
     assert kinds(events) == ["Started", "Refused", "Refused", "search", "Finished"]
     refused = events[2]

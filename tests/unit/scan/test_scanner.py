@@ -80,7 +80,8 @@ def test_files_of_light_for_a_camera_are_neither_used_nor_refused() -> None:
     assert not [event for event in events if isinstance(event, Refused)]
     assert order(bench) == ["fire 16", "settle", "fire 16", "acquire"]
     # Of the next acquisition it is stale again.
-    bench.stale, bench.bad_frames = 1, 1
+    bench.stale = 1
+    bench.bad_frames = 1
     events = list(run(Tour(2.0), lit, RunPlan(stay=True)))
     assert "stale files landed" in [event.reason for event in events if isinstance(event, Refused)]
 
@@ -112,7 +113,9 @@ def closing(behind: bool, *, stay: bool = False) -> tuple[rigs.Rig, Iterator[Eve
     made = rig.scanner
     made.guard = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(dark_alarm=1e-6))
     made._faulting._guard = made._refusable._guard = made.guard
-    receiver, last, acquire = rig.receiver, [], rig.receiver.acquire
+    receiver = rig.receiver
+    last = []
+    acquire = rig.receiver.acquire
 
     def one_behind(permit: Permit) -> Frame:
         last.append(acquire(permit))

@@ -133,7 +133,8 @@ def test_each_pulse_gives_a_sample_at_the_angle_where_it_was_fired(bench: SweepB
 @pytest.mark.parametrize("delay_s", [5e-3, -30e-3, 30e-3])
 def test_a_delay_that_nobody_knows_shifts_all_angles_by_the_way_of_the_probe_and_loses_no_pulse(delay_s: float) -> None:
     bench = SweepBench(delay_s=delay_s)
-    samples, flashes = samples_of(bench, TO_END), bench.flashes()
+    samples = samples_of(bench, TO_END)
+    flashes = bench.flashes()
     off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)][9:-9]
     assert sum(off) / len(off) == pytest.approx(-delay_s * TO_END.speed_deg_s, abs=0.015)
     # The unmeasured 10 ms, and what the age of the stage's answers leaves open.
@@ -150,7 +151,8 @@ def test_a_stamp_that_lies_further_ahead_than_any_delay_of_the_rig_is_a_fault() 
 
 def test_a_delay_that_was_measured_is_taken_out() -> None:
     bench = SweepBench(delay_s=20e-3, light={"stamp_delay_sigma_s": 1e-3})
-    samples, flashes = samples_of(bench, TO_END), bench.flashes()
+    samples = samples_of(bench, TO_END)
+    flashes = bench.flashes()
     assert 17e-3 < bench.laser.stamp_delay_s < 23e-3
     off = [sample.angle_deg - (flash.angle_deg or 0.0) for sample, flash in zip(samples, flashes, strict=True)][9:-9]
     left_s = bench.laser.stamp_delay_s - 20e-3
@@ -162,7 +164,8 @@ def test_a_delay_that_was_measured_is_taken_out() -> None:
 @pytest.mark.parametrize("jitter_s", [1e-3, 3e-3])
 def test_a_fast_laser_whose_stamps_jitter_is_no_fault_and_says_how_far_it_is_off(jitter_s: float) -> None:
     bench = SweepBench(rate_hz=100.0, light={"stamp_jitter_s": jitter_s}, motion=FAST)
-    samples, flashes = samples_of(bench, structs.replace(TO_END, speed_deg_s=25.0)), bench.flashes()
+    samples = samples_of(bench, structs.replace(TO_END, speed_deg_s=25.0))
+    flashes = bench.flashes()
     assert len(samples) == len(flashes) > 300
     # At full speed, where the chords between two readings are straight.
     off = [
@@ -203,7 +206,8 @@ def test_a_sweep_turns_back_in_light_and_each_pulse_has_its_angle(start_deg: flo
     bench = SweepBench(start_deg=start_deg, readout_s=readout_s, motion=FAST, rate_hz=100.0)
     sweep = Sweep(to_deg=-start_deg, speed_deg_s=25.0, back_deg=start_deg)
     began_s = bench.scanner.clock.now_s()
-    samples, flashes = samples_of(bench, sweep), bench.flashes()
+    samples = samples_of(bench, sweep)
+    flashes = bench.flashes()
     assert bench.scanner.clock.now_s() - began_s < bench.scanner.sweeping.duration_s(sweep, from_deg=start_deg) + 11
     assert bench.stage.angle_deg == pytest.approx(start_deg, abs=0.01)
     speeds = np.array([sample.sweep.speed_deg_s for sample in samples if sample.sweep])
@@ -255,7 +259,8 @@ def test_a_stage_that_does_not_turn_back_ends_the_light_within_seconds() -> None
 
 
 def test_a_run_asks_once_and_hands_out_a_sample_for_each_pulse() -> None:
-    bench, policy = SweepBench(), Sweeps(TO_END)
+    bench = SweepBench()
+    policy = Sweeps(TO_END)
     events = list(bench.run(policy))
     asked = [event for event in events if isinstance(event, Asked)]
     assert [(each.index, each.angle_deg) for each in asked] == [(1, 35.0)]
@@ -273,7 +278,8 @@ def test_a_run_asks_once_and_hands_out_a_sample_for_each_pulse() -> None:
 
 @pytest.mark.parametrize("readout_s", [0.0, 10.0])
 def test_a_policy_that_knows_enough_ends_a_sweep_and_no_pulse_is_lost(readout_s: float) -> None:
-    bench, policy = SweepBench(readout_s=readout_s), Sweeps(TO_END, until_deg=0.0)
+    bench = SweepBench(readout_s=readout_s)
+    policy = Sweeps(TO_END, until_deg=0.0)
     events = list(bench.run(policy))
     swept = next(event for event in events if isinstance(event, Swept))
     assert swept.pulses == len(policy.samples) == len(bench.flashes())
@@ -367,7 +373,8 @@ def test_a_stage_that_does_not_do_its_part_ends_light_and_motion(kind: type[Simu
     events = drain(bench.run(policy), MoveError)
     assert isinstance(events[-1], Failed)
     assert bench.scanner.guard.state is State.FAULT
-    fired, at_s = len(bench.flashes()), bench.rig.scanner.clock.now_s()
+    fired = len(bench.flashes())
+    at_s = bench.rig.scanner.clock.now_s()
     stood_deg = bench.world.angle_deg
     bench.scanner.clock.wait(10.0)
     bench.laser.pulses()
@@ -393,7 +400,8 @@ def test_a_sweep_that_is_left_ends_the_light_and_the_motion_by_itself() -> None:
     for _ in range(30):
         next(outcomes)
     outcomes.close()
-    at_deg, fired = bench.stage.probe_deg(bench.scanner.clock.now_s()), len(bench.flashes())
+    at_deg = bench.stage.probe_deg(bench.scanner.clock.now_s())
+    fired = len(bench.flashes())
     bench.scanner.clock.wait(5.0)
     bench.laser.pulses()
     assert len(bench.flashes()) == fired
@@ -416,7 +424,8 @@ def test_a_burst_that_loses_a_frame_is_refused_whole_and_swept_again_from_its_be
 
 
 def test_a_burst_that_was_refused_once_is_swept_anew_from_its_beginning() -> None:
-    bench, policy = SweepBench(readout_s=10.0), Sweeps(TO_END)
+    bench = SweepBench(readout_s=10.0)
+    policy = Sweeps(TO_END)
     bench.receiver.__class__ = Losing
     events = []
     for event in bench.run(policy):

@@ -63,8 +63,10 @@ def test_no_answer_is_far_from_the_marker():
     for seed in range(15):
         rng = np.random.default_rng(seed)
         angles_deg = np.arange(-35.0, 35.1, rng.choice([0.5, 1.0, 2.0]))
-        marker_deg, width_deg = rng.uniform(-24, 24), rng.uniform(1.2, 5.5)
-        level, scatter = rng.choice([0.0, 0.1, 0.25, 0.4, 0.6]), math.exp(rng.uniform(math.log(0.002), math.log(0.1)))
+        marker_deg = rng.uniform(-24, 24)
+        width_deg = rng.uniform(1.2, 5.5)
+        level = rng.choice([0.0, 0.1, 0.25, 0.4, 0.6])
+        scatter = math.exp(rng.uniform(math.log(0.002), math.log(0.1)))
         curve = CURVES[rng.choice(list(CURVES))]
         intensities = level * (1 + rng.uniform(-0.4, 0.4) * angles_deg / 35)
         intensities = intensities + (1 - level) * curve(angles_deg - marker_deg, width_deg)

@@ -83,7 +83,8 @@ def test_asks_inside_the_bracket_whatever_it_measures(intensities, ratio):
 def test_noise_widens_the_answer_but_moves_nothing():
     policy = BracketSearch(ratio=GOLDEN, acquisitions=28)
     run(policy, lorentzian(4.0))
-    plain, noisy = policy.answer(noise_sigma=None), policy.answer(noise_sigma=0.01)
+    plain = policy.answer(noise_sigma=None)
+    noisy = policy.answer(noise_sigma=0.01)
     assert noisy.mean_deg == plain.mean_deg
     # FWHM 10°, 1 % noise: 0.55·10°·sqrt(0.01/(4 ln2)).
     assert noisy.sigma_deg == pytest.approx(0.55 * 10 * math.sqrt(0.01 / (4 * math.log(2))), rel=0.15)

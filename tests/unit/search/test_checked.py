@@ -269,10 +269,8 @@ def test_early_end_waits_for_evidence():
 
 
 def test_the_inner_answer_is_kept():
-    bare, checked = (
-        BracketSearch(ratio=GOLDEN, acquisitions=24),
-        build(SearchPlan(method="golden-section", acquisitions=24)),
-    )
+    bare = BracketSearch(ratio=GOLDEN, acquisitions=24)
+    checked = build(SearchPlan(method="golden-section", acquisitions=24))
     run(bare, lorentzian(7.3))
     _, estimate = run(checked, lorentzian(7.3), darks=DARKS)
     assert estimate.mean_deg == bare.estimate().mean_deg

@@ -100,7 +100,8 @@ def test_flat_curve_answers_with_the_mean_angle(level):
 
 
 def test_weights_are_not_shifted_and_weak_samples_left_out():
-    angle_deg, intensity = np.array([-10.0, 0.0, 10.0, 20.0]), np.array([1.9, 10.0, 5.0, 2.0])
+    angle_deg = np.array([-10.0, 0.0, 10.0, 20.0])
+    intensity = np.array([1.9, 10.0, 5.0, 2.0])
     assert float(weighted_average(angle_deg, intensity)) == pytest.approx((5 * 10 + 2 * 20) / 17)
 
 

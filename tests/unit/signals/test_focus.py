@@ -77,8 +77,12 @@ def test_energies_are_those_of_aligned_channels():
     """Against channels that are aligned with NumPy, wave by wave."""
     rng = np.random.default_rng(11)
     signals = signals_of(counts(point(4e-3, 0.04) + rng.normal(0, 50, (128, 2080))))
-    element_m, place_m, per_metre = BPL.array.lateral_m, rng.uniform(-0.02, 0.02, 12), rng.uniform(24e3, 28e3, 12)
-    of_sum, of_channels, used = np.empty(12), np.empty(12), np.empty(12, np.int64)
+    element_m = BPL.array.lateral_m
+    place_m = rng.uniform(-0.02, 0.02, 12)
+    per_metre = rng.uniform(24e3, 28e3, 12)
+    of_sum = np.empty(12)
+    of_channels = np.empty(12)
+    used = np.empty(12, np.int64)
     arrival = (1039.4, 0.3)
     aligned_energies(signals, element_m, place_m, per_metre, arrival, 40, 0.012, of_sum, of_channels, used)
     for wave in range(12):

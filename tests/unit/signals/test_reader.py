@@ -83,7 +83,8 @@ def test_moving_along_the_array_by_whole_pitches_changes_nothing_else(columns):
 @pytest.mark.parametrize("name", PRESET_NAMES)
 @pytest.mark.parametrize("snr_db", [20.0, 30.0, 40.0])
 def test_intensity_over_noise_is_the_peak_snr(name, snr_db):
-    preset, rng = probe_preset(name), np.random.default_rng(3)
+    preset = probe_preset(name)
+    rng = np.random.default_rng(3)
     reader = ImageReader(preset)
     clean = pulse_frame(preset, lateral_m=1e-3, depth_m=0.045)
     peak = reader.read(frame_of(counts(clean))).intensity / 800
@@ -104,7 +105,8 @@ def test_two_sources_are_two_arrivals_strongest_first():
         pulse_frame(BPL, lateral_m=-8e-3, depth_m=0.03) * 300 + pulse_frame(BPL, lateral_m=9e-3, depth_m=0.05) * 700
     )
     frame = frame_of(np.rint(samples + rng.normal(0, 5, samples.shape)).astype(np.int16))
-    findings, reading = READER.findings(frame), READER.read(frame)
+    findings = READER.findings(frame)
+    reading = READER.read(frame)
     assert findings.found
     assert reading.arrivals == (findings.strongest, *findings.others)
     strongest, other = reading.arrivals
@@ -116,7 +118,8 @@ def test_two_sources_are_two_arrivals_strongest_first():
 @pytest.mark.parametrize("name", PRESET_NAMES)
 def test_coherent_energy_is_that_of_aligned_channels(name):
     """Against channels that are aligned with NumPy, point by point."""
-    preset, rng = probe_preset(name), np.random.default_rng(11)
+    preset = probe_preset(name)
+    rng = np.random.default_rng(11)
     source = (3e-3, 0.032)
     clean = pulse_frame(preset, lateral_m=source[0], depth_m=source[1])
     signals = band_pass(counts(clean + rng.normal(0, 0.05, clean.shape)), preset)
@@ -163,7 +166,8 @@ def test_local_maxima_are_those_of_the_picture():
     rng = np.random.default_rng(9)
     samples = pulse_frame(BPL, lateral_m=3e-3, depth_m=0.04) * 300 + rng.normal(0, 5, (128, 2080))
     frame = frame_of(np.rint(samples).astype(np.int16))
-    maxima, picture = READER.read(frame).local_maxima, READER.picture(frame)
+    maxima = READER.read(frame).local_maxima
+    picture = READER.picture(frame)
     heights = np.frombuffer(maxima.intensities, "<f4").reshape(maxima.rows, maxima.columns)
     rows, columns = (
         round(step / pixel)
@@ -181,8 +185,10 @@ def test_local_maxima_are_those_of_the_picture():
 @pytest.mark.parametrize("blocks", [1, 3])
 def test_noise_of_a_window_exceeds_a_level_as_often_as_its_cells_say(name, blocks):
     """Noise exceeds levels of 0.5, 0.1 and 0.01 by the law; the law overstates the lower half."""
-    preset, rng = probe_preset(name), np.random.default_rng(10)
-    reader, below = ImageReader(preset), []
+    preset = probe_preset(name)
+    rng = np.random.default_rng(10)
+    reader = ImageReader(preset)
+    below = []
     for _ in range(24):
         reading = reader.read(frame_of(np.rint(rng.normal(0, 20, (128, 2080))).astype(np.int16)))
         maxima = reading.local_maxima

@@ -8,7 +8,8 @@ import numpy as np
 
 from markerseek.sim import SimulatedEndoscope
 
-REFLECTION_PX, REFLECTION_COUNTS = (90.0, 40.0), 150.0
+REFLECTION_PX = (90.0, 40.0)
+REFLECTION_COUNTS = 150.0
 """Where a reflection is, (x, y) from the spot, and its height over the tissue."""
 
 
@@ -27,8 +28,11 @@ class FaultyEndoscope(SimulatedEndoscope):
         **more: Any,
     ) -> None:
         super().__init__(**more)
-        self._reflection, self._saturated, self._occluded = reflection, saturated, occluded
-        self._delay_frames, self._late = delay_frames, []
+        self._reflection = reflection
+        self._saturated = saturated
+        self._occluded = occluded
+        self._delay_frames = delay_frames
+        self._late = []
 
     def _come(self) -> list[Any]:
         before = self._frames

@@ -181,5 +181,6 @@ def test_the_energy_jitter_of_the_settings_reaches_the_intensities() -> None:
 
 class TestReceiver(ReceiverContract):
     def make(self) -> tuple[Receiver, Laser]:
-        around, clock = world(SechCurve(fwhm_deg=5.0)), VirtualClock()
+        around = world(SechCurve(fwhm_deg=5.0))
+        clock = VirtualClock()
         return SimulatedReceiver(world=around, clock=clock, readout_s=0.1), SimulatedLaser(world=around, clock=clock)

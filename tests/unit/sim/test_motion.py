@@ -56,7 +56,8 @@ def test_heartbeat_and_drift_add_to_breathing() -> None:
 
 
 def test_a_phase_is_drawn_for_moving_tissue_only_and_changes_no_other_draw() -> None:
-    one, other = np.random.default_rng(3), np.random.default_rng(3)
+    one = np.random.default_rng(3)
+    other = np.random.default_rng(3)
     moving = TissueMotion(breathing_mm=1.0)
     drawn = moving.drawn(one)
     assert drawn.phase is not None
@@ -91,7 +92,8 @@ def test_a_moved_marker_sounds_at_its_present_place_and_the_truth_stays() -> Non
     """Against a rig whose marker is at that place and rests."""
     # Held at the end of inhalation for a search that takes no time: 2 mm along the turn, 1 mm away from the axis.
     at = math.radians(12.0)
-    along, away = np.array([math.cos(at), 0, -math.sin(at)]), np.array([math.sin(at), 0, math.cos(at)])
+    along = np.array([math.cos(at), 0, -math.sin(at)])
+    away = np.array([math.sin(at), 0, math.cos(at)])
     way_m = 2e-3 * along + 1e-3 * away
     x, y, z = way_m.tolist()
     half_mm = 500 * math.hypot(x, y, z)
@@ -138,5 +140,6 @@ def test_breathing_is_an_option_and_changes_nothing_of_a_rig_without_it() -> Non
     chosen = with_options(SimulatedSettings(), SceneOptions(breathing_mm=0.7, breathing_period_s=5.0))
     assert (chosen.motion.breathing_mm, chosen.motion.period_s) == (0.7, 5.0)
     assert with_options(SimulatedSettings(), SceneOptions()) == SimulatedSettings()
-    one, other = simulated(1), simulated(1, settings=structs.replace(SimulatedSettings(), motion=TissueMotion(power=3)))
+    one = simulated(1)
+    other = simulated(1, settings=structs.replace(SimulatedSettings(), motion=TissueMotion(power=3)))
     assert one.scanner.measure(0.0).reading == other.scanner.measure(0.0).reading

@@ -44,7 +44,8 @@ def test_the_duration_of_a_move_is_that_of_an_integrated_speed_profile(distance_
 
     def speed(_time: float, place: np.ndarray) -> list[float]:
         """Fastest speed allowed from the way already gone, the way to go, and the limit: v² = 2 a s."""
-        gone, left = max(place[0], 1e-9), max(distance_deg - place[0], 0.0)
+        gone = max(place[0], 1e-9)
+        left = max(distance_deg - place[0], 0.0)
         return [min(np.sqrt(2 * 8.0 * min(gone, left)), 10.0)]
 
     def arrived(_time: float, place: np.ndarray) -> float:
@@ -87,7 +88,8 @@ def test_a_move_takes_its_time_and_the_approach_too() -> None:
 
 
 def test_the_receiver_records_the_flash_and_without_one_only_noise() -> None:
-    clock, truth = VirtualClock(), world(white_sigma=2.0)
+    clock = VirtualClock()
+    truth = world(white_sigma=2.0)
     laser = SimulatedLaser(world=truth, clock=clock)
     receiver = SimulatedReceiver(world=truth, clock=clock, readout_s=10.0)
     receiver.arm(permit("a"))
@@ -105,12 +107,14 @@ def test_the_receiver_records_the_flash_and_without_one_only_noise() -> None:
 
 def test_the_energy_of_an_acquisition_varies_and_drifts_and_a_meter_reports_it_with_its_own_noise() -> None:
     """ln energy scatters by the spread about the drift; what the header says is the true energy but for the meter."""
-    clock, truth = VirtualClock(), world()
+    clock = VirtualClock()
+    truth = world()
     rng = np.random.default_rng(8)
     light = LaserSettings(energy_spread=0.05, energy_drift_per_min=0.1)
     laser = SimulatedLaser(world=truth, clock=clock, light=light, rng=rng)
     receiver = SimulatedReceiver(world=truth, clock=clock, readout_s=0.59, meter_noise=0.01, rng=rng)
-    reported, fired_s = [], []
+    reported = []
+    fired_s = []
     for number in range(400):
         asked = permit(str(number), pulses=1, expires_s=1e9)
         receiver.arm(asked)

@@ -30,7 +30,8 @@ class Scene:
     """An endoscope that looks at a spot, its clock, and its laser."""
 
     def __init__(self, *, settings: EndoscopeSettings = EXACT, seed: int = 1, **more: Any) -> None:
-        self.clock, self.flashes = VirtualClock(), 0
+        self.clock = VirtualClock()
+        self.flashes = 0
         self.cameras = small(endoscope())
         self.endoscope = FaultyEndoscope(
             cameras=self.cameras,
@@ -55,7 +56,8 @@ class Scene:
         return self.endoscope.newest()
 
     def spots(self, *, lit: list[StereoPair] | None = None) -> list[Any]:
-        dark, lit = self.after(1.0), lit or self.after(1.0, fire=True)
+        dark = self.after(1.0)
+        lit = lit or self.after(1.0, fire=True)
         return [
             find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
             for side in ("left", "right")

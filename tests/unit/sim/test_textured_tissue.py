@@ -130,7 +130,8 @@ def test_the_spot_moves_with_the_tissue_and_stays_on_it() -> None:
     spot_m = np.array([0.004, -0.003, float(TISSUE.height_m(np.array([[0.004, -0.003]]))[0])])
     view = View(displacement_m=lambda at_s: np.array([0.0, 3e-3, 0.0]) * (at_s > 1.5))
     view.endoscope.show(spot_m)
-    first, second = view.pair(fire=True), view.pair(fire=True)
+    first = view.pair(fire=True)
+    second = view.pair(fire=True)
     for pair, at_m in ((first, spot_m), (second, spot_m + np.array([0.0, 3e-3, 0.0]))):
         x, y = view.cameras.left.project(CAMERA.inverse().apply(at_m)[None])[0]
         rows, columns = np.indices(pair.left.shape)
@@ -159,7 +160,8 @@ def test_exposure_and_an_instrument_change_over_time() -> None:
     means = [float(view.pair(after_s).left.mean()) for after_s in (11 / 4, 11 / 2)]
     assert means[0] / means[1] == pytest.approx(1.3 / 0.7, rel=0.03)
     view = View(structs.replace(QUIET, instrument=True))
-    one, other = view.pair(5 / 4).left.astype(int), view.pair(5 / 2).left.astype(int)
+    one = view.pair(5 / 4).left.astype(int)
+    other = view.pair(5 / 2).left.astype(int)
     covered = np.abs(one - View().pair().left) > 15
     assert 0.02 < covered.mean() < 0.4
     assert (np.abs(one - other) > 15).mean() > 0.01
@@ -180,6 +182,7 @@ def test_tissue_without_texture_looks_as_before() -> None:
         clock.wait(1.0)
         return made.newest()[-1]
 
-    plain, moved = pairs(), pairs(displacement_m=lambda _: np.full(3, 1e-3))
+    plain = pairs()
+    moved = pairs(displacement_m=lambda _: np.full(3, 1e-3))
     np.testing.assert_array_equal(plain.left, moved.left)
     assert not np.array_equal(plain.left, pairs(tissue=TISSUE).left)

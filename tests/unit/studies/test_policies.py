@@ -146,7 +146,8 @@ def test_a_policy_that_never_ends_is_named(folder: Path) -> None:
 
 
 def test_a_policy_of_which_every_search_fails_ends_the_command_with_the_reason(folder: Path, shell: Shell) -> None:
-    study, out = study_of(folder, "mine_of_this_test:Outside"), folder / "out"
+    study = study_of(folder, "mine_of_this_test:Outside")
+    out = folder / "out"
     for _ in ("run", "read"):
         code, text, err = shell("study", study, "--out", out, "--workers", 1)
         assert code == 1

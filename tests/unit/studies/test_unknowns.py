@@ -82,10 +82,12 @@ def test_a_prior_is_the_curve_of_another_marker_on_the_same_rig() -> None:
         DRAWN, policies=(policy, structs.replace(policy, prior=True)), marks=(), trials=12, stay=True
     )
     cell = cells(study)[0]
-    former, drawn = former_rig(study, cell, 0), draw_trial(study, cell, 0)
+    former = former_rig(study, cell, 0)
+    drawn = draw_trial(study, cell, 0)
     assert former.facts.truth_deg != drawn.marker_deg
     rows = [run_row(study, row) for row in range(study.rows)]
-    without, with_prior = rows[::2], rows[1::2]
+    without = rows[::2]
+    with_prior = rows[1::2]
     # the same marker and the same first angle, then another search
     assert [row.truth_deg for row in without] == [row.truth_deg for row in with_prior]
     assert sum(a.mean_deg != b.mean_deg for a, b in zip(without, with_prior, strict=True)) >= 8
@@ -127,7 +129,9 @@ def test_everything_is_drawn_over_the_ranges_of_the_table() -> None:
     drawn = [draw_trial(DRAWN, cell, trial) for trial in range(1500)]
     rigs = [draw.unknowns for draw in drawn]
     assert all(rig is not None for rig in rigs)
-    probes, media = [rig.model.probe for rig in rigs], [rig.model.medium for rig in rigs]  # type: ignore[union-attr]
+    # type: ignore[union-attr]
+    probes = [rig.model.probe for rig in rigs]
+    media = [rig.model.medium for rig in rigs]
     even = {
         unknowns.ELEMENT_HEIGHT_M: [probe.element_height_m for probe in probes],
         unknowns.FOCUS_M: [f for probe in probes if (f := probe.elevation_focus_m) is not None],

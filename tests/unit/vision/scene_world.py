@@ -92,7 +92,8 @@ class World:
         return z
 
     def _light(self, side: str, to_camera: np.ndarray, local_mm: Callable | None) -> np.ndarray:
-        rotation, shift = to_camera[:3, :3], to_camera[:3, 3]
+        rotation = to_camera[:3, :3]
+        shift = to_camera[:3, 3]
         origin = -rotation.T @ shift
         rays = self._rays[side] @ rotation
         far = (self.depth_m - origin[2]) / rays[..., 2]

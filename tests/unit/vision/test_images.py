@@ -77,7 +77,8 @@ TRAILERS = {
 @pytest.mark.parametrize("trailer", TRAILERS)
 @pytest.mark.parametrize("name", FILES)
 def test_what_follows_the_end_is_ignored_once_it_has_settled(name: str, trailer: str) -> None:
-    plain, longer = decoded_image(FILES[name]), decoded_image(FILES[name] + TRAILERS[trailer])
+    plain = decoded_image(FILES[name])
+    longer = decoded_image(FILES[name] + TRAILERS[trailer])
     assert plain is not None
     assert np.abs(plain.astype(int) - IMAGE).max() < 12
     np.testing.assert_array_equal(plain, longer)

@@ -26,7 +26,8 @@ def watch_of(world: World) -> SceneWatch:
 def test_a_move_between_two_rests_is_told(world: World) -> None:
     watch = watch_of(world)
     truth = moved(turn_deg=(0, 0, 1), shift_mm=(1, 0, 0.5))
-    before, after = world.pair(), world.pair(truth)
+    before = world.pair()
+    after = world.pair(truth)
     for number in range(26):
         pair = before if number < 10 else after
         # Pictures of one noise are as good here as many, and faster to render.

@@ -27,7 +27,8 @@ def images(place: tuple[float, float] | None, *, seed: int = 1, **changes: float
 
 
 def test_the_mean_of_the_frames_is_off_by_what_its_sigma_says() -> None:
-    pulls, sigmas = [], []
+    pulls = []
+    sigmas = []
     for seed in range(40):
         rng = np.random.default_rng(100 + seed)
         place = (float(rng.uniform(60, 260)), float(rng.uniform(60, 190)))
@@ -79,9 +80,12 @@ def spot_on(kind: str, seed: int, *, dark: bool) -> tuple[LaserSpot | NoSpot | T
     rng = np.random.default_rng(seed)
     place = rng.uniform([60, 60], [260, 190])
     columns, rows = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
-    light, counts, speckle = 70 + 0.3 * (columns - 160), 130.0, 1.0
+    light = 70 + 0.3 * (columns - 160)
+    counts = 130.0
+    speckle = 1.0
     if kind == "saturated":
-        light, counts = 110 + 0.5 * (columns - 160), 255.0
+        light = 110 + 0.5 * (columns - 160)
+        counts = 255.0
     elif kind == "texture":
         light = light * (1 + 0.1 * blurred(rng, 5.0))
     elif kind == "speckle":
@@ -111,7 +115,8 @@ def spot_on(kind: str, seed: int, *, dark: bool) -> tuple[LaserSpot | NoSpot | T
 )
 def test_the_sigma_of_a_spot_holds_what_is_the_same_in_all_frames(kind: str, dark: bool, most_px: float) -> None:
     """Saturated spots were 0.08 px off where 0.002 was said, on texture 0.36 px at 0.007, with speckle 1 px."""
-    off_px, sigmas_px = [], []
+    off_px = []
+    sigmas_px = []
     for seed in range(24):
         found, place = spot_on(kind, seed, dark=dark)
         assert isinstance(found, LaserSpot)
@@ -134,7 +139,8 @@ def test_no_spot_two_spots_and_a_reflection_that_dark_frames_remove() -> None:
     nothing = find_spot(images(None))
     assert isinstance(nothing, NoSpot)
     assert "the brightest place is" in nothing.reason
-    lit, reflection = images((90.0, 100.0)), images((230.0, 160.0), seed=2, spot_sigma_px=0.0, tissue_counts=0.0)
+    lit = images((90.0, 100.0))
+    reflection = images((230.0, 160.0), seed=2, spot_sigma_px=0.0, tissue_counts=0.0)
     both = [np.clip(a.astype(int) + b, 0, 255).astype(np.uint8) for a, b in zip(lit, reflection, strict=True)]
     two = find_spot(both)
     assert isinstance(two, TwoSpots)
@@ -148,7 +154,8 @@ def test_no_spot_two_spots_and_a_reflection_that_dark_frames_remove() -> None:
 
 
 def test_a_spot_that_is_off_in_half_of_the_frames_or_moves_is_refused() -> None:
-    lit, off = images((90.0, 100.0)), images(None)
+    lit = images((90.0, 100.0))
+    off = images(None)
     half = find_spot(lit[:13] + off[13:])
     assert isinstance(half, NoSpot)
     assert "seen in 13 of 25 frames" in half.reason

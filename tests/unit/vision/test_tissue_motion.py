@@ -44,7 +44,8 @@ def test_breathing_is_measured(period_s: float, swing_mm: float, power: int) -> 
 
 
 def test_in_the_pause_the_tissue_is_near_its_rest() -> None:
-    swing_mm, period_s = 2.0, 4.0
+    swing_mm = 2.0
+    period_s = 4.0
     along_mm = breathing(swing_mm, period_s)
     found = tissue_motion(series(along_mm), gate_mm=0.2)
     assert found is not None

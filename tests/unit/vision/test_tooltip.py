@@ -193,7 +193,8 @@ def test_speckle_is_rayleigh_distributed_and_changes_with_the_angle_as_the_beam(
 
 
 def test_an_image_depends_on_the_angle_and_not_on_the_way_there():
-    direct, around = tip_world(), tip_world()
+    direct = tip_world()
+    around = tip_world()
     scanned(around, [-20.0, 7.0, 3.0])
     np.testing.assert_array_equal(direct._speckle.field(4.0), around._speckle.field(4.0))
     # The receiver's noise is new in each image.

@@ -118,7 +118,8 @@ def test_pyigtl_reads_what_is_sent() -> None:
 
 def test_what_pyigtl_sends_is_read() -> None:
     made = pyigtl.ImageMessage(_RAMP, _MATRIX, "lps", timestamp=5.5, device_name="Rf")
-    made.header_version, made.metadata = 2, {"ProbeToProbeHomeTransformStatus": "OK"}
+    made.header_version = 2
+    made.metadata = {"ProbeToProbeHomeTransformStatus": "OK"}
     message = decoded(made.pack())
     assert isinstance(message.content, igtl.Image)
     assert message.content.pixels.tolist() == _RAMP.tolist()
@@ -248,7 +249,8 @@ def test_messages_come_out_whole_however_the_bytes_are_cut(cuts: list[int]) -> N
     whole = [igtl.encode(message) for message in sent]
     stream = b"".join(whole)
     ends = [0, *sorted(cuts), len(stream)]
-    framer, taken = igtl.Framer(most_bytes=100), []
+    framer = igtl.Framer(most_bytes=100)
+    taken = []
     for start, end in pairwise(ends):
         taken += [len(body) for _, body in framer.feed(stream[start:end])]
     assert taken == [len(message) - igtl.HEADER_BYTES for message in whole]

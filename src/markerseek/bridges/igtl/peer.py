@@ -52,7 +52,9 @@ class Peer(asyncio.Protocol):
         on_message: Callable[[Peer, igtl.Message], None],
         on_close: Callable[[Peer, str], None],
     ) -> None:
-        self._on_open, self._on_message, self._on_close = on_open, on_message, on_close
+        self._on_open = on_open
+        self._on_message = on_message
+        self._on_close = on_close
         self._waiting: dict[Key, bytes] = {}
         self._framer = igtl.Framer(most_bytes=MAX_BODY_BYTES)
         self._full = False

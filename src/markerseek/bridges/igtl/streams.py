@@ -197,7 +197,8 @@ def _known(view: RunView) -> dict[str, Any]:
 
 def _pictured(item: PicturedEntry, *, face_radius_m: float | None) -> list[StreamMessage]:
     """Return the image of an acquisition in ProbeHome, in grey levels; nothing if its place there is unknown."""
-    image, event = item.image, item.entry.event
+    image = item.image
+    event = item.entry.event
     if image is None or not isinstance(event, Measured) or face_radius_m is None:
         return []
     pixels = grey_levels(image.envelope, brightest=item.brightest)

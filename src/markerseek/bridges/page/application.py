@@ -79,7 +79,8 @@ class Gate:
         """The request with the prefix in its path: some proxies pass it on, and others take it away."""
         # Nobody but the user of the page says where it is: what is in this header would be written into it.
         headers = [each for each in scope["headers"] if each[0] != b"x-forwarded-prefix"]
-        path, raw = scope["path"], scope.get("raw_path") or b""
+        path = scope["path"]
+        raw = scope.get("raw_path") or b""
         if not f"{path}/".startswith(f"{self._prefix}/"):
             path = self._prefix + path
             raw = self._prefix.encode() + raw
@@ -163,7 +164,8 @@ class UnreadableMessages(logging.Filter):
         problem = record.exc_info[1] if record.exc_info else None
         if problem is None or not _passes_socket(problem):
             return True
-        said, self._said = self._said, True
+        said = self._said
+        self._said = True
         record.msg = "a browser sent a message that no page of markerseek sends (%s); such messages are ignored"
         record.args = (type(problem).__name__,)
         record.exc_info = None

@@ -90,7 +90,8 @@ class Settings:
         self._say("")
 
     def _add(self, name: str) -> None:
-        label, value = _label(name), self._values[name]
+        label = _label(name)
+        value = self._values[name]
         field: ui.select | ui.checkbox | ui.number
         given: dict[str, Any] = {"value": value, "on_change": lambda event: self._set(name, event.value)}
         if name in _CHOICES:
@@ -133,7 +134,8 @@ class Settings:
 
     def _read(self, name: str) -> Any:
         """The value of a setting from what its field shows; `ConfigError` if that is none."""
-        value, usual = self._values[name], self._usual.values[name]
+        value = self._values[name]
+        usual = self._usual.values[name]
         if value is None and usual is not None:
             # A field that is usually empty has a meaning when it is empty; this one has none.
             raise ConfigError(f"{name} is empty, it needs a value, such as {as_text(usual)}")

@@ -253,7 +253,8 @@ def _page_file() -> Path:
     return data_folder() / "page.json"
 
 
-END_S, DEVICES_END_S = 2.5, 10.0
+END_S = 2.5
+DEVICES_END_S = 10.0
 """Time for a search to end with the page, in seconds, on a simulated rig and on one of devices, which must stop too."""
 
 

@@ -178,7 +178,8 @@ class Timeline:
     def view(self, run: RunHistory | None) -> RunView | None:
         """The view to be shown: the newest, or the one that was chosen; None for no run."""
         if run is not self._run:
-            self._run, self._chosen = run, None
+            self._run = run
+            self._chosen = None
         self._last = len(run.views) - 1 if run else 0
         shown = self._last if self._chosen is None else min(self._chosen, self._last)
         if self._slider.props.get("max") != max(self._last, 1):

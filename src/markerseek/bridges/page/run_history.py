@@ -32,7 +32,8 @@ class RunHistory:
         # Only ever appended to, so that another thread may read it at any time.
         self.views: list[RunView] = [RunView.of(configuration)]
         self.pictures: dict[int, Picture] = {}
-        plan, recipe = configuration.plan, msgspec.json.decode(configuration.recipe) or {}
+        plan = configuration.plan
+        recipe = msgspec.json.decode(configuration.recipe) or {}
         self.pulse_j: float | None = recipe.get("settings", {}).get("laser", {}).get("pulse_energy_j")
         forms = (("as published", plan.as_published), ("sweeping", plan.sweep_speed_deg_s is not None))
         seed = [] if recipe.get("seed") is None else [f"seed {recipe['seed']}"]
@@ -113,7 +114,8 @@ def picture_of(sample: Sample, image: PaImage) -> Picture:
     """The image of an acquisition as it is sent."""
     reading = sample.reading
     brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
-    together, geometry = _rows_together(image), image.geometry
+    together = _rows_together(image)
+    geometry = image.geometry
     pooled = structs.replace(
         geometry,
         first_depth_m=geometry.position_m(row=(together - 1) / 2, column=0)[1],

@@ -88,7 +88,8 @@ def session_marks(view: SessionView, side: Side) -> str:
         parts.append(_circle("place", *_pixel(view.waiting.place, side), width / 18))
     if view.searched is not None:
         x, y = _pixel(view.searched.spot, side)
-        near, far = width / 60, width / 22
+        near = width / 60
+        far = width / 22
         arms = "".join(
             f"M{x + near * dx:.1f} {y + near * dy:.1f}L{x + far * dx:.1f} {y + far * dy:.1f}"
             for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))

@@ -20,7 +20,9 @@ class AcquisitionNode(Served):
     def __init__(self, serving: Serving, *, laser: Laser, receiver: Receiver, clock: Clock) -> None:
         super().__init__(serving)
         node = self.node
-        self._laser, self._receiver, self._clock = laser, receiver, clock
+        self._laser = laser
+        self._receiver = receiver
+        self._clock = clock
         self._wanted: messages.AcquireRequest | None = None
         self._acquiring = False
         self._cancelled = False
@@ -52,7 +54,8 @@ class AcquisitionNode(Served):
 
     def stop(self) -> None:
         """End the acquisition, and forget a request that has not begun."""
-        self._wanted, self._cancelled = None, self._acquiring
+        self._wanted = None
+        self._cancelled = self._acquiring
 
     def beat(self) -> None:
         """Raise `StepEnded` if somebody has cancelled the acquisition.
@@ -65,7 +68,8 @@ class AcquisitionNode(Served):
     def step(self) -> None:
         """Carry out the last request."""
         self._cancelled = False
-        request, self._wanted = self._wanted, None
+        request = self._wanted
+        self._wanted = None
         if request is not None:
             self._serve(request)
 

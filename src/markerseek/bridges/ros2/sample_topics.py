@@ -21,7 +21,8 @@ from markerseek.registration import KnownRegistration
 from markerseek.ros import RosNode, messages, topics
 from markerseek.show import RANGE_DB, event_line, grey_levels
 
-_TEXT, _JOINT = "std_msgs/msg/String", "sensor_msgs/msg/JointState"
+_TEXT = "std_msgs/msg/String"
+_JOINT = "sensor_msgs/msg/JointState"
 
 
 class SampleTopics:
@@ -31,7 +32,8 @@ class SampleTopics:
     """
 
     def __init__(self, *, node: RosNode, publishes_angle: bool) -> None:
-        self._node, self._publishes_angle = node, publishes_angle
+        self._node = node
+        self._publishes_angle = publishes_angle
         self._view: RunView | None = None
         # All at once, and early: who subscribes misses what comes before the publisher is found.
         node.advertise(topics.BANK, _TEXT, latched=True)
@@ -64,12 +66,15 @@ class SampleTopics:
         ``item``: an entry of the run; one without an acquisition publishes nothing.
         """
         assert self._view is not None  # noqa: S101  the configuration comes first
-        entry, image = item.entry, item.image
+        entry = item.entry
+        image = item.image
         view = self._view = self._view.add_entry(entry)
         if not isinstance(entry.event, Measured):
             return
-        sample, node = entry.event.sample, self._node
-        angle_deg, intensity = sample.angle_deg, sample.reading.intensity
+        sample = entry.event.sample
+        node = self._node
+        angle_deg = sample.angle_deg
+        intensity = sample.reading.intensity
         time_s = node.now_s() - since_fired_s(view, entry)
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
@@ -114,7 +119,8 @@ class RegistrationTopics:
     """The topics of a registration; the node must have advertised ``/tf``."""
 
     def __init__(self, *, node: RosNode, source: RegistrationSource) -> None:
-        self._node, self._source = node, source
+        self._node = node
+        self._source = source
         node.advertise(topics.REGISTRATION, "geometry_msgs/msg/TransformStamped", latched=True)
         node.advertise(topics.REGISTRATION_STATE, "std_msgs/msg/String", latched=True)
         self._view = source.view

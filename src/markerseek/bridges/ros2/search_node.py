@@ -24,7 +24,8 @@ class SearchNode:
     def __init__(
         self, *, node: RosNode, options: SearchOptions, asked: AskedSearch, publishes_angle: bool = True
     ) -> None:
-        self.node, self._asked = node, asked
+        self.node = node
+        self._asked = asked
         self.outcome: Outcome | None = None
         self.running = False
         """Whether a search runs, or its answer is not published yet."""
@@ -52,7 +53,8 @@ class SearchNode:
         self._searches.start(self._asked, asked_by=asked_by)
 
     def _started(self, process_id: int) -> None:
-        self.running, self.outcome = True, None
+        self.running = True
+        self.outcome = None
         self._publish_result({"state": "running", "process_id": process_id})
 
     def _queued(self, item: PicturedItem | Outcome) -> None:
@@ -77,7 +79,8 @@ class SearchNode:
         self.step()
 
     def _end(self, outcome: Outcome) -> None:
-        self.running, self.outcome = False, outcome
+        self.running = False
+        self.outcome = outcome
         self._publish_result(
             {"state": "ended", "exit_code": outcome.exit_code, "message": outcome.message, "result": outcome.answer}
         )

@@ -40,8 +40,11 @@ class Served(ABC):
     """A node of a device under a guard of its own."""
 
     def __init__(self, serving: Serving) -> None:
-        self.node, self._guard, self._simulated = serving.node, serving.guard, serving.simulated
-        self._by, self._watchdog = serving.by, serving.watchdog
+        self.node = serving.node
+        self._guard = serving.guard
+        self._simulated = serving.simulated
+        self._by = serving.by
+        self._watchdog = serving.watchdog
         self._commands = StampedCommands()
 
     @abstractmethod

@@ -12,8 +12,10 @@ from markerseek.core import LimitError, MarkerseekError, Stage
 from markerseek.guard import State
 from markerseek.ros import joint_angle_deg, messages, topics
 
-_JOINT, _EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Empty"
-_PUBLISH_S, _TURNING_S = 0.1, 0.02
+_JOINT = "sensor_msgs/msg/JointState"
+_EMPTY = "std_msgs/msg/Empty"
+_PUBLISH_S = 0.1
+_TURNING_S = 0.02
 """Time between two angles while the stage rests, and while it turns, in seconds."""
 
 
@@ -101,7 +103,8 @@ class StageNode(Served):
     def step(self) -> None:
         """Carry out the last command, and publish angle and state when they are due."""
         self._stopped = False
-        wanted_deg, self._wanted_deg = self._wanted_deg, None
+        wanted_deg = self._wanted_deg
+        self._wanted_deg = None
         if wanted_deg is not None:
             self._move(wanted_deg)
         elif time.monotonic() >= self._due_s:

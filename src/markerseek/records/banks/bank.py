@@ -226,13 +226,15 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
                 "seen at both ends; if it is there, leave out angles on the other side, so that a gap remains",
             )
         return angles_deg
-    last_deg, first_deg = rising[cut], rising[cut + 1]
+    last_deg = rising[cut]
+    first_deg = rising[cut + 1]
     # Of the two ranges, a turn apart, the one that is nearer to 0.
     lower = first_deg + last_deg - MAX_DEG > -MAX_DEG
     turn_deg, moved = (-MAX_DEG, angles_deg >= first_deg) if lower else (MAX_DEG, angles_deg <= last_deg)
     # Rounded, because 359.9 - 360 has more digits than 359.9.
     turned = np.where(moved, np.round(angles_deg + turn_deg, 9), angles_deg)
-    old, new = angles_deg[moved], turned[moved]
+    old = angles_deg[moved]
+    new = turned[moved]
     note(
         path,
         f"the angles jump by a full turn, so that {old.min():g} to {old.max():g} deg are read as "

@@ -108,7 +108,9 @@ def loudness(frame: np.ndarray, blanked: int) -> float:
     return float(np.abs(_without_offset(imaged.astype(np.float64))).max(axis=1).mean())
 
 
-_FEW_CHANNELS, _NOISE_RATIO, _LOOKED_AT = 0.05, 5.0, 16
+_FEW_CHANNELS = 0.05
+_NOISE_RATIO = 5.0
+_LOOKED_AT = 16
 """Largest share of channels that are left out unasked; noise of one over the usual; frames that are looked at."""
 
 
@@ -203,7 +205,8 @@ def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) ->
     whole = all(each.whole for each in seen)
     if "int16" in kinds and not whole:
         raise RecordError(f"{path}: {' and '.join(kinds)} found side by side; save all frames of a scan alike")
-    low, high = min(each.low for each in seen), max(each.high for each in seen)
+    low = min(each.low for each in seen)
+    high = max(each.high for each in seen)
     zero = 0.0 if low < 0 else _middle(float(np.median([each.median for each in seen])), high)
     loudest = max(each.loud for each in seen)
     # Neighbours of an element hear a source nearly as loud as it does: what a few channels alone have is no sound.

@@ -59,7 +59,8 @@ from markerseek.wire import sonixdaq, ultrasonix
 MAT_PROBE = "L3-8"
 """Preset of the probe of the public data set."""
 
-_FRAME, _COUNT = "AdcData_frame000", "SampleNum"
+_FRAME = "AdcData_frame000"
+_COUNT = "SampleNum"
 _MAX_FRAME_BYTES = 256 * MIB
 """Largest file of one frame: 16 MiB of channel data, and whatever else was saved with them."""
 
@@ -151,7 +152,8 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
     """Channels of a ``.mat``, shape (128, samples), without the padding at their end."""
     # Layout of Allman, Reiter and Bell's data set (IEEE TMI 2018): ``AdcData_frame000`` is (32, AlignedSampleNum, 4),
     # and channel c is in row c mod 32 of bank c div 32.
-    frame, count = arrays.get(_FRAME), arrays.get(_COUNT)
+    frame = arrays.get(_FRAME)
+    count = arrays.get(_COUNT)
     if frame is None or frame.dtype != np.int16 or frame.ndim != 3 or frame.shape[::2] != (32, 4) or count is None:
         raise RecordError(
             f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {content(arrays)}; "
@@ -409,7 +411,8 @@ class UltrasonixFile:
 def open_ultrasonix(path: Path) -> UltrasonixFile:
     """File with its header, checked against its size."""
     with as_read_error(path), open_input(path, most_bytes=_LARGEST_BYTES) as file:
-        head, size = file.read(ultrasonix.HEADER_BYTES), os.fstat(file.fileno()).st_size
+        head = file.read(ultrasonix.HEADER_BYTES)
+        size = os.fstat(file.fileno()).st_size
     header = ultrasonix.decode_header(head, size=size, name=str(path))
     if header.stride > _MAX_RF_BYTES:
         raise RecordError(

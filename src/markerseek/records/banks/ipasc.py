@@ -23,33 +23,41 @@ from markerseek.records.notes import note
 BANK_VERSION = 1
 """Version of our own fields; a reader refuses a newer one."""
 
-FRAMES, DARK_FRAMES = "binary_time_series_data", "meta_data/dark_time_series_data"
+FRAMES = "binary_time_series_data"
+DARK_FRAMES = "meta_data/dark_time_series_data"
 """Channel data of (elements, samples, wavelengths, measurements); without laser of (elements, samples, frames).
 
 When it reads, pacfish drops axes of length 1 of every dataset but the first.
 """
 
 VERSION = "meta_data/markerseek_bank_version"
-ANGLES, INTENSITIES, REFERENCE = "meta_data/trus_angle_deg", "meta_data/intensity", "meta_data/reference_angle_deg"
+ANGLES = "meta_data/trus_angle_deg"
+INTENSITIES = "meta_data/intensity"
+REFERENCE = "meta_data/reference_angle_deg"
 PULSES = "meta_data/pulses"
 ENERGY = "meta_data/energy_over_usual"
 """Energy of the pulses of each measurement as in `FrameHeader`, by which its intensity has been divided; NaN where it
 was not measured. `PULSE_ENERGY` has it in joules too, where that of a usual pulse is known."""
-TIMES, RIG_CLOCK, CLOCK_ZERO = (
-    "meta_data/measurement_timestamps",
-    "meta_data/rig_clock_s",
-    "meta_data/clock_zero_unix_s",
-)
+TIMES = "meta_data/measurement_timestamps"
+RIG_CLOCK = "meta_data/rig_clock_s"
+CLOCK_ZERO = "meta_data/clock_zero_unix_s"
 """When a measurement began: since 1970, and on the rig's clock; and when that read 0, since 1970. All in seconds."""
 
 POSES = "meta_data/measurement_spatial_poses"
-FACE_RADIUS, PROBE, DESCRIPTION = "meta_data/trus_face_radius_m", "meta_data/probe_preset", "meta_data/description"
+FACE_RADIUS = "meta_data/trus_face_radius_m"
+PROBE = "meta_data/probe_preset"
+DESCRIPTION = "meta_data/description"
 PROBE_SETTINGS = "meta_data/probe_settings"
 SIMULATED = "meta_data/simulated"
-CONFIGURATION, SEED, MADE_WITH = "meta_data/configuration_fingerprint", "meta_data/seed", "meta_data/made_with"
+CONFIGURATION = "meta_data/configuration_fingerprint"
+SEED = "meta_data/seed"
+MADE_WITH = "meta_data/made_with"
 FIRST_SAMPLE = "meta_data/first_sample_s"
-SAMPLING, SOUND_SPEED = "meta_data/ad_sampling_rate", "meta_data/speed_of_sound"
-WAVELENGTH, PULSE_ENERGY, SIZES = "meta_data/acquisition_wavelengths", "meta_data/pulse_energy", "meta_data/sizes"
+SAMPLING = "meta_data/ad_sampling_rate"
+SOUND_SPEED = "meta_data/speed_of_sound"
+WAVELENGTH = "meta_data/acquisition_wavelengths"
+PULSE_ENERGY = "meta_data/pulse_energy"
+SIZES = "meta_data/sizes"
 DEVICE = "meta_data_device"
 DETECTORS = f"{DEVICE}/detectors"
 
@@ -80,7 +88,8 @@ _RANGES = {
 }
 """Physical ranges of such numbers, and the unit in which they are written."""
 
-_OFF_AXIS_RAD, _POSE_DIGITS = 1e-3, 5
+_OFF_AXIS_RAD = 1e-3
+_POSE_DIGITS = 5
 """Largest rotation of a pose about another axis than the array's; decimals of an angle: poses may be float32."""
 
 # In digits: int() of a longer text takes time with the square of its length.
@@ -143,7 +152,8 @@ def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
     def column(name: str, otherwise: float = math.nan) -> tuple[float, ...]:
         return tuple(_one_each(file, name, count, otherwise=otherwise)[order].tolist())
 
-    intensities, started_s = column(INTENSITIES), column(RIG_CLOCK)
+    intensities = column(INTENSITIES)
+    started_s = column(RIG_CLOCK)
     known = np.array([each for each in intensities if math.isfinite(each)])
     amplitudes(known, db=False, where=lambda _index: str(path))
     frames = _frame_shape(path, file, count)
@@ -197,7 +207,9 @@ def _read_facts(path: Path, file: CheckedHdf5, *, pitch_m: float | None) -> Bank
                 f"{path}: {name} is {value:g} {unit}, it must lie between {low:g} and {high:g} {unit}; write it in "
                 f"{unit}"
             )
-    simulated, seed, wavelength_m = file.number(SIMULATED), file.text(SEED), _first(file, WAVELENGTH)
+    simulated = file.number(SIMULATED)
+    seed = file.text(SEED)
+    wavelength_m = _first(file, WAVELENGTH)
     known |= {
         "description": known["description"] or "",
         "pitch_m": pitch_m,
@@ -249,7 +261,8 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
                 "expected; save the measurements of one wavelength alone"
             )
         array = element_row(path, file, elements=shape[0])
-        pitch_m, count = array.pitch_m, shape[3]
+        pitch_m = array.pitch_m
+        count = shape[3]
         frames = file.values(data, name=FRAMES).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
         arrays["frames"] = frames[:, ::-1] if array.falling else frames
     else:

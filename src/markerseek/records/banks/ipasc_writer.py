@@ -88,7 +88,9 @@ class BankWriter:
     """
 
     def __init__(self, path: Path, file: h5py.File, facts: BankFacts) -> None:
-        self._path, self._file, self._facts = path, file, facts
+        self._path = path
+        self._file = file
+        self._facts = facts
         self._taken: dict[float, tuple[float, FrameHeader]] = {}
         self._taken_dark = 0
         self._first: ChannelFrame | None = None
@@ -108,7 +110,8 @@ class BankWriter:
         else:
             self._begin(frame)
         if sample.dark:
-            row, self._taken_dark = self._taken_dark, self._taken_dark + 1
+            row = self._taken_dark
+            self._taken_dark = self._taken_dark + 1
         else:
             self._require_keepable(sample, frame)
             row = list(self._taken).index(sample.angle_deg) if sample.angle_deg in self._taken else self.taken
@@ -146,7 +149,8 @@ class BankWriter:
             )
 
     def _require_keepable(self, sample: Sample, frame: ChannelFrame | None) -> None:
-        angle_deg, intensity = sample.angle_deg, sample.reading.intensity
+        angle_deg = sample.angle_deg
+        intensity = sample.reading.intensity
         if not abs(angle_deg) <= MAX_DEG:
             raise RecordError(
                 f"{self._path}: the angle is {angle_deg:g} deg, it must be finite and within one turn, -{MAX_DEG:g} to "
@@ -161,8 +165,10 @@ class BankWriter:
 
     def _acquisition(self, device: str) -> dict[str, object]:
         """Fields of IPASC and ours by name; what is not known is left out, and what is not measured is NaN."""
-        facts, first = self._facts, self._first
-        angles_deg, headers = list(self._taken), [header for _, header in self._taken.values()]
+        facts = self._facts
+        first = self._first
+        angles_deg = list(self._taken)
+        headers = [header for _, header in self._taken.values()]
         started_s = np.array([each.started_s if math.isfinite(each.started_s) else math.nan for each in headers])
         energies = np.array([math.nan if each.energy is None else each.energy for each in headers])
         shape = (0, 0) if first is None else first.samples.shape

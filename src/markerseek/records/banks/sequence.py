@@ -59,7 +59,8 @@ _TYPES = {
 _TYPE_OF = {name: code for code, names in _TYPES.items() for name in names.split(", ")}
 
 _LARGEST_BYTES = 1 << 42
-_HEADER_BYTES, _LINE_BYTES = 64 * MIB, 64 * 1024
+_HEADER_BYTES = 64 * MIB
+_LINE_BYTES = 64 * 1024
 _MOST_FRAME_BYTES = 64 * MIB
 _MOST_INTERLEAVED_BYTES = 2048 * MIB
 _MOST_FRAMES = 100_000
@@ -153,7 +154,8 @@ class ImageSequence:
 
     def frames(self) -> Iterator[np.ndarray]:
         """Each frame with depth along its rows and the marked side at its last column; the brightest of colours."""
-        columns, rows = self.orientation[:1], self.orientation[1:]
+        columns = self.orientation[:1]
+        rows = self.orientation[1:]
         with as_read_error(self.data), open_input(self.data, most_bytes=_LARGEST_BYTES) as file:
             file.seek(self.start)
             for pixels in self._pixels(file):
@@ -238,7 +240,8 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
     ``angle_field``: name of the field or transform; None: the first of `ANGLE_FIELDS` and `ANGLE_TRANSFORMS` that the
     sequence has.
     """
-    path, frames = sequence.path, sequence.frame_fields
+    path = sequence.path
+    frames = sequence.frame_fields
     names = {name for fields in frames for name in fields}
     chosen = _field_of_angles(path, names, angle_field)
     turns = chosen.endswith("Transform")
@@ -248,7 +251,8 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
     kept: dict[int, np.ndarray] = {}
     left_out: list[str] = []
     for number, each in enumerate(frames):
-        said, values = _validity(each, status, usual), _numbers(each.get(chosen, ""), 16 if turns else 1)
+        said = _validity(each, status, usual)
+        values = _numbers(each.get(chosen, ""), 16 if turns else 1)
         if not sequence.valid_image(number):
             left_out.append(f"Seq_Frame{number:04d} (ImageStatus {each['ImageStatus']})")
         elif said.upper() != "OK":
@@ -353,7 +357,8 @@ def read_sequence(path: Path, *, angle_field: str | None = None, table: TableFor
 
 def _require_understood(path: Path, said: Mapping[str, str]) -> None:
     """Refuse what would change the pixels, their size or their place in a frame, and is not read."""
-    orientation, kind = said.get("UltrasoundImageOrientation", ""), said.get("UltrasoundImageType", "")
+    orientation = said.get("UltrasoundImageOrientation", "")
+    kind = said.get("UltrasoundImageType", "")
     if not re.fullmatch("([MU][FN]|[FN][MU]|XX|)[AD]?", orientation.upper()):
         raise RecordError(
             f"{path}: UltrasoundImageOrientation is {orientation[:40]!r}, M or U across and F or N in depth are "
@@ -437,13 +442,15 @@ def _as_meta(path: Path, said: Mapping[str, str]) -> dict[str, str]:
 
 def _sizes(path: Path, said: Mapping[str, str]) -> tuple[int, int, int, int]:
     """Columns, rows, components and frames, refused where they are no images in a row."""
-    sizes, kind = said.get("DimSize", "").split(), said.get("ElementType", "")
+    sizes = said.get("DimSize", "").split()
+    kind = said.get("ElementType", "")
     kinds = said.get("Kinds", "").lower().split() or ["domain"] * (len(sizes) - 1) + ["list"]
     words = [*sizes, said.get("ElementNumberOfChannels", "1")]
     numbers = [int(word) if word.isdecimal() and len(word) < 12 else 0 for word in words]
     fits = len(sizes) == len(kinds) in (3, 4) and not {"list", "time"} & set(kinds[:-1])
     if not fits or min(numbers) < 1 or any(each != 1 for each in numbers[2:-2]) or kind not in _TYPE_OF:
-        size, axes = " ".join(sizes)[:60] or "nothing", " ".join(kinds)[:60]
+        size = " ".join(sizes)[:60] or "nothing"
+        axes = " ".join(kinds)[:60]
         raise RecordError(
             f"{path}: it holds {kind[:40] or 'no type'} of {size} ({axes}); numbers with columns, rows and frames "
             "in this order (domain domain list) are expected: save it again"
@@ -466,7 +473,8 @@ def _spacing(words: list[str]) -> tuple[float, float]:
 def _unpacked(path: Path, file: BinaryIO, size: int, count: int, *, packed: bool) -> Iterator[bytes]:
     """So many pieces of one size; `RecordError` where there are fewer, or where packed ones hold more."""
     # 47: zlib, as in a MetaImage, or gzip, as in a NRRD.
-    inflate, held = zlib.decompressobj(wbits=47), bytearray()
+    inflate = zlib.decompressobj(wbits=47)
+    held = bytearray()
     try:
         for _ in range(count):
             while len(held) < size and (more := file.read(_PIECE_BYTES)):
@@ -509,7 +517,8 @@ def _twists(path: Path, name: str, stacked: Float64[np.ndarray, "frames 3 3"]) -
             "are expected of a probe that turns about its axis; name a transform to the probe's frame at 0 deg: "
             "--angle-field ProbeToProbeHome"
         )
-    first, second = (third + 1) % 3, (third + 2) % 3
+    first = (third + 1) % 3
+    second = (third + 2) % 3
     sine = stacked[:, second, first] - stacked[:, first, second]
     degrees = np.degrees(np.arctan2(sine, stacked[:, first, first] + stacked[:, second, second])).tolist()
     # ProbeHomeToProbe is the inverse of ProbeToProbeHome.

@@ -116,7 +116,8 @@ ImageToProbe.
 
 def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:
     """Rotation of the probe about y: a point (0, y, r) comes to (r sin θ, y, r cos θ)."""
-    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    cosine = math.cos(math.radians(angle_deg))
+    sine = math.sin(math.radians(angle_deg))
     return np.array([[cosine, 0, sine, 0], [0, 1, 0, 0], [-sine, 0, cosine, 0], [0, 0, 0, 1]], dtype=np.float64)
 
 

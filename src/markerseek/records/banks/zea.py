@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 FORMAT = "0.1.8"
 """Version of zea whose layout is written."""
 
-RAW, POSE = "data/raw_data", "metadata/probe_pose"
+RAW = "data/raw_data"
+POSE = "metadata/probe_pose"
 """Channel data within a track, and the poses of the probe."""
 
 TRACK = "tracks/track_0"
@@ -115,11 +116,13 @@ def _angles_deg(path: Path, file: CheckedHdf5, frames: int) -> Float64[np.ndarra
         )
     rows = values.reshape(frames, width)
     if kind == "euler_xyz":
-        about_x, others = rows[:, 0], rows[:, 1:]
+        about_x = rows[:, 0]
+        others = rows[:, 1:]
     else:
         w, x, *yz = (rows if kind == "quaternion_wxyz" else np.roll(rows, 1, axis=1)).T
         # A quaternion and its negative are one rotation.
-        about_x, others = 2 * np.arctan2(np.copysign(1.0, w) * x, np.abs(w)), 2 * np.array(yz)
+        about_x = 2 * np.arctan2(np.copysign(1.0, w) * x, np.abs(w))
+        others = 2 * np.array(yz)
     # Written so that NaN fails the test, too.
     if not (np.abs(others) <= _OFF_AXIS_RAD).all():
         raise RecordError(

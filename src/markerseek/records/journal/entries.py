@@ -304,7 +304,8 @@ class _Blob:
         if array.dtype != _STORED or rows < 1 or columns < 1 or len(self._left) < size:
             found = f"{array.dtype[:20]} with {len(self._left)} bytes"
             raise ValueError(f"a frame of {rows} rows and {columns} columns of {found}")
-        data, self._left = self._left[:size], self._left[size:]
+        data = self._left[:size]
+        self._left = self._left[size:]
         stored = np.frombuffer(data, dtype=_STORED).reshape(rows, columns)
         return stored.astype(stored.dtype.newbyteorder("="), copy=False)
 

@@ -361,5 +361,6 @@ def _pulses(event: JournalEvent) -> int:
 
 
 def _snr_db(sample: Sample) -> float | None:
-    sigma, intensity = sample.reading.noise_sigma, sample.reading.intensity
+    sigma = sample.reading.noise_sigma
+    intensity = sample.reading.intensity
     return 20 * math.log10(intensity / sigma) if sigma and intensity > 0 else None

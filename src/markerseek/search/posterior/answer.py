@@ -88,13 +88,15 @@ the curve has half of its height."""
 STRONGER_SIGMAS = 2.0
 """Standard deviations of the ratio of two strengths by which one must exceed the other to be the stronger."""
 
-PARTICLES, UNDETECTED_PARTICLES = 48, 4000
+PARTICLES = 48
+UNDETECTED_PARTICLES = 4000
 """Markers that are drawn from the posterior to choose the next angle: once one is detected, and before."""
 
 PREDICTION_SIGMAS = 3.0
 """Standard deviations of the prediction by which a confirmation may be weaker."""
 
-MISFIT_SIGMAS, USUAL_SAMPLES = 2.5, 12
+MISFIT_SIGMAS = 2.5
+USUAL_SAMPLES = 12
 """Standard deviations of the prediction beyond which the curve does not explain the worst of so many samples, as a
 search at rest has: of more samples one is farther by chance."""
 
@@ -139,7 +141,9 @@ class Analysis:
         self._measured = lit
         self.limits = limits
         self._dark = dark
-        self._inference, self._single, self._expected = inference, single, expected
+        self._inference = inference
+        self._single = single
+        self._expected = expected
 
     @cached_property
     def noise(self) -> SearchNoise:
@@ -262,9 +266,11 @@ class Analysis:
     def _candidate(self, group: SourceSamples, missing: str | None, inference: Inference, particles: int) -> Candidate:
         posterior = inference.posterior(group.samples, self.noise, particles=particles, bounds=group.bounds)
         here_deg = self.limits.nearest(posterior.mean_deg)
-        near_deg, at = MEASURED_SHARE * posterior.fwhm_deg, (*group.samples, *group.bounds)
+        near_deg = MEASURED_SHARE * posterior.fwhm_deg
+        at = (*group.samples, *group.bounds)
         there = [each.reading.intensity for each in at if abs(each.angle_deg - here_deg) <= near_deg]
-        beyond, height = here_deg != posterior.mean_deg, max(there, default=0.0) / posterior.sigma
+        beyond = here_deg != posterior.mean_deg
+        height = max(there, default=0.0) / posterior.sigma
         return Candidate(
             source=group.source,
             side=group.side,
@@ -283,7 +289,8 @@ class Analysis:
     def motion(self) -> MarkerMotion:
         """What was seen of the motion of the strongest source."""
         first = self.sources[0]
-        motion, sigma_deg = first.posterior.motion, first.posterior.moved_sigma_deg
+        motion = first.posterior.motion
+        sigma_deg = first.posterior.moved_sigma_deg
         from_axis_m = radius_m(max(first.samples, key=lambda sample: sample.reading.intensity).reading.depth_m)
         return MarkerMotion(
             lateral_mm=None if motion is None or motion.lateral_m is None else 1e3 * motion.lateral_m,

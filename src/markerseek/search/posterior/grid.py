@@ -148,11 +148,14 @@ class Grid:
         # Without the prior of the angle, which the moments of arrival still change.
         alive = tops >= tops.max() - DROPPED_BELOW
         if not alive.all():
-            self._angle, self._member, self._cells = self._angle[alive], self._member[alive], self._cells[alive]
+            self._angle = self._angle[alive]
+            self._member = self._member[alive]
+            self._cells = self._cells[alive]
             tops = tops[alive]
         tops = tops + log_angle[self._angle]
         counted = np.flatnonzero(tops > tops.max() + MIN_LOG_WEIGHT)
-        angle, member = self._angle[counted], self._member[counted]
+        angle = self._angle[counted]
+        member = self._member[counted]
         base = log_angle[angle] + log_shape[member] - tops.max()
         weight = np.exp(np.float32(power) * self._cells[counted] + base[:, None].astype(np.float32))
         by_row = weight.sum(axis=1, dtype=np.float64)
@@ -204,7 +207,8 @@ def _add_sample(
     The tables are extended at either end by as many entries as there are amplitudes, so that every row lies inside.
     """
     amplitudes = rows.shape[1]
-    phases, entries = tables.shape[1], tables.shape[2]
+    phases = tables.shape[1]
+    entries = tables.shape[2]
     for r in range(rows.shape[0]):
         away = steps[angle[r]]
         near = min(int(away), log_curve.shape[1] - 2)
@@ -218,7 +222,8 @@ def _add_sample(
         entry = math.floor((start + 0.5) / phases)
         shift = min(max(entry + amplitudes, 0), entries - amplitudes)
         # Amplitudes step by whole entries of one phase, so that a row is a sum of two slices: no lookup per cell.
-        cells, known = rows[r], tables[error, start - entry * phases, shift : shift + amplitudes]
+        cells = rows[r]
+        known = tables[error, start - entry * phases, shift : shift + amplitudes]
         for a in range(amplitudes):
             cells[a] += known[a]
 

@@ -227,7 +227,8 @@ class Inference:
         motion_m: float | None = None,
     ) -> None:
         self.cues = cues
-        self._limits, self._prior = limits, prior
+        self._limits = limits
+        self._prior = prior
         self._motion_m = motion_m
         self._shapes = family() if prior is None else shapes_with(family(), prior)
         step_deg = limits.width_deg / COARSE_STEPS
@@ -268,7 +269,8 @@ class Inference:
         only how strong the source is at most (`as_upper_limit`).
         """
         coarse = self._coarse(lit, bounds, noise)
-        first_deg, last_deg = self._coarse_deg[0], self._coarse_deg[-1]
+        first_deg = self._coarse_deg[0]
+        last_deg = self._coarse_deg[-1]
         log_moments = arrival_likelihood(lit, self._scale, first_deg, last_deg) if "arrival" in self.cues else None
 
         def log_arrival(angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
@@ -408,7 +410,8 @@ FINE_ANGLES = 33
 SYMMETRY_ANGLES = (13, 25)
 """Angles at which the symmetric likelihood is computed: while they become narrower, and at last."""
 
-SYMMETRY_STEP, MAX_SYMMETRY_ANGLES = 0.02, 151
+SYMMETRY_STEP = 0.02
+MAX_SYMMETRY_ANGLES = 151
 """Their step over the full width at half maximum where they are spread wider than that, and their largest number."""
 
 SYMMETRY_SHAPES = 6
@@ -445,7 +448,8 @@ def refine(
     ``observations``: all observations; none if the intensities do not count: then the grid stays coarse. ``log_prior``:
     gives ln of the prior of angles, the likelihoods of other cues included. ``particles``: markers to draw.
     """
-    grid, best = coarse, known
+    grid = coarse
+    best = known
     swept = any(each.sweep is not None for each in observations)
     samples = grouped(observations, fwhm_deg=float(known.shape @ shapes.fwhm_deg[coarse.members]))
     symmetric = sum(map(len, samples.strong)) >= MIN_STRONG
@@ -483,7 +487,8 @@ def refine(
     samples, log_gain = with_energies(samples)
     # The template's error is g now: few shapes are enough, the Gaussian process makes up for the others.
     members = grid.members[np.sort(np.argsort(-best.shape, kind="stable")[:SYMMETRY_SHAPES])]
-    angles_deg, probability = grid.angles_deg, best.angle
+    angles_deg = grid.angles_deg
+    probability = best.angle
     hypotheses = hypotheses_of(shapes, members, PULSE_ERRORS if swept else SAMPLE_ERRORS)
     # A posterior wider than the curve may have a narrow mode beside a wide one, and coarse angles would step over it.
     least_step_deg = SYMMETRY_STEP * float(shapes.fwhm_deg[members].min())
@@ -551,7 +556,8 @@ MOVED_ERRORS: tuple[tuple[float, float], ...] = ((0.02, 0.45), (0.08, 0.35), (0.
 """Relative errors of one sample of a marker that moves, and the prior probability of each. An average of pulses is
 blurred: a marker that moves in depth by half a wavelength meanwhile, some 0.1 mm, loses a part of its height."""
 
-MOTION_ANGLES, MOTION_STEPS = 41, 801
+MOTION_ANGLES = 41
+MOTION_STEPS = 801
 """Angles at which the likelihood of each motion is computed, and most steps of the posterior over all of them."""
 
 LEAST_MOTION = 1e-3
@@ -731,7 +737,9 @@ def blurred(
 SPOT_PRIOR = 0.3
 """Prior probability of an asymmetric marker."""
 
-SHIFT_M, INCOHERENT_SHIFT_M, SCATTER_SHIFT_M = 0.105e-3, 0.05e-3, 1.5e-3
+SHIFT_M = 0.105e-3
+INCOHERENT_SHIFT_M = 0.05e-3
+SCATTER_SHIFT_M = 1.5e-3
 """a₀, a₁ and a₂ in metres: the most likely values in 310 searches for simulated spots in four tissues, enlarged until
 the intervals cover (decision 52)."""
 
@@ -744,11 +752,13 @@ USUAL_SHIFT_M = 0.2e-3
 USUAL_RADIUS_M = 55e-3
 """Distance of the marker from the axis in metres, if the frames do not tell it."""
 
-POINT_SIGMA, NOISE_SIGMA = 0.005, 0.5
+POINT_SIGMA = 0.005
+NOISE_SIGMA = 0.5
 """Root mean square deviation of a point's C from 1, from point to point, and by noise times the SNR: of 260 simulated
 points at 30 and 40 dB with all unknowns drawn."""
 
-UNRESOLVED_WIDTH_M, UNRESOLVED_POWER = 9e-3, 6
+UNRESOLVED_WIDTH_M = 9e-3
+UNRESOLVED_POWER = 6
 """Width w₀ of the curve at which every second spot looks like a point, and the power n with which their share grows,
 1/(1 + (w₀/w)ⁿ): of the 1,039 spots 1 % had C > 0.985 where w < 5 mm, 44 % where it was 12 to 15 mm."""
 
@@ -802,7 +812,8 @@ def asymmetry_probability(coherence: MeanCoherence | None, *, width_m: float) ->
     """
     if coherence is None:
         return SPOT_PRIOR
-    incoherence, sigma = 1 - coherence.mean, coherence.sigma
+    incoherence = 1 - coherence.mean
+    sigma = coherence.sigma
     # A half-normal distribution.
     of_point = UNLIKE_POINTS + (1 - UNLIKE_POINTS) * math.exp(-((incoherence / sigma) ** 2) / 2) / (
         sigma * math.sqrt(math.pi / 2)

@@ -30,7 +30,9 @@ from markerseek._compiled import compiled
 from markerseek.core import MIN_INTENSITY, Float64, Sample, SweepTiming
 from markerseek.search.floor import MAX_CELLS, SearchNoise, noise_factor
 
-TABLE_LOW, TABLE_HIGH, TABLE_STEP = -6.0, 3.0, 0.02
+TABLE_LOW = -6.0
+TABLE_HIGH = 3.0
+TABLE_STEP = 0.02
 """Ends and step of the table in ln(μ/y)."""
 
 _MU = np.exp(np.arange(TABLE_LOW, TABLE_HIGH + TABLE_STEP / 2, TABLE_STEP))
@@ -61,7 +63,8 @@ and 0.92 with peaks of 5.6, 7.5, 11, 32 and 100σ."""
 STRONG_SNR = 8.0
 """Intensity over σ from which ln y is normal."""
 
-DEEP, DEEP_ERROR = 0.08, 0.01
+DEEP = 0.08
+DEEP_ERROR = 0.01
 """Share of the strongest intensity below which the form of a curve is unknown, and by what share of it: the tails of
 edge waves, of an exponential and of a Gaussian are orders of magnitude apart, and where little noise shows them, many
 samples, which would outvote those of the top."""
@@ -142,7 +145,8 @@ class Scale:
         intensity = max(reading.intensity, 0.01 * sigma)
         cells = reading.cells or self.cells
         if intensity < DEEP * self.unit and sigma < DEEP_ERROR * self.unit:
-            sigma, cells = DEEP_ERROR * self.unit, 1
+            sigma = DEEP_ERROR * self.unit
+            cells = 1
         # Where the image is looked up at a known place, few cells say what g says, and say it better.
         anywhere = use_lateral and reading.local_maxima is None
         return Observation(
@@ -216,7 +220,9 @@ def log_tables(
     largest = cells * rayleigh / noise**2 * below / max(1 - rayleigh, 1e-12)
     good = 1 - OUTLIER_SHARE
     tables = np.empty((len(errors), TABLE_SIZE))
-    signal, noise_alone, outlier = good * below * ratio, good * largest, OUTLIER_SHARE / OUTLIER_RANGE
+    signal = good * below * ratio
+    noise_alone = good * largest
+    outlier = OUTLIER_SHARE / OUTLIER_RANGE
     _fill_tables(_MU, PEAK_NOISE * noise, signal, noise_alone, outlier, np.array(errors), tables)
     # The cache hands the same array to all callers.
     tables.flags.writeable = False
@@ -250,7 +256,8 @@ def _fill_tables(
                 if x > 8.0:
                     bessel = (1 + 0.125 / x * (1 + 0.5625 / x * (1 + 1.0416667 / x))) / math.sqrt(2 * math.pi * x)
                 else:
-                    term, total = 1.0, 1.0
+                    term = 1.0
+                    total = 1.0
                     for order in range(1, 24):
                         term *= (x / (2 * order)) ** 2
                         total += term
@@ -285,7 +292,8 @@ def _lit(swept: Sequence[Sample]) -> list[Sample]:
     """The pulses of one sweep that gave light."""
     level = np.array([_noise_level(sample) for sample in swept])
     height = np.array([sample.reading.intensity for sample in swept])
-    quiet, clear = height <= level, height >= LIT_RATIO * level
+    quiet = height <= level
+    clear = height >= LIT_RATIO * level
     dark = np.zeros(len(swept), dtype=bool)
     dark[1:-1] = quiet[1:-1] & clear[:-2] & clear[2:]
     return [sample for sample, off in zip(swept, dark, strict=True) if not off]

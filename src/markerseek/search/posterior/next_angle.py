@@ -55,7 +55,8 @@ def planned_deg(
         return limits.low_deg + limits.width_deg * (1 - share if descending else share)
     inside = sorted(map(limits.nearest, measured_deg))
     gaps = [(high - low, (low + high) / 2) for low, high in pairwise(inside)]
-    low_gap, high_gap = inside[0] - limits.low_deg, limits.high_deg - inside[-1]
+    low_gap = inside[0] - limits.low_deg
+    high_gap = limits.high_deg - inside[-1]
     # Nothing lies beyond an end, so that its gap is covered from one side only.
     gaps += [(2 * low_gap, limits.low_deg), (2 * high_gap, limits.high_deg)]
     return max(gaps, key=lambda gap: gap[0])[1]
@@ -63,7 +64,8 @@ def planned_deg(
 
 def step_near_deg(angle_deg: float, *, limits: Interval, step_deg: float) -> float:
     """Return the multiple of a step in the range that is nearest to an angle; the angle if there is none."""
-    lowest, highest = math.ceil(limits.low_deg / step_deg), math.floor(limits.high_deg / step_deg)
+    lowest = math.ceil(limits.low_deg / step_deg)
+    highest = math.floor(limits.high_deg / step_deg)
     if lowest > highest:
         return angle_deg
     # Rounding may carry a multiple past an end that is one itself.
@@ -113,7 +115,8 @@ def most_detectable_deg(
     candidates = np.linspace(limits.low_deg, limits.high_deg, DETECTION_ANGLES)
     apart = np.abs(candidates[:, None] - np.array(measured_deg)).min(axis=1)
     candidates = candidates[apart >= min(MIN_APART_DEG, apart.max())]
-    away, log_curve = np.abs(candidates[:, None] - posterior.theta_deg) / STEP_DEG, family().log_curve
+    away = np.abs(candidates[:, None] - posterior.theta_deg) / STEP_DEG
+    log_curve = family().log_curve
     place = np.minimum(np.rint(away).astype(np.int64), log_curve.shape[1] - 1)
     height = np.exp(np.minimum(posterior.log_snr + log_curve[posterior.member, place], 50.0))
     # A marker's envelope is normal about its height once that is clear of the noise.
@@ -161,7 +164,8 @@ FLANKS = 0.8
 MIRRORED = 0.03
 """Distance from its mirror image within which a place has one, over that width."""
 
-ONE_SIDED, MIN_GAP = 1.6, 0.12
+ONE_SIDED = 1.6
+MIN_GAP = 0.12
 """Part of both flanks, of 2, below which the range holds too little of one; the least gap that is filled then, over
 that width."""
 
@@ -172,7 +176,8 @@ def _evenly_deg(posterior: AnglePosterior, *, limits: Interval) -> float:
     First the mirror image of a place that has none; beside an end of the range the middle of the widest gap; then the
     place with the fewest samples, for a place that is measured again is a group that exists, and groups are few.
     """
-    centre_deg, width_deg = posterior.mean_deg, posterior.fwhm_deg
+    centre_deg = posterior.mean_deg
+    width_deg = posterior.fwhm_deg
     near = np.abs(posterior.strong_deg - centre_deg) <= FLANKS * width_deg
     if not near.any():
         return limits.nearest(centre_deg)
@@ -206,7 +211,8 @@ def expected_sigmas_deg(
 
     ``floor``: intensity that noise usually reaches by itself, over σ.
     """
-    candidates, shapes = _candidates(posterior, limits=limits), family()
+    candidates = _candidates(posterior, limits=limits)
+    shapes = family()
     variance = np.empty(candidates.size)
     # Noise below the error of deep tails is no more use than that: a sample there would be expected to tell much, tell
     # nothing, and be taken for ever.
@@ -238,7 +244,8 @@ def _candidates(posterior: AnglePosterior, *, limits: Interval) -> Float64[np.nd
         # Mirror images of the strong samples: the template's error is the same there (7), and cancels.
         wide = 2 * posterior.mean_deg - posterior.strong_deg
     else:
-        low_deg, high_deg = float(posterior.theta_deg.min()), float(posterior.theta_deg.max())
+        low_deg = float(posterior.theta_deg.min())
+        high_deg = float(posterior.theta_deg.max())
         wide = np.linspace(low_deg - posterior.fwhm_deg, high_deg + posterior.fwhm_deg, 18)
     angles = np.concatenate([near, wide, [limits.low_deg, limits.high_deg]])
     return np.unique(angles[(angles >= limits.low_deg) & (angles <= limits.high_deg)])
@@ -254,10 +261,14 @@ def _variance_left(
     """Mean of (11): each marker in turn is the truth, the others keep the weight that its sample would leave them."""
     count = theta_deg.size
     sums[0], sums[1], sums[2] = 1.0, 0.0, 0.0
-    mass, mean, square = sums[0], sums[1], sums[2]
+    mass = sums[0]
+    mean = sums[1]
+    square = sums[2]
     # Weights are the same both ways: half of the pairs are enough.
     for p in range(count):
-        own_mass, own_mean, own_square = 0.0, 0.0, 0.0
+        own_mass = 0.0
+        own_mean = 0.0
+        own_square = 0.0
         for other in range(p + 1, count):
             away = (height[p] - height[other]) ** 2 / (variance[p] + variance[other])
             # (1 + d²/8)⁻⁴ for exp(−d²/2): without a call the loop runs in vector registers, and for far markers its
@@ -303,26 +314,33 @@ def expected_variance(
     ``strong_deg`` and ``strong_log`` are the strong samples of a symmetric curve: the template's error at the nearest
     of them, by its distance from a marker, is expected of the candidate too.
     """
-    count, strong = theta_deg.size, strong_deg.size
-    distance, residual = np.empty((count, strong)), np.empty((count, strong))
+    count = theta_deg.size
+    strong = strong_deg.size
+    distance = np.empty((count, strong))
+    residual = np.empty((count, strong))
     for p in range(count):
         for i in range(strong):
             away_deg = abs(strong_deg[i] - theta_deg[p])
             level = log_level(log_curve[member[p]], away_deg / step_deg)
             distance[p, i] = away_deg / length_deg[member[p]]
             residual[p, i] = (strong_log[i] - log_amplitude[p] - level) / template_sigma(level, log_levels, sigmas)
-    height, variance, sums = np.empty(count), np.empty(count), np.empty((3, count))
+    height = np.empty(count)
+    variance = np.empty(count)
+    sums = np.empty((3, count))
     for c in range(candidates_deg.size):
         for p in range(count):
             away_deg = abs(candidates_deg[c] - theta_deg[p])
             level = log_level(log_curve[member[p]], away_deg / step_deg)
-            sigma, place = template_sigma(level, log_levels, sigmas), away_deg / length_deg[member[p]]
+            sigma = template_sigma(level, log_levels, sigmas)
+            place = away_deg / length_deg[member[p]]
             # Of (8) only the most correlated strong sample: its residual, shrunk by the correlation, is expected here.
-            correlation, expected = 0.0, 0.0
+            correlation = 0.0
+            expected = 0.0
             for i in range(strong):
                 known = 1 / (1 + 0.5 * (distance[p, i] - place) ** 2)
                 if known > correlation:
-                    correlation, expected = known, known * residual[p, i] * sigma
+                    correlation = known
+                    expected = known * residual[p, i] * sigma
             mu = math.exp(min(log_amplitude[p] + level + expected, 300.0))
             # Below the detection threshold the largest peak stays as high as that: such candidates give no
             # information.

@@ -159,13 +159,15 @@ class Posterior(SearchPolicy):
         if not chosen or not chosen <= CUES:
             raise ConfigError(f"posterior: cues are {sorted(chosen)}, choose at least one of {sorted(CUES)}")
         load_kernels()
-        self._limits, self._budget = limits, acquisitions
+        self._limits = limits
+        self._budget = acquisitions
         self._target_deg = target_sigma_deg
         self._expected = None if near is None else ExpectedAngle(near, limits=limits)
         self.is_narrowed = near is not None
         self._descending = start_deg is not None and start_deg > self._searched.centre_deg
         self._former = prior
-        self._others, self.single = others, others == 0
+        self._others = others
+        self.single = others == 0
         self._tolerance = tolerance
         if motion_mm is not None:
             require_range("posterior: motion_mm", motion_mm, low=0, high=30, unit="mm")
@@ -196,7 +198,8 @@ class Posterior(SearchPolicy):
             self._asked += 1
             if self._left_deg is not None and asked_deg is not None:
                 self._left_deg.remove(asked_deg)
-            self._confirmation_taken, self._confirmation_failure = False, None
+            self._confirmation_taken = False
+            self._confirmation_failure = None
         self._cached = None
 
     def tell_swept(self, sample: Sample) -> None:
@@ -209,7 +212,8 @@ class Posterior(SearchPolicy):
         """
         check_sample(sample)
         self._lit.append(sample)
-        self._confirmation_taken, self._confirmation_failure = False, None
+        self._confirmation_taken = False
+        self._confirmation_failure = None
         self._next = self._cached = None
 
     def tell_recorded(self, samples: Iterable[Sample]) -> None:
@@ -223,7 +227,8 @@ class Posterior(SearchPolicy):
         for sample in samples:
             check_sample(sample)
             (self._dark if sample.dark else self._lit).append(sample)
-        self._asked, self._left_deg = self._budget, []
+        self._asked = self._budget
+        self._left_deg = []
         self._next = self._cached = None
 
     @property
@@ -283,7 +288,8 @@ class Posterior(SearchPolicy):
     def widen(self) -> None:
         """Give up the prior over the angle: search the whole range, keep all samples, count the acquisitions from 0."""
         self.is_narrowed = self._range_swept = False
-        self._asked, self._before = 0, len(self._lit)
+        self._asked = 0
+        self._before = len(self._lit)
         self._next = self._cached = None
 
     def confirm(self, sample: Sample) -> None:

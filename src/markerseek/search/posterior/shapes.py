@@ -48,7 +48,8 @@ MODEL_ERROR: tuple[tuple[float, float], ...] = ((0.6, 0.035), (0.3, 0.1), (0.0, 
 STEP_DEG = 0.05
 """Step of the tabulated curves, in degrees."""
 
-LOG_WIDTH_SIGMA, LOG_PEAK_SIGMA = 0.25, 0.5
+LOG_WIDTH_SIGMA = 0.25
+LOG_PEAK_SIGMA = 0.5
 """Standard deviations of ln F and ln A between two markers on one rig."""
 
 UNLIKE_SHARE = 0.1
@@ -113,7 +114,9 @@ def family() -> Shapes:
     width_share = 0.8 * usual / usual.sum() + 0.2 / WIDTHS_DEG.size
     kinds = [(partial(log_curve, tail=tail, knee=knee), share) for tail, knee, share in KNEES]
     kinds += [(partial(log_humps, fresnel_number=number), share) for number, share in FRESNEL_NUMBERS]
-    curves, widths, priors = [], [], []
+    curves = []
+    widths = []
+    priors = []
     for (curve, share), (fwhm_deg, width) in product(
         kinds, zip(WIDTHS_DEG.tolist(), width_share.tolist(), strict=True)
     ):

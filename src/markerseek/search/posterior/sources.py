@@ -25,7 +25,8 @@ from markerseek.search.posterior.inference import AnglePosterior
 POINT_M = 1.5e-3
 """Largest distance between arrivals of one point along the array, in metres."""
 
-SPOT_M, SPOT_DEG = 3e-3, 5.0
+SPOT_M = 3e-3
+SPOT_DEG = 5.0
 """Places nearer than this along the array, and strongest at about the same angle, are one spot: stained spots are 2 to
 3 mm wide. In metres and degrees."""
 
@@ -141,7 +142,8 @@ def samples_at(lit: Sequence[Sample], sources: Sequence[Source], source: Source)
 
 def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tuple[Sample, bool]:
     """A sample at the place of a source, and whether it is more than an upper limit."""
-    reading, angle_deg = sample.reading, sample.angle_deg
+    reading = sample.reading
+    angle_deg = sample.angle_deg
     here: list[Arrival] = []
     elsewhere: list[Arrival] = []
     for arrival in _arrivals(reading):
@@ -341,7 +343,8 @@ class Candidate(SourceSamples):
 
     def apart_from(self, other: Candidate) -> bool:
         """Whether the 95 % intervals of two sources are separate."""
-        mine, theirs = self.interval95_deg, other.interval95_deg
+        mine = self.interval95_deg
+        theirs = other.interval95_deg
         return mine.high_deg < theirs.low_deg or theirs.high_deg < mine.low_deg
 
     def relative_db(self, other: Candidate) -> float:
@@ -381,7 +384,8 @@ def suspect_level(lit: Sequence[Sample], noise: SearchNoise) -> float:
 
 def times_seen(at: Sequence[Sample], noise: SearchNoise) -> int:
     """Number of samples in which a source exceeds the noise; a place has fewer cells than an image, and less noise."""
-    level, sigma = noise.level_or_zero, noise.sigma or math.inf
+    level = noise.level_or_zero
+    sigma = noise.sigma or math.inf
     levels = [
         level
         if sample.reading.local_maxima is None or sample.reading.cells is None
@@ -428,13 +432,16 @@ def outliers_of(lit: Sequence[Sample], *, level: float) -> list[Sample]:
     return [sample for sample, out in zip(lit, far, strict=True) if out]
 
 
-DIP_SIGMAS, DOUBTFUL_DIP_SIGMAS = 3.0, 2.0
+DIP_SIGMAS = 3.0
+DOUBTFUL_DIP_SIGMAS = 2.0
 """Standard deviations of noise and laser by which a dip must lie below both peaks, and for doubt."""
 
-SAMPLE_ERROR, PULSE_ERROR = 0.03, 0.12
+SAMPLE_ERROR = 0.03
+PULSE_ERROR = 0.12
 """Relative error of one sample by itself, the laser's energy: at rest, and of a single pulse of a sweep."""
 
-MIN_DIP, NEAR_FIELD_DIP = 0.1, 0.35
+MIN_DIP = 0.1
+NEAR_FIELD_DIP = 0.35
 """Least depth of a dip over the lower peak, for intensities alone, and for frames, where the near field is excluded."""
 
 ALIKE_DEG = 1.0
@@ -499,7 +506,8 @@ def _without_bursts(
     """Intensities for peaks and for dips, so that a burst makes no peak and a misfire no dip."""
     near = np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG
     np.fill_diagonal(near, False)
-    hump, bottom = height.copy(), height.copy()
+    hump = height.copy()
+    bottom = height.copy()
     for k in np.flatnonzero(near.any(axis=1)).tolist():
         # Within a degree no curve changes by more than to a half.
         hump[k] = min(height[k], 2.0 * height[near[k]].max())

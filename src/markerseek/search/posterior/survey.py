@@ -132,7 +132,8 @@ WEAKEST_DB = 20.0
 NARROW_DEG = 3.0
 """Full width at half maximum of the narrowest usual curve, in degrees (physics notes: 3 to 17)."""
 
-USUAL_TAIL, USUAL_KNEE = 1.2, 2.4
+USUAL_TAIL = 1.2
+USUAL_KNEE = 2.4
 """Exponents p and q of (1) of the most common curve."""
 
 
@@ -173,7 +174,8 @@ def survey_of(
 
     ``expected``: prior over the marker's angle; None: no prior.
     """
-    posterior, largest = source.posterior, [sample.reading.intensity for sample in lit]
+    posterior = source.posterior
+    largest = [sample.reading.intensity for sample in lit]
     level = noise.floor.level or min(largest)
     angles_deg = survey_angles_deg(limits)
     measured_deg = np.array([sample.angle_deg for sample in lit])

@@ -258,7 +258,8 @@ SWEPT_SIGMA_DEG = 0.6
 """Standard deviation at which a search by sweeps ends, in degrees, unless the tolerance needs less: 1 mm near the probe
 does not."""
 
-AT_END_DEG, AT_END = 1.0, 0.05
+AT_END_DEG = 1.0
+AT_END = 0.05
 """Distance from an end of the range within which a sweep to it is not worth its light; and of the range at most."""
 
 MARGIN = 0.8
@@ -332,7 +333,8 @@ class SweepPosterior:
         # Over what it sweeps: what a prior leaves, in the end the whole range.
         self._part = limits if near is None else near.interval(limits)
         self.sweeps = self._first(start_deg)
-        self._back, self._sigma_deg = 0, math.inf
+        self._back = 0
+        self._sigma_deg = math.inf
         self._range_swept = self._known = False
         self._judged_deg: float | None = None
         self._next: tuple[float | Sweep | None] | None = None
@@ -340,7 +342,8 @@ class SweepPosterior:
     def _first(self, start_deg: float | None) -> list[Sweep]:
         """The sweeps over the part of the range, from where the probe is."""
         part = self._part
-        near_deg, far_deg = part.low_deg, part.high_deg
+        near_deg = part.low_deg
+        far_deg = part.high_deg
         if start_deg is not None and start_deg > part.centre_deg:
             near_deg, far_deg = far_deg, near_deg
         at_end_deg = min(AT_END_DEG, AT_END * part.width_deg)
@@ -431,12 +434,15 @@ class SweepPosterior:
         """Begin again over the whole range, from where the probe is, unless all of it has been swept."""
         if self._part == self._limits:
             return
-        self._part, self._range_swept = self._limits, False
-        self._back, self._sigma_deg = 0, math.inf
+        self._part = self._limits
+        self._range_swept = False
+        self._back = 0
+        self._sigma_deg = math.inf
         if not self._lit:
             self.sweeps = self._first(None)
             return
-        last_deg, ends_deg = self._lit[-1].angle_deg, (self._limits.low_deg, self._limits.high_deg)
+        last_deg = self._lit[-1].angle_deg
+        ends_deg = (self._limits.low_deg, self._limits.high_deg)
         near_deg = min(ends_deg, key=lambda each: abs(each - last_deg))
         # An end that has been swept is not swept again.
         swept = any(abs(each.angle_deg - near_deg) <= AT_END_DEG for each in self._lit)
@@ -468,7 +474,8 @@ class SweepPosterior:
             return
         self._judged_deg = sample.angle_deg
         if self._is_known(sample.angle_deg):
-            self._known, self._next = True, None
+            self._known = True
+            self._next = None
 
     def _is_known(self, at_deg: float | None) -> bool:
         """Whether the marker is found, and both of its flanks were swept by a probe that is there."""
@@ -490,7 +497,8 @@ class SweepPosterior:
         if progress is None:
             # Single pulses show nothing: a search at rest begins, with the noise of its own frames.
             self._range_swept = False
-            narrowed, self._posterior = self._posterior.is_narrowed, self._make()
+            narrowed = self._posterior.is_narrowed
+            self._posterior = self._make()
             if not narrowed:
                 self._posterior.widen()
             for dark in self._dark:
@@ -513,7 +521,8 @@ class SweepPosterior:
             return []
         if progress.sigma_deg > WORTH * self._sigma_deg:
             return []
-        self._back, self._sigma_deg = self._back + 1, progress.sigma_deg
+        self._back = self._back + 1
+        self._sigma_deg = progress.sigma_deg
         reach_deg = FLANK * progress.fwhm_deg
         low_deg = self._limits.nearest(progress.mean_deg - reach_deg)
         high_deg = self._limits.nearest(progress.mean_deg + reach_deg)

@@ -42,7 +42,8 @@ from markerseek.search.posterior.likelihood import (
 )
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, Shapes
 
-MIN_FOR_OUTLIERS, OUTLIER_SIGMAS = 5, 6.0
+MIN_FOR_OUTLIERS = 5
+OUTLIER_SIGMAS = 6.0
 """Least size of a group from which outliers are left out, and the standard deviations from its median that make one."""
 
 MIN_STRONG = 3
@@ -167,7 +168,8 @@ def with_energies(samples: Grouped) -> tuple[Grouped, float | None]:
     return Grouped(strong=strong, others=others), log_gain
 
 
-TEMPLATE_LOG_LEVELS, TEMPLATE_SIGMAS = np.log([1.0, 0.6, 0.3, 0.05]), np.array([0.035, 0.12, 0.27, 0.35])
+TEMPLATE_LOG_LEVELS = np.log([1.0, 0.6, 0.3, 0.05])
+TEMPLATE_SIGMAS = np.array([0.035, 0.12, 0.27, 0.35])
 """Standard deviation s of g where ln S has these levels, downwards; linear in between."""
 
 CORRELATION_LENGTH = 0.2
@@ -377,7 +379,8 @@ def _covariance(
         # The template's error is as smooth at the marker as anywhere: without the second part it had a cusp there.
         sigma[i] = own / math.sqrt(1 + 1 / (1 + 2 * distance[i] * distance[i]))
         for k in range(i):
-            apart, across = distance[i] - distance[k], distance[i] + distance[k]
+            apart = distance[i] - distance[k]
+            across = distance[i] + distance[k]
             out[i, k] = sigma[i] * sigma[k] * (1 / (1 + 0.5 * apart * apart) + 1 / (1 + 0.5 * across * across))
             out[i, k] += slope[i] * slope[k] + width[i] * width[k]
             for s in range(shift.shape[1]):
@@ -441,9 +444,11 @@ def _log_density(
     unit[:] = 0.0
     whitened[:] = 0.0
     own[:] = 0.0
-    total, offset = 0.0, 0.0
+    total = 0.0
+    offset = 0.0
     for c in range(groups):
-        one, known = 0.0, 0.0
+        one = 0.0
+        known = 0.0
         for k in range(c + 1):
             one += inverse[c, k]
             known += inverse[c, k] * mean[k]
@@ -454,7 +459,8 @@ def _log_density(
             whitened[k] += known * inverse[c, k]
             own[k] += inverse[c, k] ** 2
     offset /= total
-    square, bad = 0.0, 0.0
+    square = 0.0
+    bad = 0.0
     for c in range(groups):
         square += (whitened[c] - offset * unit[c]) * mean[c]
         log_determinant += math.log(precision[c])
@@ -516,7 +522,8 @@ def _unresolved(
 
     Both are uniform within their steps, and the curve is linear in them.
     """
-    half_steps, widening = blur_deg / 2 / step_deg, math.exp(log_width / 2)
+    half_steps = blur_deg / 2 / step_deg
+    widening = math.exp(log_width / 2)
     for c in range(place_deg.size):
         away = place_deg[c] / step_deg
         change = log_level(log_curve, away / widening) - log_level(log_curve, away * widening)
@@ -606,13 +613,29 @@ def _fill_in(
     """
     strong = noise.size
     groups = group[strong - 1] + 1
-    level, away_deg, value, weight = (np.empty(measured_deg.size), np.empty(strong), np.empty(strong), np.empty(strong))
-    beside, share, apart, known = np.empty(strong), np.empty(strong), np.empty(strong), np.zeros(groups)
-    place_deg, height, side = np.empty(groups), np.empty(groups), np.empty(groups)
-    slope, width, mean, precision = np.empty(groups), np.empty(groups), np.empty(groups), np.empty(groups)
-    steepness, shift = np.empty(groups), np.empty((groups, shift_deg.shape[1]))
-    shared, matrix, inverse = np.empty((groups, groups)), np.empty((groups, groups)), np.empty((groups, groups))
-    unit, whitened, own = np.empty(groups), np.empty(groups), np.empty(groups)
+    level = np.empty(measured_deg.size)
+    away_deg = np.empty(strong)
+    value = np.empty(strong)
+    weight = np.empty(strong)
+    beside = np.empty(strong)
+    share = np.empty(strong)
+    apart = np.empty(strong)
+    known = np.zeros(groups)
+    place_deg = np.empty(groups)
+    height = np.empty(groups)
+    side = np.empty(groups)
+    slope = np.empty(groups)
+    width = np.empty(groups)
+    mean = np.empty(groups)
+    precision = np.empty(groups)
+    steepness = np.empty(groups)
+    shift = np.empty((groups, shift_deg.shape[1]))
+    shared = np.empty((groups, groups))
+    matrix = np.empty((groups, groups))
+    inverse = np.empty((groups, groups))
+    unit = np.empty(groups)
+    whitened = np.empty(groups)
+    own = np.empty(groups)
     for i in range(strong):
         known[group[i]] += noise[i] ** -2
     for i in range(strong):
@@ -625,7 +648,8 @@ def _fill_in(
             member = members[j]
             # What only the shape decides is computed once for all sample errors with it.
             if j == 0 or member != members[j - 1]:
-                curve, length_deg = log_curve[member], length * fwhm_deg[member]
+                curve = log_curve[member]
+                length_deg = length * fwhm_deg[member]
                 for i in range(measured_deg.size):
                     level[i] = log_level(curve, abs(measured_deg[i] - angles_deg[k]) / step_deg)
                 value[:] = log_intensity[:strong] - level[:strong]

@@ -82,7 +82,8 @@ def grid(rng: np.random.Generator) -> list[MarkerSettings]:
         for x in (-1, 0, 1):
             # x is across the axis of rotation and sets the angle; y is along the array.
             off_x_m, off_y_m = rng.normal(0.0, ROUGHNESS_M, 2)
-            x_m, y_m = x * SPACING_M + off_x_m, y * SPACING_M + off_y_m
+            x_m = x * SPACING_M + off_x_m
+            y_m = y * SPACING_M + off_y_m
             markers.append(
                 MarkerSettings(
                     angle_deg=math.degrees(math.atan2(x_m, HEIGHT_M)),

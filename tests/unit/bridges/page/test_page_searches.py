@@ -45,7 +45,8 @@ class ScriptedChild:
             self.sent.put(item)
         if not endless:
             self.sent.put(None)
-        self.error, self.stopped = error, threading.Event()
+        self.error = error
+        self.stopped = threading.Event()
         self.has_written = False
 
     def items(self):
@@ -312,7 +313,8 @@ def test_a_rig_of_devices_registers_only_with_its_endoscope_and_a_known_face(tmp
 
 
 def test_what_nobody_watches_is_stopped_by_a_program_and_says_so(stream, tmp_path, monkeypatch):
-    search, session = ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True)
+    search = ScriptedChild(stream[:5], endless=True)
+    session = ScriptedChild(endless=True)
     shared, _ = searches([search], tmp_path, monkeypatch)
     shared.start(USUAL, asked_by=BROWSER)
     shared.stop_unwatched(4.9)
@@ -346,7 +348,8 @@ def test_a_person_who_has_pressed_stop_is_not_called_nobody(stream, followed):
 
 
 def test_what_goes_on_is_starting_until_it_writes(tmp_path, monkeypatch, stream):
-    first, second = ScriptedChild(stream[:5]), ScriptedChild(stream[:5], endless=True)
+    first = ScriptedChild(stream[:5])
+    second = ScriptedChild(stream[:5], endless=True)
     first.outcome = lambda: STOPPED
     shared, _ = searches([first, second], tmp_path, monkeypatch)
     shared.start(USUAL, asked_by=BROWSER)

@@ -96,7 +96,8 @@ def a_view(kind="simulated", **known) -> RunView:
 )
 def test_last_snapshot_is_the_result(method, as_published):
     session, events = finished_run(method, as_published=as_published)
-    last, result = shown(session, events)[-1], session.result()
+    last = shown(session, events)[-1]
+    result = session.result()
     assert (last.phase, answer_name(last.belief.estimate)) == ("finished", result.answer)
     assert last.belief.estimate.mean_deg == result.angle_deg
     assert (last.belief.sigma_deg, last.belief.interval95_deg) == (result.sigma_deg, result.interval95_deg)
@@ -158,7 +159,8 @@ def test_states_that_end_or_interrupt_a_run():
 
 def test_published_form_claims_nothing():
     session, events = finished_run("ternary", as_published=True)
-    snapshots, result = shown(session, events), session.result()
+    snapshots = shown(session, events)
+    result = session.result()
     last = snapshots[-1]
     verdict = verdict_of(last)
     assert (verdict.word, verdict.kind, verdict.turn) == ("NO CLAIM", "nothing", "")
@@ -192,12 +194,14 @@ def test_probe_is_read_back_last_where_its_move_was_cut_short():
 
 def test_angle_counts_as_found_only_at_the_end():
     session, events = finished_run("posterior")
-    snapshots, start_deg = shown(session, events), events[0][0].start_deg
+    snapshots = shown(session, events)
+    start_deg = events[0][0].start_deg
     before = next(each for each in reversed(snapshots) if each.phase == "measured")
     assert (verdict_of(before).word, verdict_of(before).reason) == ("SEARCHING", "so far found")
     assert verdict_of(before).turn == ""
     assert verdict_of(snapshots[0]).angle == "–"
-    found, result = verdict_of(snapshots[-1]), session.result()
+    found = verdict_of(snapshots[-1])
+    result = session.result()
     assert (found.word, found.kind, found.lead, found.reason) == ("FOUND", "found", "", "")
     # Another way to two significant digits, and to a mean of as many.
     sigma = np.format_float_positional(result.sigma_deg, precision=2, fractional=False, min_digits=2)

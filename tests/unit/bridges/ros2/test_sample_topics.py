@@ -68,12 +68,14 @@ def test_the_image_is_shown_in_a_frame_of_its_own():
     # One message with each transform once: tf2 complains of a transform that comes twice with one stamp.
     (frames,) = sent[topics.FRAMES]
     assert [each.child_frame_id for each in frames.transforms] == ["trus_probe", "trus_image"]
-    place, at = frames.transforms[1].transform.translation, rig.imaging.picture(sample.frame).geometry
+    place = frames.transforms[1].transform.translation
+    at = rig.imaging.picture(sample.frame).geometry
     expected = (0.0, at.first_lateral_m, rig.facts.face_radius_m + at.first_depth_m)
     assert (place.x, place.y, place.z) == pytest.approx(expected, abs=1e-9)
     # A subscriber puts any pixel in its place: the frame is that of the first, the sample says how far apart they are.
     (said,) = sent[topics.SAMPLE]
-    image, geometry = rig.imaging.picture(sample.frame), json.loads(said.data)["images"]
+    image = rig.imaging.picture(sample.frame)
+    geometry = json.loads(said.data)["images"]
     row, column = np.unravel_index(image.envelope.argmax(), image.envelope.shape)
     place = frames.transforms[1].transform.translation
     across_m = place.y + column * geometry["trus_image"]["lateral_spacing_m"]

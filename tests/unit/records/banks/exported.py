@@ -28,5 +28,6 @@ def images():
 
 def place_mm(number, column, row):
     """The position of a pixel by conventions.md: (ρ sin θ, y, ρ cos θ)."""
-    radius_mm, angle = 10.0 + 1e3 * DEPTH[row], math.radians(ANGLES[number])
+    radius_mm = 10.0 + 1e3 * DEPTH[row]
+    angle = math.radians(ANGLES[number])
     return radius_mm * math.sin(angle), 1e3 * LATERAL[column], radius_mm * math.cos(angle)

@@ -14,7 +14,8 @@ from markerseek.records.banks.table_format import DEFAULT_FORMAT
 from tests.notes import notes_collected
 
 ANGLES_DEG = np.arange(-18.0, 18.1, 1.5)
-SAMPLING_HZ, CARRIER_HZ = 40e6, 6.25e6
+SAMPLING_HZ = 40e6
+CARRIER_HZ = 6.25e6
 
 
 def frames(marker_deg: float, *, seed: int) -> np.ndarray:

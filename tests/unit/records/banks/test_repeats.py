@@ -100,7 +100,8 @@ def test_passes_that_agree_are_averaged_and_their_difference_is_said(kind: str) 
     angles_deg, intensities = passes(kind, 0.0)
     scan, said = scanned(angles_deg, intensities)
     assert said.startswith(f"scan.csv: {ANGLES_DEG.size} repeated angles; the acquisitions of each are averaged; they ")
-    low, high = passes("there and back", 0.0)[1][: ANGLES_DEG.size], passes("there and back", 0.0)[1][ANGLES_DEG.size :]
+    low = passes("there and back", 0.0)[1][: ANGLES_DEG.size]
+    high = passes("there and back", 0.0)[1][ANGLES_DEG.size :]
     np.testing.assert_allclose(scan.mean(intensities), (low + high[::-1]) / 2)
     assert f"differ by at most {np.abs(low - high[::-1]).max():.3g}, at" in said
 

@@ -220,7 +220,9 @@ def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
     assert os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
-METHOD, SEED, MARKER_DEG = "ternary", 13, 6.3
+METHOD = "ternary"
+SEED = 13
+MARKER_DEG = 6.3
 VERSIONS = {"markerseek": "0.0.0", "python": "3.11.7", "numpy": "2.0.0", "scipy": "1.13.0", "machine": "x86_64"}
 
 

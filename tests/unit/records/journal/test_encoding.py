@@ -38,7 +38,8 @@ def test_answers_and_frames_are_read_back_equal(event: JournalEvent, tmp_path: P
     assert (entry.number, entry.clock_s) == (1, 0.1 + 0.2)
     if isinstance(event, Measured):
         assert isinstance(entry.event, Measured)
-        frame, written = entry.event.sample.frame, event.sample.frame
+        frame = entry.event.sample.frame
+        written = event.sample.frame
         assert isinstance(frame, ChannelFrame)
         assert isinstance(written, ChannelFrame)
         assert (frame.header, frame.sampling_hz, frame.samples.dtype) == (HEADER, 40e6, np.int16)
@@ -46,13 +47,15 @@ def test_answers_and_frames_are_read_back_equal(event: JournalEvent, tmp_path: P
 
 
 def test_samples_lie_in_the_file_as_little_endian_integers_that_any_program_can_read(tmp_path: Path) -> None:
-    path, samples = tmp_path / "run.journal", counts(3, 5)
+    path = tmp_path / "run.journal"
+    samples = counts(3, 5)
     whole_run(path, acquisitions=1, counts_of=lambda _: samples)
     # As any program reads it: a line, and behind it the bytes that it announces.
     found = next(each for each in path.read_bytes().splitlines(keepends=True) if b'"kind":"measured"' in each)
     at = path.read_bytes().index(found) + len(found)
     held = msgspec.json.decode(found)
-    blob, body = path.read_bytes()[at : at + held["block"]], msgspec.json.encode(held["body"])
+    blob = path.read_bytes()[at : at + held["block"]]
+    body = msgspec.json.encode(held["body"])
     assert msgspec.json.decode(body)["sample"]["frame"]["samples"] == {"dtype": "<i2", "shape": [3, 5]}
     values = [int.from_bytes(blob[2 * k : 2 * k + 2], "little", signed=True) for k in range(15)]
     assert values == samples.ravel().tolist()

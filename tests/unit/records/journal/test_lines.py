@@ -57,7 +57,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 @pytest.fixture(scope="module")
 def ends(whole: bytes) -> list[int]:
     """Bytes up to the end of each line, the configuration first."""
-    found, place = [], 0
+    found = []
+    place = 0
     while place < len(whole):
         line = whole[place : whole.index(b"\n", place) + 1]
         block = json.loads(line).get("block", 0)
@@ -186,7 +187,8 @@ def test_every_kind_of_entry_is_read_as_it_was_written(path: Path) -> None:
             assert (entry.event.error.kind, str(entry.event.error)) == ("MoveError", str(event.error))
             continue
         assert without_frame(entry.event) == without_frame(event)
-        kept, wanted = frame_of(entry.event), frame_of(event)
+        kept = frame_of(entry.event)
+        wanted = frame_of(event)
         assert (kept is None) == (wanted is None)
         if kept is not None and wanted is not None:
             assert (kept.header, kept.sampling_hz) == (wanted.header, wanted.sampling_hz)
@@ -201,7 +203,8 @@ def test_every_kind_of_entry_is_read_as_it_was_written(path: Path) -> None:
 def test_the_rig_of_a_journal_is_built_again(path: Path) -> None:
     held = read_journal(path)
     begun_with = held.configuration
-    plan, facts = begun_with.plan, begun_with.facts
+    plan = begun_with.plan
+    facts = begun_with.facts
     assert (plan.method, facts.seed, facts.truth_deg) == (METHOD, SEED, MARKER_DEG)
     assert (plan.acquisitions, plan.as_published, plan.dark_frames) == (3, True, 1)
     reader = rebuild_reader(begun_with)

@@ -37,7 +37,8 @@ from tests.unit.records.journal.synthetic_journals import (
     write,
 )
 
-ACQUISITIONS, FRAME_BYTES = 40, 2 * 128 * 2080
+ACQUISITIONS = 40
+FRAME_BYTES = 2 * 128 * 2080
 
 
 @pytest.fixture(scope="module")

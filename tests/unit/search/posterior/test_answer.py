@@ -78,7 +78,8 @@ def test_no_top_is_hidden_in_a_gap_at_whose_far_end_nothing_was_measured_of_it()
 def test_a_narrow_top_may_be_missed_between_two_shoulders():
     """The near field of an element without a lens: a peak of 3° stands on a curve of 16°, in a gap of 6.5°."""
     seen = [(9.3, 7.0), (13.7, 8.3), (16.7, 12.1), (23.2, 15.0), (26.5, 11.4), (29.9, 6.0)]
-    strongest, wide = source(-25.0, 77.0), source(21.0, 16.0, samples=seen)
+    strongest = source(-25.0, 77.0)
+    wide = source(21.0, 16.0, samples=seen)
     measured_deg = [angle_deg for angle_deg, _ in seen]
     top_deg = missed_peak_deg(strongest, wide, measured_deg, limits=PAPER_RANGE)
     assert top_deg is not None
@@ -137,11 +138,9 @@ def test_the_probability_that_another_source_is_the_marker(others, share, beside
 
 def test_further_sources_are_named_the_strongest_first():
     """One whose angle is not known yet comes last among those that may be the marker, not in the answer."""
-    first, weak, vague = (
-        source(-20.0, 100.0, samples=[(-20.0, 100.0)]),
-        source(0.0, 5.0),
-        source(20.0, 20.0),
-    )
+    first = source(-20.0, 100.0, samples=[(-20.0, 100.0)])
+    weak = source(0.0, 5.0)
+    vague = source(20.0, 20.0)
     vague = replace(vague, posterior=replace(vague.posterior, centre_sigma_deg=0.4))
     sources = ranked([vague, weak, first])
     assert sources == [first, weak, vague]
@@ -149,7 +148,8 @@ def test_further_sources_are_named_the_strongest_first():
     known = Mock(spec=Analysis, noise=noise, sources=sources, survey=None, unresolved_rival=None, outliers=[])
     known.misfit = known.inconsistency = None
     known.motion = MarkerMotion()
-    known.measured_deg, known.limits = [-20.0], PAPER_RANGE
+    known.measured_deg = [-20.0]
+    known.limits = PAPER_RANGE
     answer = answer_of(known, others=0.0, spent=False, tolerance=Tolerance(), weaker_than_predicted=None)
     assert [round(each.angle_deg) for each in answer.others] == [20, 0]
     assert isinstance(answer, Found)

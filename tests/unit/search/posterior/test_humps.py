@@ -69,7 +69,8 @@ def test_a_weak_pulse_among_hundreds_of_a_sweep_is_no_dip():
 
 def test_an_angle_measured_twice_at_the_end_is_no_dip():
     """The marker moved in between. A search of the table of failures had no sample beyond its dip, and failed."""
-    angles_deg, intensities = [14.2, 22.4, 25.4, 29.1, 32.0, 32.0], [51.4, 233.2, 291.2, 150.0, 65.7, 187.6]
+    angles_deg = [14.2, 22.4, 25.4, 29.1, 32.0, 32.0]
+    intensities = [51.4, 233.2, 291.2, 150.0, 65.7, 187.6]
     assert dip_deg(samples(angles_deg, intensities), sigma=1.0, level=6.7) is None
     assert dip_deg(samples([-angle_deg for angle_deg in angles_deg], intensities), sigma=1.0, level=6.7) is None
 
@@ -123,7 +124,8 @@ def test_two_humps_in_a_file_of_intensities_are_ambiguous(apart_deg):
     answers = []
     rng = np.random.default_rng(7)
     for _ in range(8):
-        low_deg, ratio = rng.uniform(-25, 15), rng.uniform(0.7, 1.0)
+        low_deg = rng.uniform(-25, 15)
+        ratio = rng.uniform(0.7, 1.0)
         markers_deg = (low_deg, low_deg + apart_deg)
 
         def sample(angle_deg, dark=False, markers_deg=markers_deg, ratio=ratio):

@@ -37,7 +37,8 @@ def sample(angle_deg: float, *, lateral_m: float = 0.0, depth_m: float = 50e-3, 
 
 def test_the_likelihood_of_places_is_that_of_a_student_distribution() -> None:
     """Against SciPy's density, the mean integrated out by quadrature."""
-    place_m, noise_m = np.array([0.0, 0.1e-3, -0.05e-3, 0.3e-3]), np.full(4, 0.02e-3)
+    place_m = np.array([0.0, 0.1e-3, -0.05e-3, 0.3e-3])
+    noise_m = np.full(4, 0.02e-3)
     logs = log_likelihoods(place_m, noise_m)
     assert logs.size > 20
     expected = []

@@ -76,10 +76,12 @@ def search(policy: Posterior, measure) -> list[float]:
 def test_the_same_samples_give_the_same_angle_sigma_and_interval_with_any_prior(near: AnglePrior) -> None:
     measure = intensities(-18.5)
     lit = [measure(each) for each in (-30.0, -22.0, -19.0, -17.0, -14.0, 0.0, 12.0, 25.0)]
-    with_prior, without = Posterior(near=near), Posterior()
+    with_prior = Posterior(near=near)
+    without = Posterior()
     for policy in (with_prior, without):
         policy.tell_recorded(lit)
-    one, other = with_prior.estimate(), without.estimate()
+    one = with_prior.estimate()
+    other = without.estimate()
     assert (one.mean_deg, one.sigma_deg, one.interval95_deg) == (other.mean_deg, other.sigma_deg, other.interval95_deg)
     assert one.surveyed == other.surveyed
     assert isinstance(other, Found)
@@ -93,7 +95,8 @@ def test_with_a_right_prior_a_search_takes_at_most_two_thirds(off_deg: float, si
         near = AnglePrior(mean_deg=marker_deg + off_deg, sigma_deg=sigma_deg)
         policy = Posterior(near=near)
         guided += len(search(policy, sources(marker=(marker_deg, 80.0, 5.0))))
-        answer, evidence = policy.estimate(), policy.near_evidence
+        answer = policy.estimate()
+        evidence = policy.near_evidence
         assert isinstance(answer, Found)
         assert answer.mean_deg == pytest.approx(marker_deg, abs=0.6)
         assert evidence is not None
@@ -108,7 +111,8 @@ def test_a_wrong_prior_costs_acquisitions_and_not_truth(marker_deg: float, measu
     policy = Posterior(near=NEAR)
     rig = sources(marker=(marker_deg, 80.0, 5.0)) if measured == "positions" else intensities(marker_deg)
     asked = search(policy, rig)
-    answer, evidence = policy.estimate(), policy.near_evidence
+    answer = policy.estimate()
+    evidence = policy.near_evidence
     usual = Posterior()
     search(usual, rig)
     assert type(answer) is type(usual.estimate())
@@ -125,7 +129,8 @@ def test_a_weak_source_where_the_prior_expects_the_marker_is_not_taken_for_it() 
     """The prior is wrong, and clutter is where it points: the marker is seen from there, and stronger."""
     policy = Posterior(near=NEAR)
     search(policy, sources(marker=(-6.0, 100.0, 5.0), clutter=(-20.0, 25.0, -15.0)))
-    answer, evidence = policy.estimate(), policy.near_evidence
+    answer = policy.estimate()
+    evidence = policy.near_evidence
     assert isinstance(answer, Found)
     assert answer.mean_deg == pytest.approx(-6.0, abs=0.5)
     assert [round(each.angle_deg) for each in answer.others] == [-20]
@@ -136,7 +141,8 @@ def test_a_weak_source_where_the_prior_expects_the_marker_is_not_taken_for_it() 
 def test_a_prior_at_the_other_of_two_sources_as_loud_is_not_contradicted() -> None:
     policy = Posterior(near=NEAR)
     search(policy, sources(stronger=(5.0, 100.0, 5.0), other=(-20.0, 92.0, -15.0)))
-    answer, evidence = policy.estimate(), policy.near_evidence
+    answer = policy.estimate()
+    evidence = policy.near_evidence
     assert isinstance(answer, Ambiguous)
     assert answer.mean_deg == pytest.approx(5.0, abs=0.5)
     assert evidence is not None
@@ -148,7 +154,8 @@ def test_a_source_much_weaker_than_the_former_marker_is_not_believed() -> None:
     rig = sources(marker=(25.0, 100.0, 5.0), clutter=(-20.0, 25.0, -15.0))
     policy = Posterior(near=NEAR, prior=MarkerCurve(fwhm_deg=6.0, peak=100.0))
     search(policy, rig)
-    answer, evidence = policy.estimate(), policy.near_evidence
+    answer = policy.estimate()
+    evidence = policy.near_evidence
     assert isinstance(answer, Found)
     assert answer.mean_deg == pytest.approx(25.0, abs=0.5)
     assert evidence is not None

@@ -12,7 +12,8 @@ from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior.likelihood import TABLE_LOW, TABLE_STEP, log_tables
 from markerseek.search.posterior.sources import Source, is_burst, samples_at, sources_of
 
-COLUMNS, ROWS = 28, 40
+COLUMNS = 28
+ROWS = 40
 
 
 def arrival(intensity: float, lateral_mm: float, depth_mm: float) -> Arrival:
@@ -25,7 +26,8 @@ def blocks(strong: dict[tuple[float, float], float]) -> LocalMaxima:
     """Blocks of 2 mm with an envelope of 3.5, and stronger ones at some places, lateral and depth in mm."""
     values = [3.5] * (COLUMNS * ROWS)
     for (lateral_mm, depth_mm), intensity in strong.items():
-        column, row = int((lateral_mm + 28) // 2), int(depth_mm // 2)
+        column = int((lateral_mm + 28) // 2)
+        row = int(depth_mm // 2)
         values[row * COLUMNS + column] = intensity
     return LocalMaxima(
         first_lateral_m=-27e-3,
@@ -147,5 +149,6 @@ def test_a_sample_without_positions_is_of_no_place() -> None:
 def test_a_limit_below_the_floor_beside_it_shows_that_a_place_was_loud_once_only(limit: float, burst: bool) -> None:
     place = Source(lateral_m=-15e-3, depth_m=30e-3, angle_deg=10.0)
     noise = SearchNoise(floor=Floor(level=6.0, source="dark frames"), sigma=1.0)
-    own, bound = [sample(10.0, arrival(9.0, -15.0, 30.0))], [sample(10.9, noise=limit)]
+    own = [sample(10.0, arrival(9.0, -15.0, 30.0))]
+    bound = [sample(10.9, noise=limit)]
     assert is_burst(own, bound, place, noise) is burst

@@ -33,7 +33,9 @@ from markerseek.search.posterior import SweepPosterior
 from markerseek.search.posterior.likelihood import later, with_light
 from markerseek.search.posterior.sweeping import Delay, FrameOrder, delay_of, order_of
 
-FWHM_DEG, SNR, CELLS = 6.0, 50.0, 100_000
+FWHM_DEG = 6.0
+SNR = 50.0
+CELLS = 100_000
 
 
 def gaussian(angle_deg: np.ndarray, height: float, centre_deg: float) -> np.ndarray:
@@ -117,7 +119,8 @@ def test_one_way_or_one_flank_says_nothing_of_the_delay(missing: tuple[float, fl
 def test_pulses_without_light_go_and_no_others_do() -> None:
     samples = ways(25.0, -25.0, delay_s=0.0)
     bright = [index for index, sample in enumerate(samples) if sample.reading.intensity > 20.0]
-    inside, edge = bright[3], len(samples) // 2 - 1
+    inside = bright[3]
+    edge = len(samples) // 2 - 1
     for index in (inside, edge):
         samples[index] = structs.replace(samples[index], reading=Reading(intensity=3.0, noise_sigma=1.0, cells=CELLS))
     kept = with_light(samples)
@@ -161,7 +164,9 @@ class Search:
         sigma_s: float = 5e-3,
         near: AnglePrior | None = None,
     ) -> None:
-        self.dark_deg, self.delay_s, self.sigma_s = dark_deg, delay_s, sigma_s
+        self.dark_deg = dark_deg
+        self.delay_s = delay_s
+        self.sigma_s = sigma_s
         plan = SearchPlan(
             method="posterior",
             start_deg=start_deg,
@@ -192,7 +197,8 @@ class Search:
     def sweep(self, sweep: Sweep) -> None:
         if sweep.from_deg is not None:
             self.place_deg = sweep.from_deg
-        began_deg, left = self.place_deg, 3
+        began_deg = self.place_deg
+        left = 3
         for to_deg in (sweep.to_deg, sweep.back_deg):
             if to_deg is None or left == 0:
                 break
@@ -557,7 +563,8 @@ def test_a_plan_that_sweeps_is_of_the_posterior() -> None:
 
 def test_two_sources_are_no_disorder_of_the_frames() -> None:
     for seed in range(6):
-        first, second = curve_about(-15.0), curve_about(20.0)
+        first = curve_about(-15.0)
+        second = curve_about(20.0)
         search = Search(
             lambda at_deg, one=first, other=second: max(one(at_deg), other(at_deg)), seed=seed, sigma_s=30e-3
         )
