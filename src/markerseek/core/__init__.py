@@ -2,6 +2,7 @@
 
 from markerseek.core.angle_prior import AnglePrior, PriorEvidence
 from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
+from markerseek.core.displacement import Displacement
 from markerseek.core.errors import (
     AcquisitionError,
     ConfigError,
@@ -75,6 +76,7 @@ from markerseek.core.protocols import (
     AnyPolicy,
     Clock,
     ConfirmablePolicy,
+    FollowedTissue,
     GuidedStage,
     Laser,
     Policy,
@@ -146,6 +148,7 @@ __all__ = [
     "ConfirmablePolicy",
     "DeviceError",
     "DeviceTimeoutError",
+    "Displacement",
     "Doubt",
     "Estimate",
     "Event",
@@ -154,6 +157,7 @@ __all__ = [
     "Float32",
     "Float64",
     "Floor",
+    "FollowedTissue",
     "Found",
     "Frame",
     "FrameHeader",

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Protocol, TypeAlias, runtime_checkable
 
+from markerseek.core.displacement import Displacement
 from markerseek.core.errors import SearchError
 from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Found, NotFound, Unsure
 from markerseek.core.events import Searched, Turning
@@ -246,3 +247,33 @@ class Reader(Protocol):
 
     def read(self, frame: Frame) -> Reading:
         """Features of the frame."""
+
+
+@runtime_checkable
+class FollowedTissue(Protocol):
+    """The tissue around the marker, followed while it is searched, as by the two cameras of an endoscope.
+
+    As long as the rotation between cameras and probe is not known, only the size of a displacement is: it is then 0,
+    and its error is as large in every direction. So it is a small one in the pause between two breaths.
+    """
+
+    @property
+    def known_after_s(self) -> float:
+        """Time from a moment until its displacement is known, in seconds."""
+
+    @property
+    def breath_s(self) -> float | None:
+        """Time from breath to breath in seconds; None if the tissue does not breathe, or that is not known."""
+
+    @property
+    def pause_s(self) -> float:
+        """Time in seconds in which it rests between two breaths; 0 if that is not known."""
+
+    def rests(self, for_s: float) -> bool | None:
+        """Whether it stays in its pause from now on, for so many seconds; None if that is not known.
+
+        Tissue that does not move rests at any time.
+        """
+
+    def displacement(self, at_s: float) -> Displacement | None:
+        """Displacement of the tissue at the marker at a moment of the rig's clock; None if it is not known."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, TypeAlias
 import msgspec
 
 from markerseek.core.checks import Within, is_finite, is_whole, require_fields, require_range
+from markerseek.core.displacement import Displacement
 from markerseek.core.errors import ConfigError, ReadingError
 from markerseek.core.shapes import CHECKED, Int16
 from markerseek.core.sweep import SweepTiming
@@ -404,6 +405,9 @@ class Sample(EqualWithout, frozen=True, kw_only=True):
         Standard deviation of the error of this angle, independent from sample to sample, in degrees.
     sweep
         What it shares with the other samples of its sweep; None if the probe was at rest.
+    displacement
+        Displacement of the tissue meanwhile, as cameras saw it; None: not known. Angle and reading are those of the
+        displaced marker.
     frame
         What the receiver sent, with its header; None for samples that no rig took.
 
@@ -420,6 +424,7 @@ class Sample(EqualWithout, frozen=True, kw_only=True):
     dark: bool = False
     angle_sigma_deg: Annotated[float, Within(0, 10, "deg")] = 0.0
     sweep: SweepTiming | None = None
+    displacement: Displacement | None = None
     frame: Frame | None = None
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from markerseek.core import (
     Event,
     Finished,
     Float64,
+    FollowedTissue,
     Measured,
     SearchPlan,
     estimate_of,
@@ -66,14 +67,19 @@ def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
 
 
 def journalled(
-    policy: AnyPolicy, rig: Rig, journal: Journal, *, limits: RunLimits = _RUN_LIMITS
+    policy: AnyPolicy,
+    rig: Rig,
+    journal: Journal,
+    *,
+    limits: RunLimits = _RUN_LIMITS,
+    tissue: FollowedTissue | None = None,
 ) -> Generator[Event, None, None]:
     """`run` with each event committed to a journal before it is yielded, and so before the policy receives it.
 
-    ``journal``: a new journal with the plan of the search. Yields as `run`. Raises `RecordError` if an event cannot be
-    written; the rig is stopped.
+    ``journal``: a new journal with the plan of the search. ``tissue``: as of `run`. Yields as `run`. Raises
+    `RecordError` if an event cannot be written; the rig is stopped.
     """
-    events = run(policy, rig.scanner, journal.configuration.plan, limits=limits)
+    events = run(policy, rig.scanner, journal.configuration.plan, limits=limits, tissue=tissue)
     yield from committed(events, policy, rig, journal)
 
 

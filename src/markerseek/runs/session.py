@@ -14,6 +14,7 @@ from markerseek.core import (
     ConfigError,
     Estimate,
     Finished,
+    FollowedTissue,
     Measured,
     SearchPlan,
 )
@@ -42,6 +43,8 @@ class Session:
     reset_fault: bool = False
     """``by`` and ``reset_fault``: for a resumed run: who arms the rig, and whether that person has inspected it after a
     fault."""
+    tissue: FollowedTissue | None = None
+    """The tissue, where cameras follow it: samples of a new run state its displacement."""
     view: RunView = field(init=False)
     """The run so far."""
 
@@ -64,7 +67,9 @@ class Session:
         if self.journal is None:
             return self._unrecorded()
         if self.recorded is None:
-            return journalled(self.policy, self.rig, self.journal, limits=limits_of(self.configuration))
+            return journalled(
+                self.policy, self.rig, self.journal, limits=limits_of(self.configuration), tissue=self.tissue
+            )
         return resumed(
             self.policy,
             self.rig,
@@ -78,7 +83,8 @@ class Session:
     def _unrecorded(self) -> Generator[JournalEvent, None, None]:
         plan = self.configuration.plan
         # Closed with this one, so that the rig is stopped.
-        with closing(run(self.policy, self.rig.scanner, plan, limits=limits_of(self.configuration))) as events:
+        run_events = run(self.policy, self.rig.scanner, plan, limits=limits_of(self.configuration), tissue=self.tissue)
+        with closing(run_events) as events:
             # What is believed on the way is for those who follow a record.
             yield from with_beliefs(events, self.policy, plan, of=(Finished,))
 
@@ -184,10 +190,13 @@ def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, prog
     return session.result()
 
 
-def new_session(rig: Rig, plan: SearchPlan) -> Session:
-    """A new search, without a journal yet; nothing moves before `Session.events` is iterated."""
+def new_session(rig: Rig, plan: SearchPlan, *, tissue: FollowedTissue | None = None) -> Session:
+    """A new search, without a journal yet; nothing moves before `Session.events` is iterated.
+
+    ``tissue``: the tissue, where cameras follow it.
+    """
     policy = build_sweeping(plan, limits=rig.limits.search)
-    return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan))
+    return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan), tissue=tissue)
 
 
 def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: str, reset_fault: bool) -> Session:

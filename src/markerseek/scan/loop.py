@@ -23,6 +23,7 @@ from markerseek.core import (
     Event,
     Failed,
     Finished,
+    FollowedTissue,
     Found,
     Measured,
     RecordingPolicy,
@@ -131,6 +132,7 @@ def run(
     *,
     limits: RunLimits = _RUN_LIMITS,
     earlier: Tally | None = None,
+    tissue: FollowedTissue | None = None,
 ) -> Generator[Event, None, None]:
     """Let a policy search on a rig, and report each step.
 
@@ -151,6 +153,8 @@ def run(
         Limits of the run.
     earlier
         State of an interrupted run, from which the run goes on; the policy must have got all of its samples.
+    tissue
+        The tissue, where it is followed: samples state its displacement.
 
     Yields
     ------
@@ -164,7 +168,7 @@ def run(
     """
     tally = earlier or Tally()
     try:
-        with closing(_search(policy, scanner, plan, limits, tally)) as events:
+        with closing(_search(policy, scanner, plan, limits, tally, tissue)) as events:
             for event in events:
                 tally.add(event)
                 yield event
@@ -177,7 +181,12 @@ def run(
 
 
 def _search(
-    policy: AnyPolicy, scanner: Scanner, plan: RunPlan, limits: RunLimits, tally: Tally
+    policy: AnyPolicy,
+    scanner: Scanner,
+    plan: RunPlan,
+    limits: RunLimits,
+    tally: Tally,
+    tissue: FollowedTissue | None,
 ) -> Generator[Event, None, None]:
     """The events of a run up to its answer; the caller adds each to the tally."""
     began_s = scanner.clock.now_s() - tally.elapsed_s
@@ -194,14 +203,14 @@ def _search(
         # The caller owns the loop (ask and tell): all that is measured is yielded, journalled and limited here.
         while (asked := policy.ask()) is not None:
             _require_budget(tally.steps, scanner.clock.now_s() - began_s, limits)
-            yield from _step(policy, scanner, tally, "search", asked, limits.attempts)
+            yield from _step(policy, scanner, tally, "search", asked, limits.attempts, tissue)
             _require_order(scanner, policy)
         estimate = estimate_of(policy)
         known_s = scanner.clock.now_s() - began_s
         searching = isinstance(estimate, Found) and not plan.stay
         if searching:
             if not tally.confirmed:
-                yield from _step(policy, scanner, tally, "confirmation", estimate.mean_deg, limits.attempts)
+                yield from _step(policy, scanner, tally, "confirmation", estimate.mean_deg, limits.attempts, tissue)
                 estimate = estimate_of(policy)
             assert tally.confirmation is not None  # noqa: S101 - it was taken now or before
             searching = isinstance(policy, ConfirmablePolicy) and policy.ask() is not None
@@ -222,7 +231,13 @@ def _search(
 
 
 def _step(
-    policy: AnyPolicy, scanner: Scanner, tally: Tally, role: Role, asked: float | Sweep, attempts: int
+    policy: AnyPolicy,
+    scanner: Scanner,
+    tally: Tally,
+    role: Role,
+    asked: float | Sweep,
+    attempts: int,
+    tissue: FollowedTissue | None = None,
 ) -> Generator[Event, None, None]:
     """One step, at rest or in motion, and again while it is refused."""
     step = asked if role == "dark" else _planned(asked, policy, scanner.limits, tally)
@@ -235,7 +250,10 @@ def _step(
         try:
             # A sweep goes on while the policy asks for it.
             outcomes = scanner.take(
-                None if role == "dark" else step, number=tally.sweeps, goes_on=lambda: policy.ask() == asked
+                None if role == "dark" else step,
+                number=tally.sweeps,
+                goes_on=lambda: policy.ask() == asked,
+                tissue=tissue,
             )
             yield from _told(policy, outcomes, tally, role)
             break

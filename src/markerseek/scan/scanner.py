@@ -16,9 +16,11 @@ from markerseek.core import (
     AcquisitionError,
     Clock,
     ConfigError,
+    FollowedTissue,
     Frame,
     GuidedStage,
     Laser,
+    Permit,
     Reader,
     Reading,
     Receiver,
@@ -34,6 +36,7 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.guard import Guard, Limits, State
+from markerseek.scan.followed_tissue import await_known, await_pause, mean_displacement
 from markerseek.scan.sweeping import SweepingDevices, SweepInProgress, SweptFrame
 
 MIN_ENERGY = 0.1
@@ -107,6 +110,10 @@ class Scanner:
         # Whether the laser has fired for a camera since the receiver was last quiet.
         self._lit = False
         self._mark: int | None = None
+        self._fired_s = (0.0, 0.0)
+        """Begin and end of the last firing."""
+        self._pulse_s = 0.0
+        """Time for each pulse of the last firing; 0 before the first."""
 
     @property
     def limits(self) -> Limits:
@@ -131,19 +138,25 @@ class Scanner:
         return self._refused_frame
 
     def take(
-        self, step: float | Sweep | None, *, number: int = 1, goes_on: Callable[[], bool] = lambda: True
+        self,
+        step: float | Sweep | None,
+        *,
+        number: int = 1,
+        goes_on: Callable[[], bool] = lambda: True,
+        tissue: FollowedTissue | None = None,
     ) -> Generator[Turning | Sample | Refused | Swept, None, None]:
         """The samples of one step: one at an angle or, for None, one in the dark; of a sweep, one for each pulse.
 
         At an angle, a person who turns the probe is guided there before. The frame of a pulse that says nothing is
         `Refused`, and a sweep ends with `Swept`. ``number``: number of the sweep in its run. ``goes_on``: whether more
-        of a sweep is wanted; if not, the light ends and the probe brakes. Raises as `measure`; of a sweep,
+        of a sweep is wanted; if not, the light ends and the probe brakes. ``tissue``: the tissue, where it is followed:
+        the samples state its displacement, and the light waits for its pause. Raises as `measure`; of a sweep,
         `ConfigError` if the rig cannot sweep so, and `AcquisitionError` if frames and pulses do not belong together,
         which refuses the sweep as a whole.
         """
         self._refused_frame = None
         if isinstance(step, Sweep):
-            yield from self._sweep(step, number=number, goes_on=goes_on)
+            yield from self._sweep(step, number=number, goes_on=goes_on, tissue=tissue)
         elif step is None:
             yield self.measure_dark()
         else:
@@ -151,18 +164,24 @@ class Scanner:
             if hasattr(type(self._stage), "guide"):
                 with self._faulting:
                     yield from cast("GuidedStage", self._stage).guide(step)
-            yield self.measure(step)
+            yield self.measure(step, tissue=tissue)
 
-    def measure(self, angle_deg: float) -> Sample:
+    def measure(self, angle_deg: float, *, tissue: FollowedTissue | None = None) -> Sample:
         """Turn the probe to an angle, fire, acquire a frame, and return its reading.
 
-        ``angle_deg``: where to measure. Raises `LimitError` if the angle is outside the search range or the guard is
-        not armed; nothing was moved. Raises `AcquisitionError` if the frame was refused; it may be taken again. Raises
-        `DeviceError` if a device did not do its part; the guard is in FAULT then.
+        ``angle_deg``: where to measure. ``tissue``: as of `take`. Raises `LimitError` if the angle is outside the
+        search range or the guard is not armed; nothing was moved. Raises `AcquisitionError` if the frame was refused;
+        it may be taken again. Raises `DeviceError` if a device did not do its part; the guard is in FAULT then.
         """
         self._move(angle_deg)
         self._acquired += 1
-        return self._acquire(angle_deg, pulses=self._pulses[(self._acquired - 1) % len(self._pulses)])
+        pulses = self._pulses[(self._acquired - 1) % len(self._pulses)]
+        sample = self._acquire(angle_deg, pulses=pulses, tissue=tissue)
+        if tissue is None:
+            return sample
+        began_s, ended_s = self._fired_s
+        await_known(tissue, self.clock, at_s=ended_s)
+        return structs.replace(sample, displacement=mean_displacement(tissue, began_s=began_s, ended_s=ended_s))
 
     def measure_dark(self) -> Sample:
         """Acquire a frame of noise at the present angle, with the laser off.
@@ -186,12 +205,7 @@ class Scanner:
         self._settled = False
         self._lit = True
         self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())
-        _LOG.debug("fire %s", permit)
-        with self._faulting, self._watchdog_held:
-            fired = self._laser.fire(permit)
-        _LOG.debug("fired %d pulses", fired)
-        self.guard.end_fire(fired)
-        return fired
+        return self._fire(permit)
 
     @property
     def sweeping(self) -> SweepingDevices:
@@ -199,7 +213,7 @@ class Scanner:
         return SweepingDevices.of(self._stage, self._laser, self._receiver)
 
     def _sweep(
-        self, sweep: Sweep, *, number: int, goes_on: Callable[[], bool]
+        self, sweep: Sweep, *, number: int, goes_on: Callable[[], bool], tissue: FollowedTissue | None
     ) -> Generator[Sample | Refused | Swept, None, None]:
         devices = self.sweeping
         if sweep.from_deg is not None and not abs(self.angle_deg - sweep.from_deg) <= _THERE_DEG:
@@ -210,6 +224,9 @@ class Scanner:
             self._settle()
         self._begun = True
         self._settled = False
+        lasts_s = devices.duration_s(sweep, from_deg=self.angle_deg)
+        if tissue is not None and lasts_s < tissue.pause_s:
+            await_pause(tissue, self.clock, for_s=lasts_s)
         dark, mark = (self.pulses, self._next_mark()) if devices.in_bursts else (0, 0)
         wanted = devices.permit(sweep, from_deg=self.angle_deg, dark=dark, mark=mark)
         now_s = self.clock.now_s()
@@ -235,6 +252,7 @@ class Scanner:
             at=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
             admit_dark=self._admit_dark,
             turn_away=None if wait_deg is None else partial(self._move, wait_deg),
+            tissue=tissue,
         )
         # Closed here, and not by the garbage collector, which would print an error of the lease that ends with it.
         with closing(progress.frames(goes_on)) as frames:
@@ -291,6 +309,7 @@ class Scanner:
             reading=reading,
             angle_sigma_deg=swept.angle_sigma_deg,
             sweep=swept.timing,
+            displacement=swept.displacement,
             frame=frame,
         )
 
@@ -319,6 +338,20 @@ class Scanner:
         self.guard.end_move(reached_deg)
         return reached_deg
 
+    def _fire(self, permit: Permit) -> int:
+        """Fire the pulses of a permit that is redeemed, and return how many were fired."""
+        _LOG.debug("fire %s", permit)
+        began_s = self.clock.now_s()
+        with self._faulting, self._watchdog_held:
+            fired = self._laser.fire(permit)
+        _LOG.debug("fired %d pulses", fired)
+        self.guard.end_fire(fired)
+        ended_s = self.clock.now_s()
+        if fired > 0:
+            self._fired_s = (began_s, ended_s)
+            self._pulse_s = (ended_s - began_s) / fired
+        return fired
+
     def _settle(self) -> None:
         self._begun = True
         lit = self._lit
@@ -334,20 +367,18 @@ class Scanner:
                     raise
         self._settled = False
 
-    def _acquire(self, commanded_deg: float, *, pulses: int) -> Sample:
+    def _acquire(self, commanded_deg: float, *, pulses: int, tissue: FollowedTissue | None = None) -> Sample:
         self._refused_frame = None
         self._settle()
+        if tissue is not None:
+            await_pause(tissue, self.clock, for_s=pulses * self._pulse_s)
         permit = self.guard.issue(angle_deg=commanded_deg, pulses=pulses, now_s=self.clock.now_s())
         with self._refusable:
             self._receiver.arm(permit)
         # Read after arming: a start command may take seconds, in which the probe can be moved by hand.
         before_deg = self.angle_deg
         self.guard.redeem(permit, angle_deg=before_deg, now_s=self.clock.now_s())
-        _LOG.debug("fire %s", permit)
-        with self._faulting, self._watchdog_held:
-            fired = self._laser.fire(permit)
-        _LOG.debug("fired %d pulses", fired)
-        self.guard.end_fire(fired)
+        self._fire(permit)
         with self._refusable:
             frame = self._receiver.acquire(permit)
         _LOG.debug("frame %s", frame.header)

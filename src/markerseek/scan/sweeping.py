@@ -18,6 +18,8 @@ from markerseek.core import (
     AcquisitionError,
     Clock,
     ConfigError,
+    Displacement,
+    FollowedTissue,
     Frame,
     Laser,
     LaserError,
@@ -35,6 +37,7 @@ from markerseek.core import (
     Swept,
 )
 from markerseek.guard import Guard
+from markerseek.scan.followed_tissue import await_known
 
 _LOG = logging.getLogger(__name__)
 
@@ -203,6 +206,8 @@ class SweptFrame:
     angle_deg: float
     angle_sigma_deg: float
     timing: SweepTiming
+    displacement: Displacement | None = None
+    """Of the tissue at the pulse; None: not known."""
 
 
 class Way:
@@ -250,7 +255,7 @@ class SweepInProgress:
 
     ``held``: holds the watchdog's lease while the probe turns. ``at``: readback and time at which the permit was used.
     ``admit_dark``: refuses a dark frame that holds a source. ``turn_away``: turns the probe to where it waits for the
-    frames of a burst, and returns its angle; None: it stays.
+    frames of a burst, and returns its angle; None: it stays. ``tissue``: the tissue, where it is followed.
     """
 
     def __init__(
@@ -266,6 +271,7 @@ class SweepInProgress:
         at: StageReading,
         admit_dark: Callable[[Frame], None],
         turn_away: Callable[[], float] | None = None,
+        tissue: FollowedTissue | None = None,
     ) -> None:
         self._devices = devices
         self._permit = permit
@@ -276,6 +282,7 @@ class SweepInProgress:
         self._number = number
         self._admit_dark = admit_dark
         self._turn_away = turn_away
+        self._tissue = tissue
         self._turning_s: float | None = None
         self._readings = [at]
         self._way = self._way_to(permit.to_deg)
@@ -320,6 +327,8 @@ class SweepInProgress:
         if self._turn_away is not None:
             last_deg = self._turn_away()
         self._keep_last(receiver.end_sweep(pulses=fired))
+        if self._tissue is not None and self._pulses:
+            await_known(self._tissue, self._clock, at_s=self._pulses[-1].at_s)
         yield self._matched()
         if self._told < len(self._frames):
             raise not_between(self._pulses[self._told], self._readings)
@@ -472,11 +481,14 @@ class SweepInProgress:
                 self._admit_dark(frame)
 
     def _matched(self) -> list[SweptFrame]:
-        """Frames whose pulse lies between two readings, with the angle at it."""
+        """Frames whose pulse lies between two readings, with the angle at it, once the displacement at it is known."""
         matched: list[SweptFrame] = []
+        until_s = self._readings[-1].at_s
+        if self._tissue is not None:
+            until_s = min(until_s, self._clock.now_s() - self._tissue.known_after_s)
         while self._told < min(len(self._frames), len(self._pulses)):
             pulse = self._pulses[self._told]
-            if not pulse.at_s <= self._readings[-1].at_s:
+            if not pulse.at_s <= until_s:
                 break
             matched.append(self._at(pulse, self._frames[self._told]))
             self._told += 1
@@ -508,6 +520,7 @@ class SweepInProgress:
                 delay_sigma_s=math.hypot(self._devices.laser.delay_sigma_s, answer_s),
                 play_sigma_deg=BACKLASH_ERROR * backlash_deg,
             ),
+            displacement=None if self._tissue is None else self._tissue.displacement(pulse.at_s),
         )
 
 
