@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, multiple, rule
 
-from markerseek.core import SWEEP_READING_S, ConfigError, DeviceError, Permit, SweepPermit
+from markerseek.core import SWEEP_READING_S, ConfigError, DeviceError, FollowPermit, Interval, Permit, SweepPermit
 from markerseek.guard import Admission, FiringLimits, Guard, Limits, State
 from tests.sizes import examples
 
@@ -22,6 +22,10 @@ FIRING = FiringLimits(
 )
 
 ARRIVAL_DEG = 0.1
+
+FOLLOW = FollowPermit(
+    angles=Interval(low_deg=-10.0, high_deg=12.0), speed_deg_s=5.0, duration_s=3.0, pulses=3, pulses_per_second=5
+)
 
 ANGLES = st.sampled_from([-36.6, -35.0, 0.0, 0.05, 10.0, 35.0, 35.1, math.nan, math.inf]) | st.floats(-37, 37)
 PULSES = st.integers(-1, 10)
@@ -43,6 +47,8 @@ class Traces(RuleBasedStateMachine):
         self.target_deg = math.nan
         self.fired: list[tuple[float, int]] = []
         self.read: tuple[float, float] = (math.nan, math.nan)
+        self.follows_until_s: float | None = None
+        self.turn: tuple[float, float] = (math.nan, math.nan)
 
     def tried(self, step: str, *arguments: object, **named: object) -> bool:
         """Whether the guard allowed a step."""
@@ -106,7 +112,11 @@ class Traces(RuleBasedStateMachine):
             permit = self.guard.issue(angle_deg=angle_deg, pulses=pulses, now_s=self.now_s)
         except DeviceError:
             return multiple()
-        assert before is State.ARMED
+        assert before in (State.ARMED, State.FOLLOWING)
+        if before is State.FOLLOWING:
+            assert pulses <= FOLLOW.pulses
+            assert self.follows_until_s is not None
+            assert self.now_s <= self.follows_until_s
         assert permit.token not in self.issued
         assert permit.pulses == pulses
         assert 0 <= pulses <= FIRING.pulses_per_permit
@@ -119,8 +129,9 @@ class Traces(RuleBasedStateMachine):
         angle_deg = permit.angle_deg + off_deg
         if not self.tried("redeem", permit, angle_deg=angle_deg, now_s=self.now_s):
             return
-        assert self.before is State.ARMED
+        assert self.before in (State.ARMED, State.FOLLOWING)
         sweep = isinstance(permit, SweepPermit)
+        assert not (sweep and self.before is State.FOLLOWING)
         assert self.guard.state is (State.SWEEPING if sweep else State.FIRING)
         assert permit.token not in [old.token for _, old in self.redeemed]
         assert permit.token == list(self.issued)[-1]
@@ -131,7 +142,7 @@ class Traces(RuleBasedStateMachine):
         self.fired.append((self.now_s, permit.pulses_in_1_s))
         self.read = angle_deg, self.now_s
         second = sum(pulses for then_s, pulses in self.fired if self.now_s - then_s < 1)
-        assert second <= FIRING.pulses_per_second
+        assert second <= (FIRING if self.before is State.ARMED else FOLLOW).pulses_per_second
 
     @rule(target=permits, angle_deg=ANGLES, to_deg=ANGLES, pulses=st.integers(-1, 40), period_s=st.floats(0.02, 1))
     def issue_sweep(self, angle_deg: float, to_deg: float, pulses: int, period_s: float) -> object:
@@ -209,11 +220,82 @@ class Traces(RuleBasedStateMachine):
             self.redeem(permit, 0.0)
             self.end_fire(permit.pulses)
 
+    @rule(by=st.sampled_from(["a person", ""]))
+    def begin_following(self, by: str) -> None:
+        if self.tried("begin_following", FOLLOW, by=by, now_s=self.now_s):
+            assert by
+            assert self.before in (State.ARMED, State.FOLLOWING)
+            self.follows_until_s = self.now_s + FOLLOW.duration_s
+
+    @rule()
+    def end_following(self) -> None:
+        if self.tried("end_following"):
+            assert self.before is State.FOLLOWING
+            assert self.guard.state is State.ARMED
+
+    @rule(to_deg=ANGLES, from_deg=ANGLES)
+    def begin_turn(self, to_deg: float, from_deg: float) -> None:
+        if self.tried("begin_turn", to_deg, from_deg=from_deg, now_s=self.now_s):
+            assert self.before is State.FOLLOWING
+            assert self.follows_until_s is not None
+            assert self.now_s <= self.follows_until_s
+            assert -10 <= to_deg <= 12
+            assert -10 <= from_deg <= 12
+            assert abs(to_deg - from_deg) <= 5
+            self.turn = (from_deg, to_deg)
+            self.read = from_deg, self.now_s
+
+    @rule(from_deg=st.floats(-10, 12), way_deg=st.floats(-5, 5))
+    def begin_short_turn(self, from_deg: float, way_deg: float) -> None:
+        self.begin_turn(from_deg + way_deg, from_deg)
+
+    @rule(speed_deg_s=st.sampled_from([0.0, 1.0, 5.0, 6.0, 12.0, -5.0, math.nan]), seconds=st.floats(0, 0.2))
+    def read_turn(self, speed_deg_s: float, seconds: float) -> None:
+        self.now_s += seconds
+        (from_deg, to_deg), (before_deg, before_s) = self.turn, self.read
+        angle_deg = before_deg + math.copysign(1.0, to_deg - from_deg) * speed_deg_s * seconds
+        if not self.tried("read_turn", angle_deg, now_s=self.now_s):
+            return
+        assert self.before is State.TURNING
+        assert 0 < self.now_s - before_s <= SWEEP_READING_S
+        low_deg, high_deg = sorted((from_deg, to_deg))
+        assert low_deg - ARRIVAL_DEG <= angle_deg <= high_deg + ARRIVAL_DEG
+        assert abs(speed_deg_s) * seconds <= 1.25 * 5.0 * seconds + 1.001 * ARRIVAL_DEG
+        self.read = angle_deg, self.now_s
+
+    @rule(off_deg=st.sampled_from([0.0, 0.05, 0.2, math.nan]))
+    def end_turn(self, off_deg: float) -> None:
+        self.now_s += 0.05
+        if self.tried("end_turn", self.read[0] + off_deg, now_s=self.now_s):
+            assert self.before is State.TURNING
+            assert self.guard.state is State.FOLLOWING
+            assert abs(off_deg) <= ARRIVAL_DEG
+
+    @rule(from_deg=st.floats(-9, 11), way_deg=st.floats(-1, 1), readings=st.integers(0, 4), pulses=st.integers(0, 4))
+    def follow(self, from_deg: float, way_deg: float, readings: int, pulses: int) -> None:
+        """The regular order of the steps of following, as far as the guard permits."""
+        self.arm("a person")
+        self.begin_following("a person")
+        self.begin_turn(from_deg + way_deg, from_deg)
+        for _ in range(readings):
+            self.read_turn(1.0, 0.1)
+        self.end_turn(0.0)
+        permit = self.issue(self.read[0], pulses)
+        if isinstance(permit, Permit):
+            self.redeem(permit, 0.0)
+            self.end_fire(permit.pulses)
+
     @rule(fired=st.integers(0, 10))
     def end_fire(self, fired: int) -> None:
         if self.tried("end_fire", fired):
             assert self.before is State.FIRING
             assert fired == self.redeemed[-1][1].pulses
+
+    @invariant()
+    def nothing_is_followed_without_a_person(self) -> None:
+        following = self.guard.state in (State.FOLLOWING, State.TURNING)
+        was = self.before in (State.ARMED, State.FOLLOWING, State.TURNING, State.FIRING)
+        assert not following or (was and self.follows_until_s is not None)
 
     @invariant()
     def fault_is_left_by_a_reset_alone(self) -> None:

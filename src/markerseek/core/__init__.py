@@ -55,7 +55,7 @@ from markerseek.core.image import MAX_PAIRS, LinearArray, PaImage, ScanGeometry,
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import MarkerCandidate, MarkerPosition, marker_candidates, marker_position
 from markerseek.core.options import Help, Option, arguments_of, as_text, options_of
-from markerseek.core.permit import SWEEP_READING_S, Permit, SweepPermit
+from markerseek.core.permit import SWEEP_READING_S, FollowPermit, Permit, SweepPermit
 from markerseek.core.plan import (
     MAX_PACE,
     USUAL_SEED,
@@ -157,6 +157,7 @@ __all__ = [
     "Float32",
     "Float64",
     "Floor",
+    "FollowPermit",
     "FollowedTissue",
     "Found",
     "Frame",

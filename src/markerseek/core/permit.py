@@ -1,4 +1,4 @@
-"""Permits to fire: for one acquisition at one angle, and for the single pulses of one sweep."""
+"""Permits: to fire for one acquisition at one angle, to fire single pulses in one sweep, and to follow a target."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import math
 
 import msgspec
 
-from markerseek.core.checks import is_finite, require_range
+from markerseek.core.checks import is_finite, is_whole, require_range
 from markerseek.core.errors import ConfigError
+from markerseek.core.interval import Interval
 
 SWEEP_READING_S = 0.15
 """Longest time between two readings of a stage that sweeps, in seconds."""
+
+MOST_FOLLOWING_HZ = 64
+"""Most pulses within a second that a permit to follow may allow: a few looks of a camera, and one acquisition."""
 
 _TURN_S = 1.0
 
@@ -117,10 +121,11 @@ class SweepPermit(Permit, frozen=True, kw_only=True):
 
     @property
     def words(self) -> str:
-        """What it permits, in words."""
+        """What it permits, in words; without pulses it is a turn in the dark."""
+        what = "sweep" if self.pulses else "turn"
         back = "" if self.back_deg is None else f" and back to {self.back_deg:.2f} deg"
         return (
-            f"the permitted sweep from {self.angle_deg:.2f} to {self.to_deg:.2f} deg{back}, at most "
+            f"the permitted {what} from {self.angle_deg:.2f} to {self.to_deg:.2f} deg{back}, at most "
             f"{self.fastest_deg_s:.4g} deg/s, with a reading every {SWEEP_READING_S:g} s until {self.expires_s:.1f} s"
         )
 
@@ -156,3 +161,45 @@ class SweepPermit(Permit, frozen=True, kw_only=True):
     def turned_deg(self) -> float:
         """Largest turn of the probe between two readings of the stage, in degrees."""
         return self.fastest_deg_s * SWEEP_READING_S
+
+
+class FollowPermit(msgspec.Struct, frozen=True, kw_only=True):
+    """Permits to follow a target with the probe for some time; a person gives it, and renews it.
+
+    Attributes
+    ----------
+    angles
+        Angles to which the probe may be turned, inside the search range.
+    speed_deg_s
+        Largest speed of a turn, in degrees per second.
+    duration_s
+        Time after which it is void, in seconds.
+    pulses
+        Most pulses of one firing, which needs the probe at rest; 0: there is no light.
+    pulses_per_second
+        Most pulses within any one second.
+
+    Raises
+    ------
+    ConfigError
+        If a limit is no number, or bounds nothing.
+    """
+
+    angles: Interval
+    speed_deg_s: float
+    duration_s: float
+    pulses: int
+    pulses_per_second: int
+
+    def __post_init__(self) -> None:
+        require_range("follow permit: speed_deg_s", self.speed_deg_s, low=0, high=100, unit="deg/s", open_low=True)
+        require_range("follow permit: duration_s", self.duration_s, low=0, high=3600, unit="s", open_low=True)
+        if not (is_whole(self.pulses) and is_whole(self.pulses_per_second)):
+            raise ConfigError(
+                f"follow permit: {self.pulses} pulses, {self.pulses_per_second} a second, these must be whole numbers"
+            )
+        if not 0 <= self.pulses <= self.pulses_per_second <= MOST_FOLLOWING_HZ:
+            raise ConfigError(
+                f"follow permit: {self.pulses} pulses at once and {self.pulses_per_second} a second, it must be at "
+                f"least 0, no more at once than in a second, and at most {MOST_FOLLOWING_HZ} a second"
+            )

@@ -10,6 +10,7 @@ from markerseek.core import (
     AcquisitionError,
     ConfigError,
     DeviceError,
+    FollowPermit,
     Frame,
     LaserError,
     LimitError,
@@ -24,15 +25,29 @@ from markerseek.guard.admission import Admission
 from markerseek.guard.limits import Limits
 from markerseek.guard.permits import FiringLimits, Permits
 
+AHEAD_DEG = 5.0
+"""Longest turn from rest to rest while it follows, in degrees: whoever dies, the probe stops so near."""
+
+FASTER = 1.25
+"""Speed from which on a turn is a fault, over the permitted one: two readings tell a speed no better."""
+
+TURN_SPARE_S = 5.0
+"""Time that a turn may take longer than its way at the permitted speed, in seconds: it runs up and brakes."""
+
 
 class State(Enum):
-    """State of a rig: ARMED begins steps, MOVING, FIRING and SWEEPING are steps, FAULT needs a person's reset."""
+    """State of a rig: ARMED begins steps, MOVING, FIRING and SWEEPING are steps, FAULT needs a person's reset.
+
+    FOLLOWING is at rest under a permit to follow, which begins firings and turns of its own; TURNING is such a turn.
+    """
 
     DISARMED = "disarmed"
     ARMED = "armed"
     MOVING = "moving"
     FIRING = "firing"
     SWEEPING = "sweeping"
+    FOLLOWING = "following"
+    TURNING = "turning"
     FAULT = "fault"
 
 
@@ -57,6 +72,8 @@ class Guard:
         self._issued_s = math.nan
         self._turned_s = math.nan
         self._read = (math.nan, math.nan)
+        self._following: FollowPermit | None = None
+        self._follows_until_s = -math.inf
         self._previous: Frame | None = None
         self._usual_sigma: dict[int, float | None] = {}
 
@@ -94,6 +111,7 @@ class Guard:
     def disarm(self) -> None:
         """Any state but FAULT -> DISARMED; open permits are void, and the next run starts fresh."""
         self._permits.void()
+        self._following = None
         self._previous = None
         self._usual_sigma = {}
         if self._state is not State.FAULT:
@@ -102,6 +120,7 @@ class Guard:
     def fail(self, reason: str) -> None:
         """Any state -> FAULT; the first reason is kept."""
         self._permits.void()
+        self._following = None
         self._state = State.FAULT
         self._fault = self._fault or reason
 
@@ -136,8 +155,13 @@ class Guard:
         self._state = State.ARMED
 
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
-        """Permit for one acquisition at one angle, as `Permits.issue`; the state stays ARMED."""
-        self._require("permit pulses", State.ARMED)
+        """Permit for one acquisition at one angle, as `Permits.issue`; the state stays ARMED or FOLLOWING."""
+        self._require("permit pulses", State.ARMED, State.FOLLOWING)
+        if self._following is not None:
+            self._require_following(now_s)
+            if not pulses <= self._following.pulses:
+                why = f"{pulses} pulses at once while it follows; the limit of the permit to follow is"
+                raise LimitError(f"{why} {self._following.pulses}: ask for fewer")
         permit = self._permits.issue(angle_deg=angle_deg, pulses=pulses, now_s=now_s)
         self._issued_s = now_s
         return permit
@@ -151,10 +175,14 @@ class Guard:
         return self._permits.issue_sweep(wanted, now_s=now_s)
 
     def redeem(self, permit: Permit, *, angle_deg: float, now_s: float) -> None:
-        """ARMED -> FIRING or SWEEPING, if the permit holds here and now; it is used up in any case."""
-        self._require("fire", State.ARMED)
+        """ARMED -> FIRING or SWEEPING, FOLLOWING -> FIRING, if the permit holds here and now; it is used up then."""
+        self._require("fire", State.ARMED, State.FOLLOWING)
+        most = None
+        if self._following is not None:
+            self._require_following(now_s)
+            most = self._following.pulses_per_second
         try:
-            self._permits.redeem(permit, now_s=now_s)
+            self._permits.redeem(permit, now_s=now_s, most_in_1_s=most)
         except LaserError as error:
             raise self._failed(error) from None
         angle_deg = self.readback(angle_deg)
@@ -174,19 +202,29 @@ class Guard:
         A sweep that may turn back may be slow where it does, and turns the other way from there on.
         """
         self._require("sweep", State.SWEEPING)
-        sweep, angle_deg, (before_deg, before_s) = self._sweep, self.readback(angle_deg), self._read
+        sweep = self._sweep
+        before_deg, before_s = self._read
         if turning := sweep.turns_at(before_deg, within_deg=self._arrival_deg):
             self._turned_s = min(self._turned_s, before_s)
-        turned_deg, beyond_deg = sweep.turned(before_deg, angle_deg, back=self._turned_s < math.inf)
+        turned_deg = self._read_on_way(angle_deg, now_s=now_s)
         elapsed_s = now_s - before_s
-        in_time = 0 < elapsed_s <= SWEEP_READING_S and now_s <= sweep.expires_s
-        most_deg = sweep.fastest_deg_s * elapsed_s + self._arrival_deg
-        if not (in_time and beyond_deg <= self._arrival_deg and -self._arrival_deg <= turned_deg <= most_deg):
-            why = f"the probe turned by {turned_deg:.3f} deg in {elapsed_s:.3f} s to {angle_deg:.3f} deg"
-            raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {sweep.words}; check stage and host"))
-        self._read = angle_deg, now_s
         turning = turning or sweep.turns_at(angle_deg, within_deg=self._arrival_deg)
         return turned_deg >= sweep.slowest_deg_s * elapsed_s or (turning and now_s <= self._turned_s + sweep.turn_s)
+
+    def _read_on_way(self, angle_deg: float, *, now_s: float) -> float:
+        """How far the probe has turned along its way; one that is not where its permit allows ends in FAULT."""
+        angle_deg = self.readback(angle_deg)
+        before_deg, before_s = self._read
+        way = self._sweep
+        turned_deg, beyond_deg = way.turned(before_deg, angle_deg, back=self._turned_s < math.inf)
+        elapsed_s = now_s - before_s
+        in_time = 0 < elapsed_s <= SWEEP_READING_S and now_s <= way.expires_s
+        most_deg = way.fastest_deg_s * elapsed_s + self._arrival_deg
+        if not (in_time and beyond_deg <= self._arrival_deg and -self._arrival_deg <= turned_deg <= most_deg):
+            why = f"the probe turned by {turned_deg:.3f} deg in {elapsed_s:.3f} s to {angle_deg:.3f} deg"
+            raise self._failed(MoveError(f"{why} at {now_s:.3f} s, outside {way.words}; check stage and host"))
+        self._read = angle_deg, now_s
+        return turned_deg
 
     def end_sweep(self, angle_deg: float, *, pulses: int, now_s: float) -> None:
         """SWEEPING -> ARMED, at rest at that readback, after no more pulses than permitted."""
@@ -203,11 +241,72 @@ class Guard:
         if frames != self._firing:
             raise AcquisitionError(f"{frames} frames of {self._firing} pulses: no angle is known; check the trigger")
 
+    def begin_following(self, permit: FollowPermit, *, by: str, now_s: float) -> None:
+        """ARMED -> FOLLOWING, or renew it, in the name of a person; the angles must lie in the search range."""
+        _require_name(by)
+        self._require("follow", State.ARMED, State.FOLLOWING)
+        self.limits.require_search(permit.angles.low_deg)
+        self.limits.require_search(permit.angles.high_deg)
+        if not is_finite(now_s):
+            raise LimitError(f"guard: it is {now_s!r} s, no number; nothing was permitted")
+        self._permits.void()
+        self._following = permit
+        self._follows_until_s = now_s + permit.duration_s
+        self._state = State.FOLLOWING
+
+    def end_following(self) -> None:
+        """FOLLOWING -> ARMED."""
+        self._require("end following", State.FOLLOWING)
+        self._permits.void()
+        self._following = None
+        self._state = State.ARMED
+
+    def begin_turn(self, to_deg: float, *, from_deg: float, now_s: float) -> None:
+        """FOLLOWING -> TURNING in the dark, from a readback to an angle at most `AHEAD_DEG` away."""
+        self._require("turn", State.FOLLOWING)
+        permit = self._require_following(now_s)
+        from_deg = self.readback(from_deg)
+        for name, angle_deg in (("to", to_deg), ("from", from_deg)):
+            if angle_deg not in permit.angles:
+                why = f"a turn {name} {angle_deg} deg, outside {permit.angles} of the permit to follow"
+                raise LimitError(f"{why}; nothing was moved; ask for an angle inside")
+        way_deg = abs(to_deg - from_deg)
+        if not 0 < way_deg <= AHEAD_DEG:
+            why = f"a turn from {from_deg:.3f} to {to_deg:.3f} deg; the longest while it follows is {AHEAD_DEG:g} deg"
+            raise LimitError(f"{why}; nothing was moved; go there in shorter ones")
+        # The rules of a sweep, without its light.
+        self._sweep = SweepPermit(
+            token="",
+            angle_deg=from_deg,
+            pulses=0,
+            expires_s=now_s + way_deg / permit.speed_deg_s + TURN_SPARE_S,
+            to_deg=float(to_deg),
+            slowest_deg_s=permit.speed_deg_s,
+            fastest_deg_s=FASTER * permit.speed_deg_s,
+            period_s=1.0,
+        )
+        self._permits.void()
+        self._read = (from_deg, now_s)
+        self._turned_s = math.inf
+        self._state = State.TURNING
+
+    def read_turn(self, angle_deg: float, *, now_s: float) -> None:
+        """Check a readback of a turn: faster, backwards, beyond its end or late ends in FAULT, as in a sweep."""
+        self._require("turn", State.TURNING)
+        self._read_on_way(angle_deg, now_s=now_s)
+
+    def end_turn(self, angle_deg: float, *, now_s: float) -> None:
+        """TURNING -> FOLLOWING, at rest at that readback."""
+        before_deg, _ = self._read
+        self.read_turn(angle_deg, now_s=now_s)
+        self._require_at(before_deg, angle_deg, "the turn ended at", "the stage does not stop")
+        self._state = State.FOLLOWING
+
     def end_fire(self, fired: int) -> None:
-        """FIRING -> ARMED, when as many pulses were fired as were permitted."""
+        """FIRING -> ARMED or FOLLOWING, when as many pulses were fired as were permitted."""
         self._require("end a firing", State.FIRING)
         self._require_fired(fired, least=self._firing)
-        self._state = State.ARMED
+        self._state = State.ARMED if self._following is None else State.FOLLOWING
 
     def admit_frame(self, frame: Frame, *, permit: Permit, now_s: float) -> None:
         """Refuse a frame that does not belong to this permit, as `Admission.admit_frame`; the state stays."""
@@ -238,6 +337,16 @@ class Guard:
         if self._state not in states:
             cure = f"a person must reset it after: {self._fault}" if self._fault else "arm it, and end each step first"
             raise LimitError(f"guard: {self._state.value}, not allowed to {step}; {cure}")
+
+    def _require_following(self, now_s: float) -> FollowPermit:
+        """Return the permit to follow; `LimitError` if it has expired."""
+        permit = self._following
+        if permit is None or not now_s <= self._follows_until_s:
+            raise LimitError(
+                f"guard: the permit to follow has expired at {self._follows_until_s:.1f} s, it is {now_s:.1f} s; a "
+                "person must renew it"
+            )
+        return permit
 
     def _require_fired(self, fired: int, *, least: int) -> None:
         if not (is_whole(fired) and least <= fired <= self._firing):

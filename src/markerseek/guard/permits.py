@@ -85,8 +85,10 @@ class Permits:
         self._pulses = self._pulses + pulses
         return f"permit-{self._issued}", float(now_s + self._limits.lifetime_s)
 
-    def redeem(self, permit: Permit, *, now_s: float) -> None:
+    def redeem(self, permit: Permit, *, now_s: float, most_in_1_s: int | None = None) -> None:
         """Use up a permit, at the moment at which the laser is to fire.
+
+        ``most_in_1_s``: a lower limit of pulses within a second than that of the rig; None: the rig's.
 
         `LaserError` if it is not the open one (used, voided, altered or foreign) or has expired, `LimitError` if too
         many pulses would be fired within a second; nothing may be fired then.
@@ -101,9 +103,11 @@ class Permits:
             self._used.popleft()
         recent = sum(pulses for _, pulses in self._used)
         more = permit.pulses_in_1_s
-        if not recent + more <= self._limits.pulses_per_second:
+        usual = self._limits.pulses_per_second
+        most = usual if most_in_1_s is None else min(usual, most_in_1_s)
+        if not recent + more <= most:
             why = f"{recent} pulses within a second and {more} more are asked for; the limit is"
-            raise LimitError(f"{why} {self._limits.pulses_per_second}: fire more slowly; nothing was fired")
+            raise LimitError(f"{why} {most}: fire more slowly; nothing was fired")
         self.count(permit, now_s=now_s)
 
     def count(self, permit: Permit, *, now_s: float) -> None:

@@ -17,6 +17,7 @@ from markerseek.core import (
     Clock,
     ConfigError,
     FollowedTissue,
+    FollowPermit,
     Frame,
     GuidedStage,
     Laser,
@@ -38,6 +39,7 @@ from markerseek.core import (
 from markerseek.guard import Guard, Limits, State
 from markerseek.scan.followed_tissue import await_known, await_pause, mean_displacement
 from markerseek.scan.sweeping import SweepingDevices, SweepInProgress, SweptFrame
+from markerseek.scan.turning import TurnInProgress, turning_stage
 
 MIN_ENERGY = 0.1
 """Least measured energy over the usual one with which a reading is used; the most is as much above it."""
@@ -114,6 +116,8 @@ class Scanner:
         """Begin and end of the last firing."""
         self._pulse_s = 0.0
         """Time for each pulse of the last firing; 0 before the first."""
+        # Angle of the probe over that of the stage: the backlash, as it lies after the last turn.
+        self._lag_deg = 0.0
 
     @property
     def limits(self) -> Limits:
@@ -206,6 +210,79 @@ class Scanner:
         self._lit = True
         self.guard.redeem(permit, angle_deg=at_deg, now_s=self.clock.now_s())
         return self._fire(permit)
+
+    def begin_following(self, permit: FollowPermit, *, by: str) -> None:
+        """Begin to follow, or renew the permit, in the name of a person; nothing moves.
+
+        Raises `ConfigError` if the stage cannot turn so, or not as fast, and `LimitError` if the guard is not armed.
+        """
+        stage = turning_stage(self._stage)
+        fastest_deg_s = stage.fastest_sweep_deg_s
+        if not permit.speed_deg_s <= fastest_deg_s:
+            raise ConfigError(
+                f"follow permit: speed_deg_s is {permit.speed_deg_s:g} deg/s, this stage turns with at most "
+                f"{fastest_deg_s:g} deg/s"
+            )
+        self._arm_itself()
+        self.guard.begin_following(permit, by=by, now_s=self.clock.now_s())
+        self._lag_deg = 0.0
+
+    def end_following(self) -> None:
+        """End it; the rig stays armed, and the probe where it is."""
+        self.guard.end_following()
+
+    @property
+    def probe_deg(self) -> float:
+        """Angle of the probe in degrees: the readback, and the backlash after the last turn while it follows."""
+        return self.angle_deg + self._lag_deg
+
+    @property
+    def play_deg(self) -> float:
+        """Largest backlash of a stage that turns, in degrees."""
+        stage = turning_stage(self._stage)
+        return max(stage.play_deg(1.0), stage.play_deg(-1.0))
+
+    def turn_to(self, angle_deg: float, *, speed_deg_s: float, goes_on: Callable[[], bool] = lambda: True) -> float:
+        """Turn the probe in the dark while it follows, and return its angle at rest.
+
+        ``goes_on``: asked at each reading of the stage, every 50 ms; if not, the probe brakes. Raises as `measure`.
+        """
+        stage = turning_stage(self._stage)
+        from_deg = self.angle_deg
+        forward = 1.0 if angle_deg > from_deg + self._lag_deg else -1.0
+        # The probe lags behind the stage by the backlash.
+        to_deg = angle_deg + forward * stage.play_deg(forward)
+        with self._faulting:
+            stage.prepare_sweep(speed_deg_s=speed_deg_s)
+        now_s = self.clock.now_s()
+        self.guard.begin_turn(to_deg, from_deg=from_deg, now_s=now_s)
+        _LOG.debug("turn to %.4f deg", to_deg)
+        turn = TurnInProgress(
+            stage,
+            guard=self.guard,
+            clock=self.clock,
+            start=StageReading(angle_deg=from_deg, asked_s=now_s, answered_s=now_s),
+            to_deg=to_deg,
+            speed_deg_s=speed_deg_s,
+        )
+        try:
+            with self._faulting, self._watchdog_held:
+                reached_deg = turn.run(goes_on)
+        finally:
+            if self.guard.state in (State.TURNING, State.FAULT):
+                self._end_light_and_motion()
+        _LOG.debug("at rest at %.4f deg", reached_deg)
+        slack_deg = self._lag_deg - (reached_deg - from_deg)
+        self._lag_deg = min(max(slack_deg, -stage.play_deg(1.0)), stage.play_deg(-1.0))
+        return reached_deg + self._lag_deg
+
+    def look(self, pulses: int) -> Sample:
+        """Acquire a frame with so many pulses where the probe is at rest while it follows.
+
+        Raises as `measure`.
+        """
+        sample = self._acquire(self.angle_deg, pulses=pulses)
+        return structs.replace(sample, angle_deg=sample.angle_deg + self._lag_deg)
 
     @property
     def sweeping(self) -> SweepingDevices:

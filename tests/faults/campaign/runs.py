@@ -15,6 +15,7 @@ from markerseek.core import (
     AnyPolicy,
     Asked,
     Estimate,
+    FollowPermit,
     Interval,
     MarkerseekError,
     NotFound,
@@ -317,6 +318,11 @@ class Campaign:
         return rig, world, clock, (stage, laser, receiver)
 
 
+FOLLOW = FollowPermit(
+    angles=Interval(low_deg=-5.0, high_deg=5.0), speed_deg_s=5.0, duration_s=60.0, pulses=4, pulses_per_second=8
+)
+"""What a program may ask for in vain where the guard is in FAULT."""
+
 _DEVICES: tuple[DeviceName, ...] = ("stage", "laser", "receiver")
 
 
@@ -358,6 +364,9 @@ def leaves_fault(guard: Guard) -> bool:
         lambda: guard.issue(angle_deg=0.0, pulses=1, now_s=0.0),
         lambda: guard.redeem(permit, angle_deg=0.0, now_s=0.0),
         lambda: guard.end_fire(0),
+        lambda: guard.begin_following(FOLLOW, by="a program", now_s=0.0),
+        lambda: guard.begin_turn(1.0, from_deg=0.0, now_s=0.0),
+        guard.end_following,
         lambda: guard.fail("once more"),
         lambda: guard.reset(by=" "),
     ):

@@ -1,10 +1,10 @@
-"""An armed guard and the permit of a sweep, for the tests of the guard."""
+"""An armed guard, the permit of a sweep and one to follow, for the tests of the guard."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from markerseek.core import SweepPermit
+from markerseek.core import FollowPermit, Interval, SweepPermit
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 
 WANTED = SweepPermit(
@@ -16,6 +16,10 @@ WANTED = SweepPermit(
     slowest_deg_s=2.0,
     fastest_deg_s=12.0,
     period_s=0.05,
+)
+
+FOLLOW = FollowPermit(
+    angles=Interval(low_deg=-20.0, high_deg=25.0), speed_deg_s=4.0, duration_s=60.0, pulses=4, pulses_per_second=6
 )
 
 

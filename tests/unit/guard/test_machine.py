@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from markerseek.core import ConfigError, Interval, LaserError, LimitError, MoveError, Permit
 from markerseek.guard import FiringLimits, Guard, Limits, State
-from tests.unit.guard.guards import WANTED, armed, disarmed
+from tests.unit.guard.guards import FOLLOW, WANTED, armed, disarmed
 
 FOREIGN = Permit(token="foreign", angle_deg=0.0, pulses=1, expires_s=1e9)
 SWEEP = replace(WANTED, angle_deg=0.0, pulses=16)
@@ -28,20 +28,31 @@ def guard(state: State = State.ARMED) -> Guard:
         made.redeem(made.issue(angle_deg=0.0, pulses=16, now_s=0.0), angle_deg=0.0, now_s=0.0)
     if state is State.SWEEPING:
         made.redeem(made.issue_sweep(SWEEP, now_s=0.0), angle_deg=0.0, now_s=0.0)
+    if state in (State.FOLLOWING, State.TURNING):
+        made.begin_following(FOLLOW, by="a test", now_s=0.0)
+    if state is State.TURNING:
+        made.begin_turn(4.0, from_deg=0.0, now_s=0.0)
     return made
 
+
+AT_REST = {State.ARMED, State.FOLLOWING}
 
 STEPS: dict[str, tuple[Callable[[Guard], object], set[State], str]] = {
     "arm": (lambda it: it.arm(by="a test"), {State.DISARMED, State.ARMED}, "arm"),
     "reset": (lambda it: it.reset(by="a test"), {State.FAULT}, "reset"),
     "begin_move": (lambda it: it.begin_move(1.0), {State.ARMED}, "move"),
     "end_move": (lambda it: it.end_move(5.0), {State.MOVING}, "end a move"),
-    "issue": (lambda it: it.issue(angle_deg=0.0, pulses=1, now_s=0.0), {State.ARMED}, "permit pulses"),
+    "issue": (lambda it: it.issue(angle_deg=0.0, pulses=1, now_s=0.0), AT_REST, "permit pulses"),
     "issue_sweep": (lambda it: it.issue_sweep(SWEEP, now_s=0.0), {State.ARMED}, "permit pulses"),
-    "redeem": (lambda it: it.redeem(FOREIGN, angle_deg=0.0, now_s=0.0), {State.ARMED}, "fire"),
+    "redeem": (lambda it: it.redeem(FOREIGN, angle_deg=0.0, now_s=0.0), AT_REST, "fire"),
     "end_fire": (lambda it: it.end_fire(16), {State.FIRING}, "end a firing"),
     "read_sweep": (lambda it: it.read_sweep(0.0, now_s=0.1), {State.SWEEPING}, "sweep"),
     "end_sweep": (lambda it: it.end_sweep(0.0, pulses=0, now_s=0.1), {State.SWEEPING}, "sweep"),
+    "begin_following": (lambda it: it.begin_following(FOLLOW, by="a test", now_s=0.0), AT_REST, "follow"),
+    "end_following": (lambda it: it.end_following(), {State.FOLLOWING}, "end following"),
+    "begin_turn": (lambda it: it.begin_turn(4.0, from_deg=0.0, now_s=0.0), {State.FOLLOWING}, "turn"),
+    "read_turn": (lambda it: it.read_turn(0.1, now_s=0.1), {State.TURNING}, "turn"),
+    "end_turn": (lambda it: it.end_turn(0.05, now_s=0.1), {State.TURNING}, "turn"),
 }
 
 
