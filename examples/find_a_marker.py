@@ -1,4 +1,4 @@
-"""Find a marker on the simulated rig: the loop in full, then the same by `run`."""
+"""Find a marker on the simulated rig: the loop in full, then another method by `run`."""
 
 import markerseek
 
@@ -12,7 +12,7 @@ while (angle_deg := policy.ask()) is not None:
     policy.tell(rig.scanner.measure(angle_deg))
 print(policy.estimate())
 
-# `run` does the same, moves to the marker, confirms, and leaves the rig stopped whatever happens.
+# `run` has this loop, moves to the marker, confirms, and leaves the rig stopped whatever happens.
 policy = markerseek.build(
     markerseek.SearchPlan(method="weighted-average", start_deg=rig.stage.angle_deg), limits=rig.limits.search
 )

@@ -51,7 +51,7 @@ def test_rig_file_with_a_misspelt_key(shell, tmp_path):
 
 def test_missing_extra(shell, monkeypatch):
     monkeypatch.setitem(sys.modules, "nicegui", None)
-    refused(shell("page"), "nicegui", "pip install 'markerseek[page]'")
+    refused(shell("page"), "nicegui", "pip install '.[page]'")
 
 
 def test_no_browser():

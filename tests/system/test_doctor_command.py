@@ -35,7 +35,7 @@ def test_a_package_that_is_not_needed_is_called_optional(
     monkeypatch.setattr(doctor, "EXTRAS", {"plot": ("no_such_package", "a picture")})
     finding = doctor._packages()[-1]
     assert (finding.state, finding.needed) == ("absent", False)
-    assert finding.detail == "not installed; a picture needs it: pip install 'markerseek[plot]'"
+    assert finding.detail.startswith("not installed; a picture needs it: pip install '.[plot]' in the clone")
     assert "optional" in doctor._STATES[finding.state, finding.needed]
 
 

@@ -18,7 +18,13 @@ from markerseek.cli.app import app
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+SOURCES = [
+    path
+    for name in ("benchmarks", "changelog.d", "firmware", "references", "requirements", "tests")
+    for path in sorted((ROOT / name).rglob("*.md"))
+]
+"""Pages beside the code that they describe."""
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted(DOCS.rglob("*.md")), *SOURCES]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 
 
@@ -94,8 +100,8 @@ def all_options(command: Any) -> Iterator[str]:
         yield from all_options(below)
 
 
-OTHERS = {"--no-deps", "--network", "--group", "--ros-args"}
-"""Options of other programs that the text names: pip, podman, the campaign of faults, ROS 2."""
+OTHERS = {"--no-deps", "--network", "--group", "--ros-args", "--folder"}
+"""Options of other programs that the text names: pip, podman, the campaign of faults, ROS 2, benchmarks."""
 
 
 def test_an_option_in_the_text_is_one_of_some_command() -> None:

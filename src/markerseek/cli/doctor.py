@@ -21,7 +21,16 @@ from markerseek.cli.open_rig import arm_rig, open_rig
 from markerseek.cli.options import AsJson, Trace
 from markerseek.cli.report import Output, Report
 from markerseek.cli.terminal import progress_bar
-from markerseek.core import ConfigError, DeviceError, Finished, Measured, SearchPlan, described, is_absent
+from markerseek.core import (
+    ConfigError,
+    DeviceError,
+    Finished,
+    Measured,
+    SearchPlan,
+    described,
+    extra_install,
+    is_absent,
+)
 from markerseek.testing import RuleCheck
 
 if TYPE_CHECKING:
@@ -133,7 +142,7 @@ def _packages() -> list[CheckResult]:
         # A library that is broken raises any error.
         except (Exception, SystemExit) as problem:  # noqa: BLE001
             if is_absent(module, problem):
-                cure = f"not installed; {purpose} needs it: pip install 'markerseek[{extra}]'"
+                cure = f"not installed; {purpose} needs it: {extra_install(extra)}"
                 found.append(CheckResult(what=module, state="absent", detail=cure, needed=False))
             else:
                 cause = f"it cannot be imported, and {purpose} needs it: {described(problem)}"

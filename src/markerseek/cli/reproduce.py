@@ -16,7 +16,7 @@ from markerseek import studies
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, file_line, require_room, table
 from markerseek.cli.terminal import print_warning, stages_bar, stderr
-from markerseek.core import ConfigError, counted
+from markerseek.core import ConfigError, counted, extra_install
 
 if TYPE_CHECKING:
     from markerseek.studies.paper import Section
@@ -89,7 +89,7 @@ def _names() -> list[str]:
 
     if importlib.util.find_spec("cv2") is not None:
         return list(SECTIONS)
-    print_warning("fig9 is left out: it needs OpenCV; pip install 'markerseek[vision]'")
+    print_warning(f"fig9 is left out: it needs OpenCV; {extra_install('vision')}")
     return [name for name in SECTIONS if name != "fig9"]
 
 

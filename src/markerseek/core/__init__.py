@@ -19,6 +19,7 @@ from markerseek.core.errors import (
     SaturationError,
     SearchError,
     described,
+    extra_install,
     is_absent,
     needs_package,
 )
@@ -237,6 +238,7 @@ __all__ = [
     "counted",
     "described",
     "estimate_of",
+    "extra_install",
     "is_absent",
     "is_finite",
     "is_whole",

@@ -41,6 +41,11 @@ class ConfigError(MarkerseekError, ValueError):
     exit_code: ClassVar[int] = 2
 
 
+def extra_install(extra: str) -> str:
+    """Return how an extra is installed: markerseek is on no package index, so from its clone or its wheel."""
+    return f"pip install '.[{extra}]' in the clone of markerseek, or pip install 'FILE.whl[{extra}]' with its wheel"
+
+
 class MissingExtraError(ConfigError):
     """An optional package is needed and not installed."""
 
@@ -50,10 +55,7 @@ class MissingExtraError(ConfigError):
 
     def __str__(self) -> str:
         package, extra, purpose = self.args
-        return (
-            f"{purpose} needs the package {package}, which is not installed; "
-            f"install it with: pip install 'markerseek[{extra}]'"
-        )
+        return f"{purpose} needs the package {package}, which is not installed; install it: {extra_install(extra)}"
 
 
 @contextmanager
@@ -70,7 +72,7 @@ def needs_package(package: str, *, extra: str, purpose: str, module: str | None 
             raise MissingExtraError(package=package, extra=extra, purpose=purpose) from problem
         raise ConfigError(
             f"{purpose} needs the package {package}, which is installed and cannot be imported: {described(problem)}; "
-            f"install what is missing, or it again: pip install --force-reinstall 'markerseek[{extra}]'"
+            f"install what is missing, or it again: pip install --force-reinstall {package}"
         ) from problem
 
 

@@ -162,7 +162,7 @@ def test_without_ros_the_command_that_installs_it_is_named() -> None:
     try:
         import rclpy  # noqa: F401
     except ImportError:
-        with pytest.raises(MissingExtraError, match=r"ROS 2 needs the package rclpy.*pip install 'markerseek\[ros2\]'"):
+        with pytest.raises(MissingExtraError, match=r"ROS 2 needs the package rclpy.*pip install '\.\[ros2\]'"):
             RosNode("nobody")
     else:
         pytest.skip("ROS 2 is installed here")
