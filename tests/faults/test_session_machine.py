@@ -43,6 +43,7 @@ from markerseek.registration import (
     SessionPlan,
     SessionRecord,
     SessionView,
+    SpotChecked,
     SpotRefused,
     Step,
     TakenMarker,
@@ -63,16 +64,21 @@ BEGUN_HERE = structs.replace(BEGUN, cameras=camera_text(STEREO), size_px=STEREO.
 
 MARKERS = st.sampled_from(["found", "found", "found", "missing", "ambiguous", "outlier", "refused", "nobody"])
 AGAIN = st.sampled_from(["moved", "still", "missing", "refused", "nobody"])
+CHECK = st.sampled_from(["moved", "still", "refused", "nobody"])
 PLANS = st.builds(
     SessionPlan,
     tre_mm=st.sampled_from([None, 0.1, 20.0]),
     markers=st.none() | st.just(4),
     again=st.sampled_from([True, True, False]),
+    check=st.booleans(),
 )
 
 
 PLACES_M = [(-0.02, -0.012), (0.02, -0.012), (0.0, 0.012), (-0.02, 0.012), (0.02, 0.012), (0.0, -0.012), (0.0, 0.0)]
 """Where the spots are, one after the other: not on a line."""
+
+CHECK_PLACE_M = (0.008, 0.002)
+"""Where the spots are that check a registration."""
 
 
 @cache
@@ -115,12 +121,14 @@ class Session(RegistrationSession):
         super().__init__(room, plan=plan, record=record)
         self._scene = scene
 
-    def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
+    def _marker(
+        self, name: str, *, again: TakenMarker | None = None, check: bool = False
+    ) -> Generator[Step, None, TakenMarker | None]:
         if self.what == "refused":
             yield self._recorded(SpotRefused(name=name, reason="no light"))
             return None
         scene = self._scene
-        x_m, y_m = PLACES_M[(len(self.view.markers)) % len(PLACES_M)]
+        x_m, y_m = CHECK_PLACE_M if check else PLACES_M[(len(self.view.markers)) % len(PLACES_M)]
         spot_m = scene.at(x_m, y_m) if again is None else scene.true.apply(np.array(again.camera_m))
         # Tissue that moves between: the marker is elsewhere, the light that the camera sees is not.
         source_m = spot_m + np.array([4e-3, 4e-3, 0.0]) if self.what in ("moved", "outlier") else spot_m
@@ -136,6 +144,7 @@ class Session(RegistrationSession):
             answer="found" if candidates else "not found",
             candidates=candidates,
             again=None if again is None else again.name,
+            check=check,
         )
         yield self._recorded(marker)
         return marker
@@ -211,7 +220,12 @@ class Sessions(RuleBasedStateMachine):
         waits = [step for step in self.acknowledged if isinstance(step, Waiting)]
         return bool(waits) and waits[-1].name in {step.name for step in self.acknowledged if type(step) is TakenMarker}
 
-    @precondition(lambda self: self.steps is not None and not self.asks_again)
+    @property
+    def asks_check(self) -> bool:
+        waits = [step for step in self.acknowledged if isinstance(step, Waiting)]
+        return bool(waits) and waits[-1].name.startswith("check")
+
+    @precondition(lambda self: self.steps is not None and not self.asks_again and not self.asks_check)
     @rule(what=MARKERS, most=st.sampled_from([1000, 1000, 1000, 1, 2]))
     def light(self, what: str, most: int) -> None:
         self.answer(what, most)
@@ -219,6 +233,11 @@ class Sessions(RuleBasedStateMachine):
     @precondition(lambda self: self.steps is not None and self.asks_again)
     @rule(what=AGAIN, most=st.sampled_from([1000, 1000, 1]))
     def light_again(self, what: str, most: int) -> None:
+        self.answer(what, most)
+
+    @precondition(lambda self: self.steps is not None and self.asks_check)
+    @rule(what=CHECK, most=st.sampled_from([1000, 1000, 1]))
+    def light_check(self, what: str, most: int) -> None:
         self.answer(what, most)
 
     def answer(self, what: str, most: int = 1000) -> None:
@@ -276,10 +295,12 @@ class Sessions(RuleBasedStateMachine):
     @precondition(lambda self: self.acknowledged)
     @invariant()
     def all_who_read_it_agree(self) -> None:
-        # The model: what the newest markers say, unless one has moved.
+        # The model: what the newest markers say, unless one has moved, or a spot has refuted it.
         states = [step for step in self.acknowledged if isinstance(step, Registered)]
         moved = any(isinstance(step, MovedMarker) and step.moved for step in self.acknowledged)
-        holds = bool(states) and states[-1].decided and not moved
+        checks = [step for step in self.acknowledged if isinstance(step, SpotChecked)]
+        of_these = [step.check for step in checks if states and step.chosen == states[-1].chosen]
+        holds = bool(states) and states[-1].decided and not moved and all(each.agrees for each in of_these)
         view = view_of(read_session(self.folder), self.folder)
         assert (view.registration is not None) == holds
         assert (view.reason is None) == holds
@@ -301,7 +322,8 @@ class Sessions(RuleBasedStateMachine):
         if holds:
             written = msgspec.json.decode(path.read_bytes())
             assert written.pop("simulation")["simulated"]
-            assert msgspec.json.encode(written) == msgspec.json.encode(msgspec.to_builtins(states[-1].report))
+            report = structs.replace(states[-1].report, checks=of_these)
+            assert msgspec.json.encode(written) == msgspec.json.encode(msgspec.to_builtins(report))
 
     def agree_with_those_who_open_it(self) -> None:
         """The folder and both files in it are followed alike, or refused alike."""
@@ -349,5 +371,31 @@ def test_a_session_whose_first_marker_has_moved_is_not_registered_when_it_is_con
             assert isinstance(state.acknowledged[-1], Ended)
             assert not state.acknowledged[-1].registered
             assert "has moved" in state.acknowledged[-1].said
+    finally:
+        state.teardown()
+
+
+def test_a_registration_that_a_spot_refutes_is_withdrawn_until_there_is_another_marker() -> None:
+    state = Sessions()
+    try:
+        state.begin(3, SessionPlan(markers=4, check=True))
+        for _ in range(4):
+            state.answer("found")
+        assert state.asks_check
+        assert (state.folder / REGISTRATION).exists()
+        state.answer("moved")
+        state.all_who_read_it_agree()
+        assert not (state.folder / REGISTRATION).exists()
+        assert not state.acknowledged[-1].registered
+        assert "check-1: off by 5." in state.acknowledged[-1].said
+        assert "the registration does not hold there; light one more marker" in state.acknowledged[-1].said
+        # The same markers say the same again: it is another one that is asked for.
+        state.go_on_later(SessionPlan(markers=4))
+        state.all_who_read_it_agree()
+        assert state.acknowledged[-1].name == "5"
+        state.answer("found")
+        state.all_who_read_it_agree()
+        assert state.acknowledged[-1].registered
+        assert (state.folder / REGISTRATION).exists()
     finally:
         state.teardown()

@@ -453,3 +453,23 @@ def test_options_that_do_not_go_together_are_refused(shell: Shell, words: list[o
     code, out, _ = shell(*words, "--json")
     assert code == 2
     assert said in json.loads(out)["error"]
+
+
+def test_a_session_that_has_ended_is_checked_by_one_more_spot(shell: Shell) -> None:
+    given = ("register", "--simulate", "--sweep", "--seed", 2, "--no-frames")
+    code, out, _ = shell(*given, "--markers", 3, "--record", "s", "--json")
+    first = json.loads(out)
+    assert (code, first["checks"]) == (0, [])
+    code, out, err = shell(*given, "--markers", 3, "--continue", "s", "--check")
+    assert code == 0
+    assert "check-1: off by " in err
+    assert "check-1" in out
+    report = json.loads(Path("s", "registration.json").read_bytes())
+    [check] = report["checks"]
+    assert report["davinci_to_trus"] == first["davinci_to_trus"]
+    assert np.linalg.norm(np.subtract(check["transformed_m"], check["trus_m"])) == pytest.approx(check["off_m"])
+    assert min(np.linalg.norm(np.subtract(check["camera_m"], each["camera_m"])) for each in report["points"]) > 5e-3
+    assert check["off_m"] < 2 * check["expected95_m"] < 10e-3
+    # Another check has another name; the first one stays.
+    code, out, _ = shell(*given, "--markers", 3, "--continue", "s", "--check", "--json")
+    assert [each["name"] for each in json.loads(out)["checks"]] == ["check-1", "check-2"]

@@ -125,6 +125,7 @@ def command(
     Examples
     --------
     markerseek register --simulate --sweep --seed 1 --plot
+    markerseek register --simulate --sweep --seed 1 --check
     markerseek register --rig rig.toml --cameras stereo.toml --images 'left right' --sweep
     markerseek register examples/points.csv
     markerseek register pixels.csv --cameras a.toml --journal a.journal --journal b.journal --journal c.journal
@@ -286,6 +287,7 @@ def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
             if report.offset_m is not None
             else ()
         ),
+        *((each.name, each.said) for each in report.checks),
         *(("in doubt", escape(doubt)) for doubt in report.doubts),
         # The points say nothing about the other shared errors.
         *(

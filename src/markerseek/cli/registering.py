@@ -339,7 +339,7 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
         case registration.Registered():
             colour = "green" if view.goal_reached else "yellow" if step.decided else "dim"
             return f"  [{colour}]{escape(step.said)}[/]"
-        case registration.Continued() | registration.MovedMarker() | registration.Ended():
+        case registration.Continued() | registration.MovedMarker() | registration.SpotChecked() | registration.Ended():
             return f"[bold]{escape(step.said)}[/]"
         case registration.Begun():
             return escape(step.description)

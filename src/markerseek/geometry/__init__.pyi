@@ -1,4 +1,5 @@
 from .cameras import Camera, StereoCameras, Triangulated, triangulate
+from .error_length import ErrorLength
 from .registration import (
     MIN_POINTS,
     OFFSET_FACTORS,
@@ -29,6 +30,7 @@ __all__ = [
     "OFFSET_FACTORS",
     "CalibrationErrors",
     "Camera",
+    "ErrorLength",
     "RangedPoints",
     "Registration",
     "RegistrationErrors",

@@ -22,11 +22,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from scipy.special import chdtrc, gammainc, gammaincinv, logsumexp, softmax
+from scipy.special import chdtrc, logsumexp, softmax
 
 from markerseek.core import ConfigError, Float64
+from markerseek.geometry.error_length import ErrorLength
 from markerseek.geometry.transform import RigidTransform
 
 MIN_POINTS = 3
@@ -90,30 +90,10 @@ class RegistrationErrors:
         return float(np.sqrt(np.trace(self.tre_covariance_m2(target_m))))
 
     def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
-        """Length in metres that 95 % of the errors at a target do not exceed.
-
-        The square of a Gaussian vector's length is a sum of chi squares; its distribution is taken for the gamma
-        distribution with the same mean and variance (Satterthwaite), exact for equal variances and for one direction
-        only.
-        """
+        """Length in metres that 95 % of the errors at a target do not exceed."""
         effect = effect_of_motion(target_m[None, :] - self.middle_m)[0]
         spreads = effect @ self.covariances[:, :6, :6] @ effect.T
-        means = np.trace(spreads, axis1=1, axis2=2)
-        if not means.any():
-            return 0.0
-        # The mean is shape times scale, half the variance of the sum of squares is Σ λ² = shape times scale² / 2.
-        shapes = means**2 / np.sum(spreads**2, axis=(1, 2)) / 2
-        scales = means / shapes
-        quantiles = scales * gammaincinv(shapes, 0.95)
-        if np.ptp(quantiles) <= 1e-9 * quantiles.max():
-            return math.sqrt(float(quantiles[0]))
-        square_m2 = brentq(
-            lambda square: float(self.weights @ gammainc(shapes, square / scales)) - 0.95,
-            quantiles.min(),
-            quantiles.max(),
-            xtol=1e-6 * quantiles.max(),
-        )
-        return math.sqrt(square_m2)
+        return ErrorLength.of(self.weights, spreads).quantile_m(0.95)
 
 
 def registration_errors(

@@ -46,6 +46,13 @@ class SessionPlan(msgspec.Struct, frozen=True, kw_only=True):
         ),
     ] = None
     again: Annotated[bool, Help("Measure the first marker again at the end, to see whether it has moved.")] = False
+    check: Annotated[
+        bool,
+        Help(
+            "At the end, light one more spot that takes no part in the registration: the error at it, beside the one "
+            "that was expected there."
+        ),
+    ] = False
     wait_s: Annotated[float, Help("Longest wait for a spot, in seconds.")] = 300.0
     idle_s: Annotated[
         float | None,

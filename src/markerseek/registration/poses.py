@@ -317,6 +317,28 @@ class Poses:
         good = [each for each in found if each[0] >= most - NEARLY * abs(most)]
         return min(good, key=lambda each: each[1])[2]
 
+    def check_place(self, stereo: StereoSettings, reach: Reach) -> Place | None:
+        """Return the place nearest to the middle of the spots that is in reach and beside each; None if there is none.
+
+        The target is usually under the middle, and an error there is what a check is to show.
+        """
+        spots_m = np.array([pair.camera_m for pair in self.pairs])
+        middle_m = spots_m.mean(axis=0)
+        beside = [
+            each
+            for each in self._in_view(stereo, reach, spots_m)
+            if each.share >= SURE and np.linalg.norm(spots_m - each.camera_m, axis=1).min() >= APART_M
+        ]
+        if not beside:
+            return None
+        nearest = min(beside, key=lambda each: float(np.linalg.norm(each.camera_m - middle_m)))
+        return Place(
+            left_px=_pair(nearest.left_px),
+            right_px=_pair(nearest.right_px),
+            camera_m=triple(nearest.camera_m),
+            tre_m=None,
+        )
+
     def _in_view(self, stereo: StereoSettings, reach: Reach, spots_m: Float64[np.ndarray, "spots 3"]) -> list[_InView]:
         """Places of the tissue that both cameras see, on a grid."""
         found = []

@@ -28,7 +28,8 @@ from markerseek.registration.shared_errors import (
 from markerseek.registration.stereo_files import StereoSettings
 
 MIN_PROBABILITY = 1e-3
-"""Probability of residuals as large, or larger, below which points do not fit (a chi-squared test)."""
+"""Probability of residuals as large, or larger, below which points do not fit (a chi-squared test); so for the error at
+a spot that checks a registration."""
 
 WRONG = 0.02
 WRONG_M3 = 1e-4
@@ -119,6 +120,41 @@ class SharedReport(msgspec.Struct, frozen=True, kw_only=True):
     larger: float = 0.0
 
 
+class SpotCheck(msgspec.Struct, frozen=True, kw_only=True):
+    """An independent check of a registration: a spot that took no part in it.
+
+    ``trus_m`` is where the probe found the source of the spot, ``camera_m`` the spot, ``transformed_m`` where the
+    registration puts its source in the TRUS frame, and ``off_m`` the distance between the two. ``expected_m`` is the
+    root mean square of that distance which was to be expected, 95 % of such distances are below ``expected95_m``, and
+    ``exceeded`` is the share of them that are as long, or longer.
+    """
+
+    name: str
+    trus_m: Triple
+    camera_m: Triple
+    transformed_m: Triple
+    off_m: float
+    expected_m: float
+    expected95_m: float
+    exceeded: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the registration may hold at this spot."""
+        return self.exceeded >= MIN_PROBABILITY
+
+    @property
+    def said(self) -> str:
+        """The check in a sentence."""
+        said = (
+            f"off by {1e3 * self.off_m:.2f} mm at this spot; {1e3 * self.expected_m:.2f} mm was expected "
+            f"(95 %: {1e3 * self.expected95_m:.2f})"
+        )
+        if not self.agrees:
+            return f"{said}: the registration does not hold there; light one more marker, or register again"
+        return said if self.off_m <= self.expected95_m else f"{said}: one spot in 20 is so far off, check another one"
+
+
 class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     """Result of a registration as one JSON object.
 
@@ -131,7 +167,8 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     that were estimated, none without sigmas, and ``doubts`` says which of them the points show to be larger than
     assumed, with the cure. ``offset_sigma_m`` is the estimate of the distance between spot and source, as a standard
     deviation along each direction; None without sigmas. ``weights`` says whether the sigmas were used. ``worst`` is the
-    point without which the others fit best, and ``without`` are those that the user left out.
+    point without which the others fit best, and ``without`` are those that the user left out. ``checks`` are
+    independent checks of this registration.
     """
 
     registered: bool
@@ -154,6 +191,7 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     points: list[PointReport]
     offset_sigma_m: float | None = None
     doubts: list[str] = []
+    checks: list[SpotCheck] = []
     version: str = __version__
 
     @property

@@ -35,6 +35,7 @@ from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
 from markerseek.registration.report import registered_pairs, triple
 from markerseek.registration.room import Room
+from markerseek.registration.spot_check import check_spot
 from markerseek.registration.spots import SPOT_PAIRS, Looked, SpotError, SpotFinder
 from markerseek.registration.stations import CarriedMarkers, carry, stands_elsewhere, station_names
 from markerseek.registration.steps import (
@@ -44,6 +45,7 @@ from markerseek.registration.steps import (
     RecordedStep,
     Registered,
     Searching,
+    SpotChecked,
     SpotRefused,
     SpotSeen,
     Step,
@@ -119,6 +121,8 @@ class RegistrationSession:
             in_time = yield from self._markers()
             if self.view.registration is not None and self._plan.again:
                 yield from self._again()
+            if self.view.registration is not None and self._plan.check:
+                in_time = yield from self._check()
         yield self._recorded(self._ended(in_time=in_time))
 
     def _markers(self) -> Generator[Step, None, bool]:
@@ -132,7 +136,7 @@ class RegistrationSession:
             waiting = Waiting(
                 name=self.view.next_name,
                 place=state.place,
-                said=self._asking(state),
+                said=self._asking(state.place),
                 dark=self._room.waits_dark,
             )
             yield self._recorded(waiting)
@@ -187,13 +191,17 @@ class RegistrationSession:
         if self._record is not None:
             self._record.keep_pair(name, looked.dark[-1])
 
-    def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
+    def _marker(
+        self, name: str, *, again: TakenMarker | None = None, check: bool = False
+    ) -> Generator[Step, None, TakenMarker | None]:
         """Take a marker; None if it has to be done once more.
+
+        ``again``: earlier marker that is measured again. ``check``: whether it takes no part in the registration.
 
         Where the laser fires while the session waits, that is said once as long as the reason is the same.
         """
         try:
-            return (yield from self._taken(name, again))
+            return (yield from self._taken(name, again, check=check))
         except SpotError as problem:
             refused = SpotRefused(name=name, reason=str(problem), pulses=self._room.fired)
         if self._room.waits_dark or refused != self._refused:
@@ -201,7 +209,7 @@ class RegistrationSession:
             yield self._recorded(refused)
         return None
 
-    def _taken(self, name: str, again: TakenMarker | None) -> Generator[Step, None, TakenMarker]:
+    def _taken(self, name: str, again: TakenMarker | None, *, check: bool) -> Generator[Step, None, TakenMarker]:
         """Look for the spot, search its marker, and look again; `SpotError` if it has to be done once more."""
         clock = self._room.rig.scanner.clock
         begun_s = clock.now_s()
@@ -215,7 +223,8 @@ class RegistrationSession:
         if elsewhere or self.view.displaced is not None:
             # What the markers say of this spot, they say in the frame of the camera as it stands now.
             self._possible = self._poses(markers.seen, self._choose(markers.seen))
-        prediction = self._prediction(seen)
+        # What the registration says of a spot must not lead the search that checks it.
+        prediction = None if check else self._prediction(seen)
         journal = None if self._record is None else self._record.journal_path(name)
         yield self._recorded(
             SpotSeen(
@@ -230,6 +239,8 @@ class RegistrationSession:
         )
         if again is not None and elsewhere and endoscope is not None:
             raise SpotError(f"{endoscope.said}, so that marker {again.name} cannot be compared with where it was")
+        if check and elsewhere and endoscope is not None:
+            raise SpotError(f"{endoscope.said}, so that there is no registration to be checked: light one more marker")
         self._room.arm()
         search = new_session(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
         if journal is not None:
@@ -239,6 +250,8 @@ class RegistrationSession:
         result = search.result()
         if isinstance(result.estimate, Found):
             self._curve = result.estimate.curve or self._curve
+        if check and len(result.candidates) != 1:
+            raise SpotError(f"the search answers {result.answer}, which checks nothing: light the spot elsewhere")
         self._spots.require_still(looked, later)
         taken = TakenMarker(
             name=name,
@@ -257,9 +270,10 @@ class RegistrationSession:
             journal=None if journal is None else journal.name,
             at=datetime.now(UTC).isoformat(timespec="seconds"),
             again=None if again is None else again.name,
+            check=check,
             endoscope=endoscope,
         )
-        if again is None:
+        if again is None and not check:
             self._keep(name, looked, endoscope)
         yield self._recorded(taken)
         return taken
@@ -331,7 +345,7 @@ class RegistrationSession:
         """Whether the session ends: the goal is reached, or another marker would not help."""
         if choice.over or len(self.view.markers) >= MOST_MARKERS:
             return True
-        if not choice.decided or choice.report is None:
+        if not choice.decided or choice.report is None or self.view.refutation(choice.chosen) is not None:
             return False
         used = len(choice.report.points)
         if self._plan.markers is not None:
@@ -357,11 +371,11 @@ class RegistrationSession:
         )
         return f"registered above the goal of {1e3 * self._plan.goal_m:g} mm: {report.expected}{more}{left}"
 
-    def _asking(self, state: Registered) -> str:
+    def _asking(self, place: Place | None) -> str:
         """What the person has to do now, in a sentence."""
-        if state.place is None:
+        if place is None:
             return "light a spot that the probe can reach and both cameras see"
-        x_px, y_px = state.place.left_px
+        x_px, y_px = place.left_px
         return f"light the next spot near ({x_px:.0f}, {y_px:.0f}) px of the left image"
 
     def _again(self) -> Generator[Step, None, None]:
@@ -410,6 +424,31 @@ class RegistrationSession:
         )
         said = f"marker {first.name} is {1e3 * moved_m:.2f} ± {1e3 * sigma_m:.2f} mm from where it was: {verdict}"
         return MovedMarker(name=first.name, moved_m=moved_m, sigma_m=sigma_m, moved=moved, said=said)
+
+    def _check(self) -> Generator[Step, None, bool]:
+        """Compare the registration with one more spot; whether the person lit it in time."""
+        assert self.view.last is not None  # noqa: S101  a registration holds
+        chosen = self.view.last.chosen
+        name = f"check-{1 + len(self.view.checks)}"
+        place = None
+        if self._possible is not None:
+            place = self._possible.check_place(self._room.stereo, reach_of(self._room.rig))
+        waiting = Waiting(
+            name=name,
+            place=place,
+            said=f"{self._asking(place)}; it takes no part in the registration, and checks it",
+            dark=self._room.waits_dark,
+        )
+        yield self._recorded(waiting)
+        taken = None
+        while taken is None and self.view.displaced is None and self._room.ask(waiting):
+            taken = yield from self._marker(name, check=True)
+        if taken is None:
+            return self.view.displaced is not None
+        pairs = chosen_pairs(carry(self.view.markers).seen, chosen)
+        check = check_spot(taken.seen.pair(0), pairs, spot=self._room.rig.spot)
+        yield self._recorded(SpotChecked(check=check, chosen=chosen))
+        return True
 
     def _ended(self, *, in_time: bool) -> Ended:
         late = "" if in_time else "no new spot was accepted in the time allowed; "

@@ -19,6 +19,7 @@ from markerseek.records.journal import RunView
 from markerseek.registration.choice import Choice, SeenMarker
 from markerseek.registration.endoscope_motion import SeenEndoscope
 from markerseek.registration.poses import Place, Prediction
+from markerseek.registration.report import SpotCheck
 
 Numbers: TypeAlias = list[list[float]]
 
@@ -142,6 +143,8 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
     """When it was taken, UTC."""
     again: str | None = None
     """Name of the earlier marker that was measured again; None for a new marker."""
+    check: bool = False
+    """Whether it takes no part in the registration, and checks it."""
     endoscope: SeenEndoscope | None = None
     """As of `SpotSeen`."""
 
@@ -223,6 +226,19 @@ class MovedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="again"):
     said: str
 
 
+class SpotChecked(msgspec.Struct, frozen=True, kw_only=True, tag="check"):
+    """The registration was compared with a spot that takes no part in it."""
+
+    check: SpotCheck
+    chosen: dict[str, int]
+    """As of `Choice`: the registration that was checked."""
+
+    @property
+    def said(self) -> str:
+        """The check in a sentence, with its name."""
+        return f"{self.check.name}: {self.check.said}"
+
+
 class Ended(msgspec.Struct, frozen=True, kw_only=True, tag="ended"):
     """The session is over."""
 
@@ -233,7 +249,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag="ended"):
 
 
 RecordedStep: TypeAlias = (
-    Begun | Continued | Waiting | SpotRefused | SpotSeen | TakenMarker | Registered | MovedMarker | Ended
+    Begun | Continued | Waiting | SpotRefused | SpotSeen | TakenMarker | Registered | MovedMarker | SpotChecked | Ended
 )
 Step: TypeAlias = RecordedStep | Searching
 """Any step of a session."""

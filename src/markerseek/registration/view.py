@@ -2,12 +2,14 @@
 
 A view is a value: each step gives the next one. A registration holds while the newest markers say that it is decided.
 It holds no longer when a later marker makes it undecided. When a marker that was measured again has moved, no
-registration of this session holds any more, also if the session is continued. A registration holds on when the session
-ends, or its program dies: nothing was measured that speaks against it.
+registration of this session holds any more, also if the session is continued. A registration that a check refutes holds
+no longer; one with another marker may. A registration holds on when the session ends, or its program dies: nothing was
+measured that speaks against it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple, Self, TypeAlias
@@ -26,6 +28,7 @@ from markerseek.registration.steps import (
     MovedMarker,
     RecordedStep,
     Registered,
+    SpotChecked,
     SpotRefused,
     SpotSeen,
     TakenMarker,
@@ -82,6 +85,8 @@ class SessionView:
     """Expected error of each registration so far."""
     measured_again: tuple[MovedMarker, ...] = ()
     """Markers that were measured again at the end."""
+    checks: tuple[SpotChecked, ...] = ()
+    """Spots that checked a registration of the session, also of fewer markers than it has now."""
     ended: Ended | None = None
     """How the session ended; None while it has not."""
     problem: str = ""
@@ -100,10 +105,9 @@ class SessionView:
         """
         running = replace(self, phase="running", ended=None)
         match step:
-            case Begun():
-                return replace(running, begun=step, goal_m=step.goal_m, target_trus_m=step.target_trus_m)
-            case Continued():
-                return replace(running, goal_m=step.goal_m, target_trus_m=step.target_trus_m)
+            case Begun() | Continued():
+                begun = step if isinstance(step, Begun) else self.begun
+                return replace(running, begun=begun, goal_m=step.goal_m, target_trus_m=step.target_trus_m)
             case Waiting():
                 return replace(running, waiting=step, searched=None)
             case SpotRefused():
@@ -116,6 +120,8 @@ class SessionView:
                 return _after_registered(running, step)
             case MovedMarker():
                 return _after_measured_again(running, step)
+            case SpotChecked():
+                return _after_check(running, step)
             case Ended():
                 return replace(self, phase="ended", ended=step, waiting=None, searched=None)
 
@@ -150,6 +156,16 @@ class SessionView:
         """Markers that have moved since they were taken; with one, no registration of the session holds any more."""
         return tuple(each for each in self.measured_again if each.moved)
 
+    def refutation(self, chosen: Mapping[str, int]) -> SpotChecked | None:
+        """Return the last check that the registration by these candidates has failed; None if it has failed none."""
+        failed = [each for each in self.checks if each.chosen == chosen and not each.check.agrees]
+        return failed[-1] if failed else None
+
+    @property
+    def refuted(self) -> SpotChecked | None:
+        """The last check that the registration of the markers so far has failed; None if it has failed none."""
+        return None if self.last is None else self.refutation(self.last.chosen)
+
     @property
     def goal_reached(self) -> bool:
         """Whether a registration holds whose expected error is at most the goal."""
@@ -176,6 +192,8 @@ class SessionView:
             return self.moved[-1].said
         if self.displaced is not None:
             return self.displaced.said
+        if self.refuted is not None:
+            return self.refuted.said
         if self.last is None:
             return "no marker was taken"
         return self.last.reason or self.last.said
@@ -199,6 +217,8 @@ class SessionView:
             return self.ended.said
         if self.displaced is not None:
             return f"not registered: {self.displaced.said}"
+        if self.refuted is not None:
+            return f"not registered: {self.refuted.said}"
         if self.last is not None:
             return self.last.said
         if self.registration is not None:
@@ -258,8 +278,8 @@ def _after_spot(view: SessionView, step: SpotSeen) -> SessionView:
 
 
 def _after_marker(view: SessionView, step: TakenMarker) -> SessionView:
-    """Return the view after a marker; one that was measured again is no marker more."""
-    if step.again is not None:
+    """Return the view after a marker; one that was measured again, or checks the registration, is no marker more."""
+    if step.again is not None or step.check:
         return replace(view, searched=None)
     if step.name != view.next_name:
         raise RecordError(
@@ -275,20 +295,31 @@ def _after_measured_again(view: SessionView, step: MovedMarker) -> SessionView:
     return replace(view, registration=registration, measured_again=(*view.measured_again, step))
 
 
+def _after_check(view: SessionView, step: SpotChecked) -> SessionView:
+    """Return the view after a spot that checked the registration."""
+    if view.last is None:
+        raise RecordError(f"{step.check.name} checks a registration that is not recorded: a line was removed")
+    return _after_registered(replace(view, checks=(*view.checks, step)), view.last)
+
+
 def _after_registered(view: SessionView, step: Registered) -> SessionView:
-    """Return the view after what the markers so far say together."""
+    """Return the view after what the markers so far say together; a registration that a check refutes does not hold."""
     unknown = step.chosen.keys() - {marker.name for marker in view.markers}
     if unknown:
         raise RecordError(f"a registration uses marker {min(unknown)}, which is not recorded: a line was removed")
     registration = None
     errors = view.errors
-    if step.report is not None and step.decided and not view.moved and view.displaced is None:
-        registration = KnownRegistration.of(step.report, source=view.source, simulated=view.simulated)
-    if step.report is not None and step.report.registered:
-        report = step.report
-        error = ExpectedError(markers=len(report.points), tre_m=report.tre_m, tre95_m=report.tre95_m)
-        # A session that is continued says again what its markers said before.
-        errors = errors if errors[-1:] == (error,) else (*errors, error)
+    report = step.report
+    if report is not None:
+        # Also of a session that is continued, which says again what its markers said before.
+        report = structs.replace(report, checks=[each.check for each in view.checks if each.chosen == step.chosen])
+        step = structs.replace(step, report=report)
+        holds = step.decided and not view.moved and view.displaced is None and view.refutation(step.chosen) is None
+        if holds:
+            registration = KnownRegistration.of(report, source=view.source, simulated=view.simulated)
+        if report.registered:
+            error = ExpectedError(markers=len(report.points), tre_m=report.tre_m, tre95_m=report.tre95_m)
+            errors = errors if errors[-1:] == (error,) else (*errors, error)
     return replace(view, last=step, registration=registration, errors=errors, searched=None)
 
 

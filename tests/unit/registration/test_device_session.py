@@ -180,3 +180,18 @@ def test_a_session_that_waits_in_the_dark_registers_as_one_in_the_light(tmp_path
     assert session.view.registration is not None
     assert all(0 < (step.pulses or 0) <= 30 for step in seen)
     assert not emulated.laser_box.permitted
+
+
+def test_devices_are_checked_by_a_spot_that_takes_no_part_and_whose_search_is_not_led(tmp_path: Path) -> None:
+    person, emulated = room(tmp_path)
+    session = RegistrationSession(person, plan=SessionPlan(markers=3, check=True))
+    steps: list[Step] = [step for step in session.steps() if not isinstance(step, Searching)]
+    known = session.view.registration
+    assert known is not None
+    assert [point.name for point in known.report.points] == ["1", "2", "3"]
+    [check] = known.report.checks
+    # The bench's errors are those that are expected.
+    assert check.off_m < 2 * check.expected95_m < 8e-3
+    [seen] = [step for step in steps if isinstance(step, SpotSeen) and step.name == check.name == "check-1"]
+    assert seen.prediction is None
+    assert not emulated.laser_box.permitted

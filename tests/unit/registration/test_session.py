@@ -154,7 +154,10 @@ class ForgedSession(RegistrationSession):
         turned = scene.rng.standard_normal(3)
         self._by_m = moved_m * turned / np.linalg.norm(turned)
 
-    def _marker(self, name: str, *, again: TakenMarker | None = None) -> Generator[Step, None, TakenMarker | None]:
+    def _marker(
+        self, name: str, *, again: TakenMarker | None = None, check: bool = False
+    ) -> Generator[Step, None, TakenMarker | None]:
+        assert not check
         spot_m = next(self._places) if again is None else self._first_m
         assert spot_m is not None
         self._first_m = spot_m if self._first_m is None else self._first_m

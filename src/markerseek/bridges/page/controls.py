@@ -28,7 +28,7 @@ _SIMULATED = ("tissue", "snr_db", "readout_s", "seed", "pace")
 """Settings of a simulated rig."""
 
 _SEARCH = ("method", "acquisitions", "tolerance_mm", "as_published", "sweep", *_SIMULATED)
-_REGISTRATION = ("tre_mm", "markers", "sweep", "seed", "pace")
+_REGISTRATION = ("tre_mm", "markers", "sweep", "again", "check", "seed", "pace")
 
 _CHOICES: dict[str, Mapping[Any, str]] = {
     "method": {each.name: each.name for each in METHODS},

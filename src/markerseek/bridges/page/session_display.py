@@ -58,7 +58,9 @@ def _end_verdict(view: SessionView, shown: Verdict, *, next_step: str) -> Verdic
     goal = f"the goal of {1e3 * view.goal_m:g} mm is {'' if view.goal_reached else 'not '}reached"
     turn = f"{counted(len(view.markers), 'marker')}; {goal}"
     ended = "" if view.ended is None else view.ended.said
-    sentences = dict.fromkeys((*(each.said for each in view.measured_again), ended))
+    again = [each.said for each in view.measured_again]
+    checks = [each.said for each in view.checks]
+    sentences = dict.fromkeys((*again, *checks, ended))
     reason = "; ".join(filter(None, sentences))
     word, kind = _end_word(view)
     return replace(shown, word=word, kind=kind, turn=turn, reason=reason, next_step=next_step)
