@@ -14,7 +14,10 @@ import markerseek
 
 PAGE = Path(__file__).parent / "reference" / "api.md"
 
-PACKAGES = ("core", "search", "scan", "guard", "signals", "acoustics", "geometry", "rigs", "show", "studies", "testing")
+PACKAGES = (
+    *("core", "search", "scan", "guard", "signals", "acoustics", "geometry", "rigs", "show", "studies"),
+    "contract",
+)
 
 WITHOUT_DOCSTRING = {"__version__": "The version of this package."}
 

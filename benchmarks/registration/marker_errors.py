@@ -18,7 +18,7 @@ from markerseek.core import SearchPlan
 from markerseek.files import replace_file
 from markerseek.registration import REGISTRATION_TOLERANCE_MM
 from markerseek.rigs import draw_scene, simulated
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import new_run, plan_on
 from markerseek.sim import SimulatedSettings, tissue_named
 
 KEPT = "marker_errors.csv"
@@ -62,11 +62,11 @@ def search_errors(tissue: str, seeds: Sequence[int]) -> Iterator[MarkerError]:
     for seed in seeds:
         rig = simulated(seed=seed, settings=settings)
         plan = SearchPlan(method="posterior", start_deg=rig.stage.angle_deg, tolerance_mm=REGISTRATION_TOLERANCE_MM)
-        session = new_session(rig, plan_on(rig, plan))
-        with closing(session.events()) as events:
+        run = new_run(rig, plan_on(rig, plan))
+        with closing(run.events()) as events:
             for _ in events:
                 pass
-        result = session.result()
+        result = run.result()
         marker = result.marker
         if marker is None:
             continue

@@ -31,7 +31,7 @@ SHORT = {
     "ros": "ROS 2: node, topics, messages",
     "guard": "limits, permits, admission",
     "wire": "protocols as bytes",
-    "testing": "contract tests",
+    "contract": "contract tests",
     "search": "the next angle",
     "signals": "frame to reading",
     "acoustics": "angle to sound",

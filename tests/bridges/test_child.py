@@ -19,7 +19,7 @@ from markerseek.bridges.igtl.commands import search_request
 from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.records.journal import Configuration, Entry, Interrupted, JournalItem, read_journal
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import new_run, plan_on
 
 SEED = 3
 
@@ -36,8 +36,8 @@ def events_of(items: list[JournalItem]) -> list[Entry]:
 def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_this_process() -> None:
     rig = rigs.simulated(seed=SEED)
     plan = plan_on(rig, SearchPlan(method="golden-section", acquisitions=5, start_deg=0.0))
-    session = new_session(rig, plan)
-    expected = list(session.events())
+    run = new_run(rig, plan)
+    expected = list(run.events())
     child = ChildRun(
         ["search", "--method", "golden-section", "--acquisitions", "5", "--seed", str(SEED), "--no-journal"]
     )
@@ -50,7 +50,7 @@ def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_thi
     for one, other in zip(received, expected, strict=True):
         if isinstance(one, Measured) and isinstance(other, Measured):
             assert (one.sample.frame.samples == other.sample.frame.samples).all()
-    result = session.result()
+    result = run.result()
     assert outcome.exit_code == (0 if result.found else 3)
     assert outcome.answer["angle_deg"] == result.angle_deg
     assert [sample["angle_deg"] for sample in outcome.answer["samples"]] == [s.angle_deg for s in result.samples]

@@ -24,7 +24,7 @@ from markerseek.bridges.page.run_history import picture_of
 from markerseek.bridges.run_images import PicturedEntry, with_images
 from markerseek.core import ChannelFrame, Measured, PaImage, SearchPlan
 from markerseek.records.journal import Journal, JournalItem, encode, follow, read_journal
-from markerseek.runs import ImageRing, Session, hand_images_on, new_session, plan_on
+from markerseek.runs import ImageRing, Run, hand_images_on, new_run, plan_on
 from markerseek.signals import ImageReader, reader
 from markerseek.sim import GaussianCurve
 
@@ -89,29 +89,29 @@ def test_images_are_handed_on_and_are_those_that_a_later_reader_makes(
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Iterator[Session]:
+def run(tmp_path: Path) -> Iterator[Run]:
     """A search with a journal, not begun."""
     rig = rigs.simulated(seed=3)
-    session = new_session(rig, plan_on(rig, SearchPlan(method="golden-section", acquisitions=6)))
-    with Journal.create(tmp_path / "run.journal", session.configuration) as journal:
-        session.journal = journal
-        yield session
+    run = new_run(rig, plan_on(rig, SearchPlan(method="golden-section", acquisitions=6)))
+    with Journal.create(tmp_path / "run.journal", run.configuration) as journal:
+        run.journal = journal
+        yield run
 
 
-def followed_with(images: ImageRing, session: Session) -> list[PicturedEntry]:
+def followed_with(images: ImageRing, run: Run) -> list[PicturedEntry]:
     """The entries of a search in this process, each read as it is written."""
-    assert session.journal is not None
-    assert session.rig.imaging is not None
-    hand_images_on(images, session.journal, session.rig.imaging)
-    events = session.events()
+    assert run.journal is not None
+    assert run.rig.imaging is not None
+    hand_images_on(images, run.journal, run.rig.imaging)
+    events = run.events()
     items = with_images(
-        follow(session.journal.path, is_over=lambda: next(events, None) is None, wait=lambda: None), handed=images
+        follow(run.journal.path, is_over=lambda: next(events, None) is None, wait=lambda: None), handed=images
     )
     return entries_of(items)
 
 
 @needs_memory_files
-def test_a_frame_is_beamformed_once_on_its_way_to_its_reader(run: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_is_beamformed_once_on_its_way_to_its_reader(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     beamformed = []
 
     def counted(signals: np.ndarray, grid: object) -> np.ndarray:
@@ -127,7 +127,7 @@ def test_a_frame_is_beamformed_once_on_its_way_to_its_reader(run: Session, monke
 
 
 @needs_memory_files
-def test_a_record_without_frames_has_images_for_whoever_follows_it_and_none_later(tmp_path: Path, run: Session) -> None:
+def test_a_record_without_frames_has_images_for_whoever_follows_it_and_none_later(tmp_path: Path, run: Run) -> None:
     path = tmp_path / "bare.journal"
     with Journal.create(path, structs.replace(run.configuration, frames=False)) as bare, ImageRing.create() as images:
         run.journal = bare
@@ -142,15 +142,15 @@ def test_a_record_without_frames_has_images_for_whoever_follows_it_and_none_late
 
 def test_of_intensities_there_are_no_images_and_nothing_is_wrong(tmp_path: Path) -> None:
     rig = rigs.of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=3.0)
-    session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=4)))
-    with Journal.create(tmp_path / "run.journal", session.configuration) as session.journal:
-        list(session.events())
+    run = new_run(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=4)))
+    with Journal.create(tmp_path / "run.journal", run.configuration) as run.journal:
+        list(run.events())
     entries = entries_of(with_images(written(tmp_path / "run.journal")))
     assert len(entries) > 4
     assert {(each.image, each.brightest, each.problem) for each in entries} == {(None, 0.0, "")}
 
 
-def test_a_frame_that_gives_no_image_says_why_until_one_does(run: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frame_that_gives_no_image_says_why_until_one_does(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     list(run.events())
     plain, calls = ImageReader.picture, []
 
@@ -171,7 +171,7 @@ def test_a_frame_that_gives_no_image_says_why_until_one_does(run: Session, monke
     assert measured[2].problem == ""
 
 
-def test_counts_are_kept_by_nobody_who_shows_a_run(run: Session) -> None:
+def test_counts_are_kept_by_nobody_who_shows_a_run(run: Run) -> None:
     list(run.events())
     shown = entries_of(with_images(written(run.journal.path)))
     for one, other in zip(shown, read_journal(run.journal.path).entries, strict=True):
@@ -182,7 +182,7 @@ def test_counts_are_kept_by_nobody_who_shows_a_run(run: Session) -> None:
 
 
 @needs_memory_files
-def test_brightest_is_that_of_all_images_so_far(run: Session) -> None:
+def test_brightest_is_that_of_all_images_so_far(run: Run) -> None:
     with ImageRing.create() as images:
         entries = followed_with(images, run)
     assert all(one.brightest <= other.brightest for one, other in pairwise(entries))

@@ -1,4 +1,4 @@
-"""Simulated and replayed devices, and the real drivers on emulated ones, keep the contracts of `markerseek.testing`."""
+"""Simulated and replayed devices, and real drivers on emulated ones, keep the contracts of `markerseek.contract`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from markerseek.acoustics import AcousticModel, Noise
+from markerseek.contract import LaserContract, ReceiverContract, StageContract
 from markerseek.core import DeviceTimeoutError, Interval, Laser, LaserError, NotConnectedError, Receiver, Stage
 from markerseek.drivers import Kdc101Settings, Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.drivers.picolas import PicolasLaser
@@ -26,7 +27,6 @@ from markerseek.sim import (
     VirtualClock,
     World,
 )
-from markerseek.testing import LaserContract, ReceiverContract, StageContract
 from tests.emulated_lines import BenchClock, DirectPort, permit
 
 BANK = IntensityBank(angles_deg=(-35.0, 0.0, 35.0), intensities=(0.0, 1.0, 0.0))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from markerseek.contract import PolicyContract
 from markerseek.core import Interval, Policy, SearchPlan
 from markerseek.search import GOLDEN, METHODS, BracketSearch, build
 from markerseek.search.posterior import Posterior
-from markerseek.testing import PolicyContract
 
 SMALL = Interval(low_deg=3.0, high_deg=4.5)
 

@@ -40,16 +40,16 @@ def rig_of(folder: Path) -> Rig:
 def search(folder: Path, method: str) -> Iterable[JournalEvent]:
     """A new search."""
     rig = rig_of(folder)
-    session = runs.new_session(rig, runs.plan_on(rig, SearchPlan(method=method, start_deg=0.0)))
-    session.journal = Journal.create(folder / "run.journal", session.configuration)
-    return session.events()
+    run = runs.new_run(rig, runs.plan_on(rig, SearchPlan(method=method, start_deg=0.0)))
+    run.journal = Journal.create(folder / "run.journal", run.configuration)
+    return run.events()
 
 
 def resume(folder: Path) -> Iterable[JournalEvent]:
     """The same search, resumed."""
     journal, recorded = Journal.reopen(folder / "run.journal")
     rig = runs.rebuild_rig(recorded)
-    return runs.resumed_session(rig, journal, recorded, by="a person", reset_fault=False).events()
+    return runs.resumed_run(rig, journal, recorded, by="a person", reset_fault=False).events()
 
 
 def scan(folder: Path, *, goes_on: bool = False) -> Iterable[JournalEvent]:

@@ -164,13 +164,13 @@ def test_b8_a_search_ends_with_its_bridge_whatever_it_has_inherited(how: str, tm
 
 HUNG = """
 import signal, time
-import markerseek.runs.session as session
+import markerseek.runs.run as module
 def hang(*_):
     print("hangs", flush=True)
     # As a library of a vendor that returns to Python only once its device answers.
     signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals))
     time.sleep(60)
-session.Session.events = hang
+module.Run.events = hang
 """
 
 

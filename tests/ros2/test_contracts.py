@@ -1,4 +1,4 @@
-"""The drivers of ROS 2 nodes keep the contracts of `markerseek.testing`, with nodes of rclpy on the other side.
+"""The drivers of ROS 2 nodes keep the contracts of `markerseek.contract`, with nodes of rclpy on the other side.
 
 Server and driver share a process and a thread: whenever the driver waits, the server is served. All messages go through
 rclpy.
@@ -17,10 +17,10 @@ import rclpy
 
 from markerseek import rigs
 from markerseek.bridges.ros2 import Serving, StageNode
+from markerseek.contract import LaserContract, ReceiverContract, StageContract
 from markerseek.core import Laser, Receiver, Stage
 from markerseek.drivers import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings, SystemClock
 from markerseek.ros import RosNode, topics
-from markerseek.testing import LaserContract, ReceiverContract, StageContract
 from tests.ros2.number_stage import NumberStage
 from tests.ros2.plain_rig import acquisition_of, armed_guard
 

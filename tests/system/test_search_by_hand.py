@@ -16,7 +16,7 @@ from markerseek.drivers import GuidedStage, GuidedStageSettings
 from markerseek.guard import Admission, FiringLimits, Guard
 from markerseek.records.journal import Journal, read_journal, salvage
 from markerseek.rigs import Rig
-from markerseek.runs import answer_again, new_session, plan_on
+from markerseek.runs import answer_again, new_run, plan_on
 from markerseek.scan import Scanner
 from markerseek.signals import IntensityReader
 from markerseek.sim import GaussianCurve, HandMotion, SimulatedHand
@@ -80,9 +80,9 @@ def test_a_hand_finds_what_the_motor_finds() -> None:
 
 def journalled(rig: Rig, path: Path) -> Journal:
     """A search with a journal, to its end."""
-    session = new_session(rig, plan_on(rig, SearchPlan(method="posterior")))
-    journal = Journal.create(path, session.configuration)
-    with closing(replace(session, journal=journal).events()) as events:
+    run = new_run(rig, plan_on(rig, SearchPlan(method="posterior")))
+    journal = Journal.create(path, run.configuration)
+    with closing(replace(run, journal=journal).events()) as events:
         for _ in events:
             pass
     journal.close()

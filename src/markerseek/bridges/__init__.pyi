@@ -1,6 +1,6 @@
-from .asked import OPTIONS, AskedSearch
 from .child import ChildRun, Outcome, Searches, SearchOptions
 from .followed import FollowedSession, RegistrationSource, open_registration
+from .request import OPTIONS, AskedSearch
 
 __all__ = [
     "OPTIONS",

@@ -24,7 +24,7 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 
-from markerseek.bridges.asked import AskedSearch
+from markerseek.bridges.request import AskedSearch
 from markerseek.bridges.run_images import PicturedItem, with_images
 from markerseek.core import MarkerseekError, RecordError, SearchError
 from markerseek.drivers import BenchSettings

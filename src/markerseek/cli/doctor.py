@@ -21,6 +21,7 @@ from markerseek.cli.open_rig import arm_rig, open_rig
 from markerseek.cli.options import AsJson, Trace
 from markerseek.cli.report import Output, Report
 from markerseek.cli.terminal import progress_bar
+from markerseek.contract import RuleCheck
 from markerseek.core import (
     ConfigError,
     DeviceError,
@@ -31,7 +32,6 @@ from markerseek.core import (
     extra_install,
     is_absent,
 )
-from markerseek.testing import RuleCheck
 
 if TYPE_CHECKING:
     from markerseek.show import SearchResult
@@ -303,7 +303,7 @@ def prove_direction(
     armed the rig by an option; otherwise a question is asked on the terminal. ``as_json``: whether a program reads the
     output.
     """
-    from markerseek.cli.session import run_new_session
+    from markerseek.cli.searching import run_anew
     from markerseek.search.posterior import energy_spread
 
     with open_rig(path, trace=trace) as (rig, start_deg):
@@ -313,13 +313,13 @@ def prove_direction(
                 f"--source-deg is {source_deg:g} deg: it or the mirrored angle lies outside limits.search {search}; "
                 "place the source nearer to 0"
             )
-        session = runs.new_session(rig, runs.plan_on(rig, SearchPlan(method="posterior", start_deg=start_deg)))
+        run = runs.new_run(rig, runs.plan_on(rig, SearchPlan(method="posterior", start_deg=start_deg)))
         arm_rig(rig, file=path, arm=arm, what=f"search the source at {source_deg:g} deg", as_json=as_json)
-        session = run_new_session(session, as_json=as_json, rig_file=path)
-    result = session.result()
+        run = run_anew(run, as_json=as_json, rig_file=path)
+    result = run.result()
     if not result.found:
         return False, _not_found(result, source_deg)
-    spread = energy_spread(session.view.samples, limits=search)
+    spread = energy_spread(run.view.samples, limits=search)
     usual = _usual_energy(rig)
     found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}{usual}"
     match verdict_of(result.angle_deg, source_deg):

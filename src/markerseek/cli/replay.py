@@ -52,7 +52,7 @@ def command(
     markerseek replay mine.csv --columns Winkel,Amplitude --unit mrad
     markerseek replay /data/scan-2024-05-03 --probe BPL9-5/55 --reference-deg -12.5
     """
-    from markerseek.cli.session import conclude, run_new_session
+    from markerseek.cli.searching import conclude, run_anew
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     form = table.format()
@@ -74,13 +74,13 @@ def command(
             f"--acquisitions is {plan.acquisitions}, and {bank} holds {recorded} angles; ask for at most these"
         )
     plan = runs.plan_on(assembled, single_source(plan, single=single))
-    session = runs.new_session(assembled, plan)
+    run = runs.new_run(assembled, plan)
     recorded_curve = None
     if plot and not plan.whole:
         recorded_curve = runs.bank_curve(rigs.read_recording(bank, form, probe=probe), probe=probe)
-    session = run_new_session(session, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
+    run = run_anew(run, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
-        session.view,
+        run.view,
         output,
         name="replay",
         imaging=assembled.imaging,

@@ -59,7 +59,7 @@ def command(
     markerseek resume run.journal --arm --json
     markerseek resume run.journal --rig examples/rigs/bench.toml --arm
     """
-    from markerseek.cli.session import conclude
+    from markerseek.cli.searching import conclude
     from markerseek.records.journal import RunView, read_journal
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
@@ -75,9 +75,9 @@ def command(
         announce_compilation()
         if not arm and not _confirmed(recorded, rig, as_json=as_json):
             raise typer.Exit(NOT_ARMED)
-        session = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, image_ring=image_ring)
-        view = session.view
-        imaging = session.rig.imaging
+        run = _resume(journal, rig, bench, reset_fault=reset_fault, as_json=as_json, image_ring=image_ring)
+        view = run.view
+        imaging = run.rig.imaging
     conclude(view, output, name="resume", imaging=imaging)
 
 
@@ -85,7 +85,7 @@ def _bench_named(
     recorded: RecordedRun, rig: Path | None, *, arm: bool, trace: Path | None
 ) -> drivers.BenchSettings | None:
     """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
-    from markerseek.cli.session import resume_command
+    from markerseek.cli.searching import resume_command
 
     recorded_settings = runs.recorded_bench(recorded.configuration)
     if recorded_settings is None:
@@ -125,22 +125,22 @@ def _resume(
     reset_fault: bool,
     as_json: bool,
     image_ring: Path | None,
-) -> runs.Session:
+) -> runs.Run:
     """Lock the journal, rebuild rig and policy, and continue the run."""
-    from markerseek.cli.session import closed_at_end, run_session
+    from markerseek.cli.searching import closed_at_end, run_to_end
     from markerseek.records.journal import Journal
 
     # Read again under the lock: another program may have continued the run while the user was asked.
     kept, recorded = Journal.reopen(journal)
     with closed_at_end(kept), naming_trace(bench), runs.rebuild_rig(recorded, bench_settings=bench) as rig:
-        session = runs.resumed_session(rig, kept, recorded, by=person(), reset_fault=reset_fault)
-        run_session(session, as_json=as_json, rig_file=rig_file, image_ring=image_ring)
-    return session
+        run = runs.resumed_run(rig, kept, recorded, by=person(), reset_fault=reset_fault)
+        run_to_end(run, as_json=as_json, rig_file=rig_file, image_ring=image_ring)
+    return run
 
 
 def _confirmed(recorded: RecordedRun, rig: Path | None, *, as_json: bool) -> bool:
     """Print the state of the run, and ask on a terminal whether to continue; with --json nothing is asked."""
-    from markerseek.cli.session import resume_command
+    from markerseek.cli.searching import resume_command
     from markerseek.records.journal import RunView
 
     view = RunView.of(recorded)

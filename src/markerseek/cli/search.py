@@ -75,7 +75,7 @@ def command(
     markerseek search --compare posterior,golden-section,ternary --plot
     markerseek search --rig examples/rigs/bench.toml --arm
     """
-    from markerseek.cli.session import conclude, require_journal_options, run_new_session
+    from markerseek.cli.searching import conclude, require_journal_options, run_anew
     from markerseek.search import require_plan
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
@@ -92,16 +92,14 @@ def command(
         _compare(compare, rig, simulation, plan, output)
     require_journal_options(journal, keep=not no_journal, watch=watch)
     with open_rig(rig, simulation, sweeps=plan.sweep, trace=trace) as (assembled, start_deg):
-        session = runs.new_session(assembled, runs.plan_on(assembled, plan))
+        run = runs.new_run(assembled, runs.plan_on(assembled, plan))
         if plan.sweep:
-            announce_sweeps(assembled, session.policy, start_deg=start_deg, stay=session.configuration.plan.stay)
+            announce_sweeps(assembled, run.policy, start_deg=start_deg, stay=run.configuration.plan.stay)
         announce_compilation()
         arm_rig(assembled, file=rig, arm=arm, what="search", as_json=as_json, asked_by=asked_by)
-        session = run_new_session(
-            session, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, watch=watch
-        )
+        run = run_anew(run, as_json=as_json, journal=journal, keep=not no_journal, rig_file=rig, watch=watch)
     conclude(
-        session.view,
+        run.view,
         output,
         name="search",
         imaging=assembled.imaging,
@@ -119,7 +117,7 @@ def _compare(
 
     ``methods``: names of the methods, with commas between them.
     """
-    from markerseek.cli.session import FOUND, OTHER_ANSWER, run_session
+    from markerseek.cli.searching import FOUND, OTHER_ANSWER, run_to_end
     from markerseek.search import method_named
     from markerseek.show import flat_result
 
@@ -131,7 +129,7 @@ def _compare(
     # Not once its devices are open.
     rigs.read_simulated(rig, cure="--compare is for a simulated rig; leave it out")
     announce_compilation()
-    sessions = []
+    made = []
     for name in names:
         chosen = replace(plan, method=name)
         if name != "posterior":
@@ -139,15 +137,15 @@ def _compare(
             chosen = replace(chosen, others=None, prior=None, near=None)
         # A new rig of the same seed, so that every method begins in the same world.
         with open_rig(rig, simulation) as (assembled, _):
-            session = runs.new_session(assembled, runs.plan_on(assembled, chosen))
-            run_session(session, as_json=output.as_json)
-        sessions.append(session)
-    results = [session.result() for session in sessions]
-    title = f"{', '.join(names)} on a simulated rig: {sessions[0].configuration.facts.description}"
+            run = runs.new_run(assembled, runs.plan_on(assembled, chosen))
+            run_to_end(run, as_json=output.as_json)
+        made.append(run)
+    results = [run.result() for run in made]
+    title = f"{', '.join(names)} on a simulated rig: {made[0].configuration.facts.description}"
     report = Report(
         values=[flat_result(result) for result in results],
         shown=_compared(results, title),
-        pictures={"compare.png": drawn(_figure, sessions, title)},
+        pictures={"compare.png": drawn(_figure, made, title)},
         exit_code=FOUND if all(result.found for result in results) else OTHER_ANSWER,
     )
     output.show(report)
@@ -172,8 +170,8 @@ def _compared(results: list[SearchResult], title: str) -> Iterator[str | Table]:
         yield "[dim]only an answer of 'found' claims a marker at its angle[/]"
 
 
-def _figure(sessions: list[runs.Session], title: str) -> Figure:
+def _figure(made: list[runs.Run], title: str) -> Figure:
     from markerseek.show import comparison_figure, drawn_curve
 
-    curves = [(session.configuration.plan.method, drawn_curve(session.view, reveal=True)) for session in sessions]
+    curves = [(run.configuration.plan.method, drawn_curve(run.view, reveal=True)) for run in made]
     return comparison_figure(curves, title=title)

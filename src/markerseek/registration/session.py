@@ -53,7 +53,7 @@ from markerseek.registration.steps import (
     Waiting,
 )
 from markerseek.registration.view import SessionView
-from markerseek.runs import Session, new_session, plan_on
+from markerseek.runs import Run, new_run, plan_on
 
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
@@ -114,7 +114,7 @@ class RegistrationSession:
 
         A session whose marker has moved ends at once: no registration of it holds any more.
 
-        Raises as `markerseek.runs.Session.events`; what was taken stays recorded.
+        Raises as `markerseek.runs.Run.events`; what was taken stays recorded.
         """
         in_time = True
         if not self.view.moved:
@@ -242,7 +242,7 @@ class RegistrationSession:
         if check and elsewhere and endoscope is not None:
             raise SpotError(f"{endoscope.said}, so that there is no registration to be checked: light one more marker")
         self._room.arm()
-        search = new_session(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
+        search = new_run(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
         if journal is not None:
             configuration = structs.replace(search.configuration, frames=not self._plan.no_frames)
             search = replace(search, configuration=configuration, journal=Journal.create(journal, configuration))
@@ -278,7 +278,7 @@ class RegistrationSession:
         yield self._recorded(taken)
         return taken
 
-    def _searched(self, name: str, search: Session) -> Generator[Step, None, list[StereoPair]]:
+    def _searched(self, name: str, search: Run) -> Generator[Step, None, list[StereoPair]]:
         """Run a search while the cameras look on; returns the last pairs."""
         later: list[StereoPair] = []
         try:

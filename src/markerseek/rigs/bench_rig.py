@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from msgspec import structs
 
+from markerseek.contract import RuleCheck, check_laser, check_receiver, check_stage
 from markerseek.core import Clock, ConfigError, Laser, NotConnectedError, Permit, Receiver, RigFacts, Stage
 from markerseek.drivers import (
     PARTS,
@@ -53,7 +54,6 @@ from markerseek.sim import (
     World,
 )
 from markerseek.supervisor import Supervisor
-from markerseek.testing import RuleCheck, check_laser, check_receiver, check_stage
 from markerseek.wire import Port
 
 _LOG = logging.getLogger(__name__)

@@ -15,6 +15,7 @@ import msgspec
 from msgspec.structs import replace
 
 from markerseek._closing import Closing
+from markerseek.contract import RuleCheck
 from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, SpotToSource, Stage
 from markerseek.drivers import BenchSettings, bench_settings_from
 from markerseek.files import read_toml, settings_from
@@ -24,7 +25,6 @@ from markerseek.rigs.probe_file import probe_facts
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, ProbePreset
 from markerseek.sim import SimulatedSettings, hashable_values
-from markerseek.testing import RuleCheck
 
 
 class Devices(Protocol):

@@ -23,7 +23,7 @@ from .rebuild import (
     require_same_measurement,
 )
 from .resume import require_reset, tell_recorded
-from .session import Session, answer_from_all, find_marker, new_session, plan_on, resumed_session
+from .run import Run, answer_from_all, find_marker, new_run, plan_on, resumed_run
 
 __all__ = [
     "Calibration",
@@ -31,7 +31,7 @@ __all__ = [
     "ImageRing",
     "JournalSummary",
     "MeasuredDelay",
-    "Session",
+    "Run",
     "answer_again",
     "answer_from_all",
     "bank_curve",
@@ -48,7 +48,7 @@ __all__ = [
     "intensities_stored",
     "journal_bank",
     "journal_summary",
-    "new_session",
+    "new_run",
     "plan_on",
     "read_marker",
     "rebuild_image_reader",
@@ -59,7 +59,7 @@ __all__ = [
     "require_new_scan",
     "require_reset",
     "require_same_measurement",
-    "resumed_session",
+    "resumed_run",
     "scan_angles",
     "scan_bank",
     "tell_recorded",

@@ -24,7 +24,7 @@ from markerseek.search.methods import (
 )
 from markerseek.search.policy import SearchPolicy, check_acquisitions
 from markerseek.search.recording import WholeRecording
-from markerseek.search.sweep import THRESHOLD, Exhaustive, WeightedAverage, equal_steps, peak_passed, weighted_average
+from markerseek.search.steps import THRESHOLD, Exhaustive, WeightedAverage, equal_steps, peak_passed, weighted_average
 
 __all__ = [
     "GOLDEN",

@@ -31,7 +31,7 @@ from markerseek.search.evidence import (
 )
 from markerseek.search.floor import above_background, noise_above_background
 from markerseek.search.policy import PaperPolicy, SearchPolicy
-from markerseek.search.sweep import peak_passed
+from markerseek.search.steps import peak_passed
 
 _USUAL = Tolerance()
 

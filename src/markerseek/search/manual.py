@@ -12,7 +12,7 @@ from markerseek.core import PAPER_RANGE, Found, Interval, Sample
 from markerseek.search.bracket import bracket_answer
 from markerseek.search.curve import curve_of
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_start
-from markerseek.search.sweep import equal_steps
+from markerseek.search.steps import equal_steps
 
 TURNS = 8
 """Coarse turns over the range, one every 10° of the paper's."""

@@ -24,7 +24,7 @@ from markerseek.search.checked import CheckedPolicy
 from markerseek.search.manual import TURNS, ScriptedManual
 from markerseek.search.policy import PaperPolicy, check_acquisitions
 from markerseek.search.recording import WholeRecording
-from markerseek.search.sweep import Exhaustive, WeightedAverage
+from markerseek.search.steps import Exhaustive, WeightedAverage
 
 if TYPE_CHECKING:
     from markerseek.search.posterior import Posterior

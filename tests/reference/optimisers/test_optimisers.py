@@ -6,8 +6,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from benchmarks.optimisers import BoundedMinimiser, ScikitOptimize, checked_minimiser
+from markerseek.contract import PolicyContract
 from markerseek.core import Found, Interval, Policy, Reading, Sample, Unsure
-from markerseek.testing import PolicyContract
 
 
 def curve(angle_deg: float) -> float:

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from markerseek.contract import check_laser, check_receiver
 from markerseek.core import ConfigError, DeviceError, Interval, LaserError, NotConnectedError
 from markerseek.drivers import BenchSettings, StandardStage, bench_settings_from
 from markerseek.drivers.entry import Opening
@@ -19,7 +20,6 @@ from markerseek.drivers.foreign import ForeignLaser, ForeignStage, OwnLaser, Own
 from markerseek.rigs import BenchRecipe, bench, fingerprint, read_rig_file
 from markerseek.runs.rebuild import differences_of_benches
 from markerseek.sim import VirtualClock
-from markerseek.testing import check_laser, check_receiver
 
 STAGE = """
 from pathlib import Path

@@ -15,6 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from markerseek import rigs
+from markerseek.contract import StageContract
 from markerseek.core import (
     ConfigError,
     DeviceTimeoutError,
@@ -37,7 +38,6 @@ from markerseek.guard import Limits, State
 from markerseek.records.banks import probe_to_probe_home
 from markerseek.runs import scan_angles
 from markerseek.sim import HandMotion, SimulatedHand, VirtualClock
-from markerseek.testing import StageContract
 from markerseek.wire import igtl
 
 LIMITS = Limits()

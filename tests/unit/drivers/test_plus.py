@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
+from markerseek.contract import ReceiverContract
 from markerseek.core import (
     AcquisitionError,
     ConfigError,
@@ -24,7 +25,6 @@ from markerseek.core import (
 )
 from markerseek.drivers import LaserBoxSettings, PlusReceiver, PlusSettings, connect_plus, metered
 from markerseek.sim import VirtualClock
-from markerseek.testing import ReceiverContract
 from markerseek.wire import igtl
 from tests.emulated_lines import permit
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from markerseek.contract import LaserContract
 from markerseek.core import DeviceError, DeviceTimeoutError, Laser, LaserError
 from markerseek.drivers import StandardLaser
 from markerseek.drivers.standard_laser import LaserLogic
 from markerseek.sim import VirtualClock
-from markerseek.testing import LaserContract
 from tests.emulated_lines import permit
 
 

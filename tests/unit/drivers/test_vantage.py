@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from markerseek.contract import ReceiverContract
 from markerseek.core import (
     AcquisitionError,
     ConfigError,
@@ -25,7 +26,6 @@ from markerseek.core import (
 )
 from markerseek.drivers import SystemClock, VantageReceiver, VantageSettings, await_sender
 from markerseek.sim import VirtualClock
-from markerseek.testing import ReceiverContract
 from markerseek.wire.vantage import VantageFrame, VantageFramer, encode
 from tests.emulated_lines import permit
 from tests.octave import NO_OCTAVE, has_octave_sockets

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from markerseek import rigs
+from markerseek.contract import StageContract
 from markerseek.core import ConfigError, Interval, LimitError, MoveError, NotConnectedError, SearchPlan
 from markerseek.drivers import BenchSettings, SystemClock, XimcSettings, XimcStage
 from markerseek.drivers.ximc import ENTRY
 from markerseek.runs import find_marker
 from markerseek.sim import VirtualClock
-from markerseek.testing import StageContract
 
 try:
     import libximc.highlevel as highlevel

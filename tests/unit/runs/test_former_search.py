@@ -13,7 +13,7 @@ import pytest
 from markerseek import rigs
 from markerseek.core import Found, MarkerCurve, Reading, RecordError, Sample, SearchPlan
 from markerseek.records.journal import Journal
-from markerseek.runs import former_curve, new_session, plan_on, read_marker, rebuild_policy
+from markerseek.runs import former_curve, new_run, plan_on, read_marker, rebuild_policy
 from markerseek.search.curve import log_curve
 from markerseek.search.posterior import Posterior
 from markerseek.search.posterior.shapes import LOG_WIDTH_SIGMA, family, shapes_with
@@ -34,12 +34,12 @@ def test_curve_and_marker_are_read_from_a_result_that_an_earlier_version_has_pri
 
 
 def test_the_curve_is_read_from_the_result_and_from_the_journal(tmp_path: Path) -> None:
-    session = new_session(rig(), plan_on(rig(), SearchPlan(method="posterior", start_deg=-35.0)))
+    run = new_run(rig(), plan_on(rig(), SearchPlan(method="posterior", start_deg=-35.0)))
     path = tmp_path / "run.journal"
-    with Journal.create(path, session.configuration) as journal:
-        session = replace(session, journal=journal)
-        list(session.events())
-    result = session.result()
+    with Journal.create(path, run.configuration) as journal:
+        run = replace(run, journal=journal)
+        list(run.events())
+    result = run.result()
     (tmp_path / "result.json").write_bytes(msgspec.json.encode(flat_result(result)))
     curve = former_curve(tmp_path / "result.json")
     assert isinstance(result.estimate, Found)
@@ -52,14 +52,14 @@ def test_the_curve_is_read_from_the_result_and_from_the_journal(tmp_path: Path) 
 def test_a_plan_with_a_prior_survives_the_journal(tmp_path: Path) -> None:
     curve = MarkerCurve(fwhm_deg=6.0, peak=100.0)
     plan = plan_on(rig(), SearchPlan(method="posterior", start_deg=-35.0, prior=curve, others=0.0))
-    session = new_session(rig(), plan)
+    run = new_run(rig(), plan)
     path = tmp_path / "run.journal"
-    Journal.create(path, session.configuration).close()
+    Journal.create(path, run.configuration).close()
     journal, held = Journal.reopen(path)
     journal.close()
     assert held.configuration.plan == plan
     rebuilt = rebuild_policy(held.configuration)
-    assert rebuilt.ask() == session.policy.ask()
+    assert rebuilt.ask() == run.policy.ask()
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from scipy import optimize, stats
 from scipy.interpolate import PchipInterpolator
 
 from markerseek import rigs
+from markerseek.contract import ReceiverContract
 from markerseek.core import (
     ConfigError,
     Finished,
@@ -40,7 +41,6 @@ from markerseek.sim import (
     VirtualClock,
 )
 from markerseek.sim.curves import largest_noise
-from markerseek.testing import ReceiverContract
 
 HEADER = FrameHeader(sequence=1, token="t", pulses=1, commanded_deg=0.0, started_s=0.0, ended_s=0.0)
 FLASH = Flash(at_s=0.0, pulses=1, energy=1.0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from markerseek.bridges.asked import OPTIONS, AskedSearch
+from markerseek.bridges.request import OPTIONS, AskedSearch
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from nicegui import ui
 
-from markerseek.bridges.asked import AnyAsked, AskedSearch, AskedSession
 from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
+from markerseek.bridges.request import AnyAsked, AskedSearch, AskedSession
 from markerseek.core import ConfigError, Option, SceneOptions, SimulationOptions, as_text
 from markerseek.registration import SessionPlan
 from markerseek.search import METHODS

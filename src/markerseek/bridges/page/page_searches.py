@@ -18,10 +18,10 @@ from urllib.parse import parse_qsl
 
 import msgspec
 
-from markerseek.bridges.asked import AnyAsked, AskedSearch, AskedSession
 from markerseek.bridges.child import ChildRun, EndedRun, FollowedChild, Outcome
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.session_display import session_verdict
+from markerseek.bridges.request import AnyAsked, AskedSearch, AskedSession
 from markerseek.bridges.run_images import PicturedItem, with_images, without_images
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings

@@ -5,8 +5,8 @@ from __future__ import annotations
 import queue
 from typing import Any
 
-from markerseek.bridges.asked import AskedSearch
 from markerseek.bridges.child import Outcome, Searches, SearchOptions
+from markerseek.bridges.request import AskedSearch
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import SearchError

@@ -19,7 +19,7 @@ from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchP
 from markerseek.records.journal import Entry, Interrupted
 from markerseek.registration import SPOT_IS_SET, Ended, MovedMarker, SessionRecord, Spot, SpotSeen, Waiting
 from markerseek.rigs import read_rig_file
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import new_run, plan_on
 from markerseek.show import STOPPED as STOPPED_LINE
 from markerseek.show import event_line
 from markerseek.sim import GaussianCurve
@@ -80,9 +80,9 @@ class ScriptedChild:
 def stream():
     """What the journal of a short search holds."""
     rig = rigs.of_intensities(seed=2, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=3.0)
-    session = new_session(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
-    items = [session.configuration]
-    for number, event in enumerate(session.events(), start=1):
+    search = new_run(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
+    items = [search.configuration]
+    for number, event in enumerate(search.events(), start=1):
         items.append(Entry(number=number, written="", clock_s=rig.scanner.clock.now_s(), event=event))
     return items
 

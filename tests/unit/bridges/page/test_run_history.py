@@ -44,7 +44,7 @@ from markerseek.core import (
     Turning,
 )
 from markerseek.records.journal import Interrupted, Resuming, RunView
-from markerseek.runs import new_session, plan_on
+from markerseek.runs import new_run, plan_on
 from markerseek.runs.journalled import with_beliefs
 from markerseek.search import METHODS, build
 from markerseek.show import (
@@ -67,16 +67,16 @@ NAMES = [method.name for method in METHODS]
 
 
 def finished_run(method, *, as_published=False, seed=5, marker_deg=-9.4):
-    """Session and events, with the rig's clock at each."""
+    """Search and events, with the rig's clock at each."""
     rig = rigs.of_intensities(seed=seed, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=marker_deg)
     plan = plan_on(rig, SearchPlan(method=method, as_published=as_published, start_deg=rig.stage.angle_deg))
-    session = new_session(rig, plan)
-    events = with_beliefs(session.events(), session.policy, plan)
-    return session, [(event, rig.scanner.clock.now_s()) for event in events]
+    search = new_run(rig, plan)
+    events = with_beliefs(search.events(), search.policy, plan)
+    return search, [(event, rig.scanner.clock.now_s()) for event in events]
 
 
-def shown(session, events) -> list[RunView]:
-    views = [RunView.of(session.configuration)]
+def shown(search, events) -> list[RunView]:
+    views = [RunView.of(search.configuration)]
     for event, clock_s in events:
         views.append(views[-1].add(event, clock_s=clock_s))
     return views[1:]
@@ -95,9 +95,9 @@ def a_view(kind="simulated", **known) -> RunView:
     ("method", "as_published"), [(each, False) for each in NAMES] + [(each, True) for each in NAMES[1:]]
 )
 def test_last_snapshot_is_the_result(method, as_published):
-    session, events = finished_run(method, as_published=as_published)
-    last = shown(session, events)[-1]
-    result = session.result()
+    search, events = finished_run(method, as_published=as_published)
+    last = shown(search, events)[-1]
+    result = search.result()
     assert (last.phase, answer_name(last.belief.estimate)) == ("finished", result.answer)
     assert last.belief.estimate.mean_deg == result.angle_deg
     assert (last.belief.sigma_deg, last.belief.interval95_deg) == (result.sigma_deg, result.interval95_deg)
@@ -111,8 +111,8 @@ def test_last_snapshot_is_the_result(method, as_published):
 
 @pytest.mark.parametrize("method", NAMES)
 def test_the_belief_of_an_event_is_that_of_the_policy_when_it_asked(method):
-    session, events = finished_run(method)
-    policy = build(session.configuration.plan, limits=session.configuration.facts.search)
+    search, events = finished_run(method)
+    policy = build(search.configuration.plan, limits=search.configuration.facts.search)
     for event, _ in events:
         if isinstance(event, Asked) and event.belief is not None and event.role == "search":
             assert event.belief.estimate == policy.estimate()
@@ -122,20 +122,20 @@ def test_the_belief_of_an_event_is_that_of_the_policy_when_it_asked(method):
 
 
 def test_density_of_the_posterior():
-    session, events = finished_run("posterior")
-    beliefs = [each.belief for each in shown(session, events) if each.belief is not None]
+    search, events = finished_run("posterior")
+    beliefs = [each.belief for each in shown(search, events) if each.belief is not None]
     for belief in beliefs:
         assert np.all(np.diff(belief.angles_deg) > 0)
         # A second opinion on probability and mean: the trapezoidal rule over the density as it is drawn.
         assert np.trapezoid(belief.density_per_deg, belief.angles_deg) == pytest.approx(1, abs=0.05)
     mean_deg = np.trapezoid(np.multiply(beliefs[-1].density_per_deg, beliefs[-1].angles_deg), beliefs[-1].angles_deg)
-    assert mean_deg == pytest.approx(session.result().angle_deg, abs=0.05)
+    assert mean_deg == pytest.approx(search.result().angle_deg, abs=0.05)
     assert max(beliefs[-1].density_per_deg) > 20 * max(beliefs[0].density_per_deg)
 
 
 def test_states_that_end_or_interrupt_a_run():
-    session, _ = finished_run("posterior")
-    snapshot = RunView.of(session.configuration)
+    search, _ = finished_run("posterior")
+    snapshot = RunView.of(search.configuration)
     limits = Interval(low_deg=-35.0, high_deg=35.0)
     said = [
         (Started(start_deg=1.0, limits=limits), "ready", False),
@@ -158,9 +158,9 @@ def test_states_that_end_or_interrupt_a_run():
 
 
 def test_published_form_claims_nothing():
-    session, events = finished_run("ternary", as_published=True)
-    snapshots = shown(session, events)
-    result = session.result()
+    search, events = finished_run("ternary", as_published=True)
+    snapshots = shown(search, events)
+    result = search.result()
     last = snapshots[-1]
     verdict = verdict_of(last)
     assert (verdict.word, verdict.kind, verdict.turn) == ("NO CLAIM", "nothing", "")
@@ -173,13 +173,13 @@ def test_published_form_claims_nothing():
 
 
 def test_probe_is_read_back_last_where_its_move_was_cut_short():
-    session, events = finished_run("posterior")
+    search, events = finished_run("posterior")
     second = next(
         n
         for n, (event, _) in enumerate(events)
         if isinstance(event, Asked) and (event.role, event.index) == ("search", 2)
     )
-    views = shown(session, events[: second + 1])
+    views = shown(search, events[: second + 1])
     said = [probe_text(each) for each in views]
     read_back = with_minus(f"read back: {views[-1].probe_deg:.2f}°")
     assert said[-2:] == [read_back, with_minus(f"expected, on its way to {events[second][0].angle_deg:.2f}°")]
@@ -193,15 +193,15 @@ def test_probe_is_read_back_last_where_its_move_was_cut_short():
 
 
 def test_angle_counts_as_found_only_at_the_end():
-    session, events = finished_run("posterior")
-    snapshots = shown(session, events)
+    search, events = finished_run("posterior")
+    snapshots = shown(search, events)
     start_deg = events[0][0].start_deg
     before = next(each for each in reversed(snapshots) if each.phase == "measured")
     assert (verdict_of(before).word, verdict_of(before).reason) == ("SEARCHING", "so far found")
     assert verdict_of(before).turn == ""
     assert verdict_of(snapshots[0]).angle == "–"
     found = verdict_of(snapshots[-1])
-    result = session.result()
+    result = search.result()
     assert (found.word, found.kind, found.lead, found.reason) == ("FOUND", "found", "", "")
     # Another way to two significant digits, and to a mean of as many.
     sigma = np.format_float_positional(result.sigma_deg, precision=2, fractional=False, min_digits=2)
@@ -212,8 +212,8 @@ def test_angle_counts_as_found_only_at_the_end():
 
 
 def test_the_fan_holds_what_a_snapshot_holds():
-    session, events = finished_run("posterior")
-    snapshot = shown(session, events)[-1]
+    search, events = finished_run("posterior")
+    snapshot = shown(search, events)[-1]
     fan = fan_of(snapshot)
     assert (fan["probe_deg"], fan["target_deg"]) == (snapshot.probe_deg, None)
     assert fan["curve"]["known"] == {"angle_deg": -9.4, "text": "truth −9.40°"}
@@ -222,19 +222,19 @@ def test_the_fan_holds_what_a_snapshot_holds():
     # The confirmation has confirmed the marker.
     assert [mark["text"] for mark in fan["curve"]["marks"]] == [*numbers, "✓"]
     # The answer is known to some hundredths of the range, and at the start not at all.
-    first = fan_of(RunView.of(session.configuration))
+    first = fan_of(RunView.of(search.configuration))
     assert (first["certainty"], first["choices"]) == (0.0, [])
     assert first["text"] == "probe from its end: nothing is known yet"
     assert fan["certainty"] > 0.5
-    weighed = next(view for view in shown(session, events) if view.belief is not None and view.belief.choice_deg)
+    weighed = next(view for view in shown(search, events) if view.belief is not None and view.belief.choice_deg)
     shares = dict(fan_of(weighed)["choices"])
     best_deg = min(zip(weighed.belief.choice_sigma_deg, weighed.belief.choice_deg, strict=True))[1]
     assert shares[best_deg] == max(shares.values()) == 1.0
 
 
 def test_numbers_of_a_run_at_its_end():
-    session, events = finished_run("posterior")
-    snapshot = shown(session, events)[-1]
+    search, events = finished_run("posterior")
+    snapshot = shown(search, events)[-1]
     lit, unlit = (dict(numbers_of(snapshot, name="ternary", pulse_j=pulse_j)) for pulse_j in (1e-3, None))
     assert lit["light"] == f"{snapshot.pulses:.3g} mJ"
     assert "light" not in unlit
@@ -243,8 +243,8 @@ def test_numbers_of_a_run_at_its_end():
 
 
 def test_truth_is_hidden_until_the_end():
-    session, events = finished_run("posterior")
-    *before, last = shown(session, events)
+    search, events = finished_run("posterior")
+    *before, last = shown(search, events)
     assert drawn_curve(last, reveal=False).known is None
     assert {fan_of(each)["curve"]["known"] is None for each in before} == {True}
     assert fan_of(last)["curve"]["known"]["angle_deg"] == -9.4
@@ -252,7 +252,7 @@ def test_truth_is_hidden_until_the_end():
 
 def test_the_image_is_of_the_angle_where_the_probe_is():
     rig = rigs.simulated(seed=1, marker_deg=2.0)
-    configuration = new_session(rig, SearchPlan(method="posterior")).configuration
+    configuration = new_run(rig, SearchPlan(method="posterior")).configuration
     run = RunHistory(configuration)
     for index, angle_deg in enumerate((2.0, 27.0, 2.0), start=1):
         for event in (
@@ -319,12 +319,12 @@ def test_a_sweep_is_drawn_pulse_by_pulse():
     settings = SimulatedSettings(start_deg=-35.0, receiver=ReceiverSettings(readout_s=0.05))
     rig = rigs.of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=5.0), marker_deg=-14.0, settings=settings)
     plan = SearchPlan(method="posterior", start_deg=-35.0, others=0.0, sweep_speed_deg_s=8.6)
-    session = new_session(rig, plan_on(rig, plan))
-    run = RunHistory(session.configuration)
+    search = new_run(rig, plan_on(rig, plan))
+    run = RunHistory(search.configuration)
     events = []
-    for event in session.events():
+    for event in search.events():
         events.append(event)
-        run.add(pictured_entry(session.configuration, event, clock_s=rig.scanner.clock.now_s()))
+        run.add(pictured_entry(search.configuration, event, clock_s=rig.scanner.clock.now_s()))
     swept = next(index for index, event in enumerate(events) if isinstance(event, Swept))
     asked = run.views[2]
     assert (asked.phase, asked.target_deg) == ("moving", PAPER_RANGE.high_deg)
@@ -378,27 +378,27 @@ def test_minus_signs_are_those_of_numbers_only():
 
 
 def test_a_person_is_asked_on_the_page_to_turn_the_probe():
-    session, events = finished_run("ternary")
-    run = RunHistory(session.configuration)
+    search, events = finished_run("ternary")
+    run = RunHistory(search.configuration)
     for event, clock_s in events[:-1]:
-        run.add(pictured_entry(session.configuration, event, clock_s=clock_s))
+        run.add(pictured_entry(search.configuration, event, clock_s=clock_s))
         if isinstance(event, Asked) and event.role == "search":
             break
     for angle_deg, says in ((-7.34, "it is at −7.3°"), (None, "type the angle reached")):
         turning = Turning(target_deg=-12.0, angle_deg=angle_deg)
-        run.add(pictured_entry(session.configuration, turning, clock_s=1.0))
+        run.add(pictured_entry(search.configuration, turning, clock_s=1.0))
         assert event_line(run.last) == f"turn the probe to −12.0°: {says}"
         shown = verdict_of(run.last)
         assert (shown.word, shown.lead, shown.angle) == ("TURN", "turn the probe to", "−12.0°")
         # Said once.
         assert shown.reason == says
     refused = Refused(angle_deg=-12.0, reason="too late")
-    run.add(pictured_entry(session.configuration, refused, clock_s=2.0))
+    run.add(pictured_entry(search.configuration, refused, clock_s=2.0))
     assert verdict_of(run.last).word == "SEARCHING"
     assert not any("turn the probe" in line for line in run.lines(run.last, most=20))
     # Nobody is asked for anything by a search that was killed while it waited.
     turning = Turning(target_deg=-12.0, angle_deg=None)
-    run.add(pictured_entry(session.configuration, turning, clock_s=3.0))
+    run.add(pictured_entry(search.configuration, turning, clock_s=3.0))
     run.cut_off("killed", problem="killed")
     verdict = verdict_of(run.last, next_step="Start begins a new search")
     assert (verdict.word, verdict.problem, verdict.next_step) == ("FAULT", "killed", "Start begins a new search")

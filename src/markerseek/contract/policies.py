@@ -11,8 +11,8 @@ from contextlib import contextmanager
 
 from msgspec import structs
 
+from markerseek.contract.devices import refused
 from markerseek.core import PAPER_RANGE, Estimate, Found, Interval, Policy, Reading, Sample, SearchError
-from markerseek.testing.devices import refused
 
 Intensity = Callable[[float], float]
 """A curve: angle in degrees to intensity."""
@@ -180,7 +180,7 @@ def _named(curve: str, missed_by: str = "exact") -> Iterator[None]:
         yield
     except Exception as problem:
         problem.add_note(
-            f"the curve is CURVES[{curve!r}] of markerseek.testing.policies, the positioning error {missed_by!r}"
+            f"the curve is CURVES[{curve!r}] of markerseek.contract.policies, the positioning error {missed_by!r}"
         )
         raise
 

@@ -1,4 +1,4 @@
-"""A session from its plan to its result, from Python, as a command, page or bridge uses it."""
+"""A run from its plan to its result, from Python, as a command, page or bridge uses it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import markerseek
 from markerseek import rigs
 from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.guard import State
-from markerseek.runs import Session, new_session, plan_on
+from markerseek.runs import Run, new_run, plan_on
 from markerseek.sim import GaussianCurve, ReceiverSettings, SimulatedSettings
 
 
-def session_on(rig: rigs.Rig) -> Session:
-    return new_session(rig, plan_on(rig, SearchPlan(method="golden-section", acquisitions=8, start_deg=0.0)))
+def run_on(rig: rigs.Rig) -> Run:
+    return new_run(rig, plan_on(rig, SearchPlan(method="golden-section", acquisitions=8, start_deg=0.0)))
 
 
 def rig() -> rigs.Rig:
@@ -24,13 +24,13 @@ def rig() -> rigs.Rig:
 
 
 def test_a_session_gives_events_and_then_the_result_of_its_plan_and_facts() -> None:
-    session = session_on(rig())
-    events = list(session.events())
-    result = session.result()
+    run = run_on(rig())
+    events = list(run.events())
+    result = run.result()
     assert isinstance(events[-1], Finished)
-    assert session.most_acquisitions == 8
+    assert run.most_acquisitions == 8
     assert result.method == "golden-section"
-    assert result.run.facts == session.rig.facts
+    assert result.run.facts == run.rig.facts
     assert (result.run.facts.seed, result.run.facts.truth_deg) == (4, 7.5)
     assert result.error_deg == pytest.approx(abs(result.angle_deg - 7.5))
 
@@ -48,19 +48,19 @@ def test_a_receiver_that_is_read_once_a_sweep_is_swept_at_once_and_needs_no_dark
 
 
 def test_a_session_that_is_closed_stops_the_rig_and_has_no_result() -> None:
-    session = session_on(rig())
-    with closing(session.events()) as events:
+    run = run_on(rig())
+    with closing(run.events()) as events:
         next(event for event in events if isinstance(event, Measured))
-        assert session.rig.scanner.guard.state is State.ARMED
-    assert session.rig.scanner.guard.state is State.DISARMED
+        assert run.rig.scanner.guard.state is State.ARMED
+    assert run.rig.scanner.guard.state is State.DISARMED
     with pytest.raises(SearchError, match="not over"):
-        session.result()
+        run.result()
 
 
 def test_a_plan_that_cannot_be_used_is_refused_before_anything_moves() -> None:
     assembled = rig()
     with pytest.raises(ConfigError, match="posterior: it is markerseek's own"):
-        new_session(assembled, plan_on(assembled, SearchPlan(method="posterior", as_published=True, start_deg=0.0)))
+        new_run(assembled, plan_on(assembled, SearchPlan(method="posterior", as_published=True, start_deg=0.0)))
     assert assembled.scanner.guard.state is State.DISARMED
 
 

@@ -2,7 +2,7 @@
 
 ::
 
-    from markerseek.testing import PolicyContract
+    from markerseek.contract import PolicyContract
 
     class TestMyPolicy(PolicyContract):
         def make(self, limits):
@@ -12,7 +12,7 @@ pytest then runs every test. A test fails by `AssertionError`; pytest itself is 
 `check_laser` and `check_receiver` try a device that is open by those rules that need no light and no move.
 """
 
-from markerseek.testing.devices import (
+from markerseek.contract.devices import (
     LaserContract,
     ReceiverContract,
     RuleCheck,
@@ -21,7 +21,7 @@ from markerseek.testing.devices import (
     check_receiver,
     check_stage,
 )
-from markerseek.testing.policies import PolicyContract
+from markerseek.contract.policies import PolicyContract
 
 __all__ = [
     "LaserContract",

@@ -23,7 +23,7 @@ from markerseek.cli.terminal import print_warning, progress_bar, show_view, stde
 from markerseek.core import ConfigError, Failed, MarkerseekError, RecordError, Unsure
 from markerseek.files import quoted
 from markerseek.records.journal import Configuration, Journal, RunView, default_journal, make_folder
-from markerseek.runs import ImageRing, Session, hand_images_on
+from markerseek.runs import ImageRing, Run, hand_images_on
 from markerseek.show import (
     NAME_WITHOUT_CLAIM,
     WRONG_SOURCE,
@@ -45,24 +45,22 @@ _UNWATCHED = WatchOptions()
 """No program follows the run."""
 
 
-def run_session(
-    session: Session, *, as_json: bool, rig_file: Path | None = None, image_ring: Path | None = None
-) -> None:
+def run_to_end(run: Run, *, as_json: bool, rig_file: Path | None = None, image_ring: Path | None = None) -> None:
     """Run a search to its end with a progress bar; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command.
 
     ``as_json``: whether to print an interruption as JSON. ``rig_file``: rig file of the search; for a rig of devices,
     the command that resumes it names this file. ``image_ring``: as of `WatchOptions`.
     """
-    journal = session.journal if session.journal is not None and session.journal.kept else None
+    journal = run.journal if run.journal is not None and run.journal.kept else None
     # A journal describes a simulated rig in full: `resume` takes no rig file for it.
-    rig_file = rig_file if session.configuration.facts.kind == "bench" else None
-    with stopped_by_signals(), _handed_on(session, image_ring):
+    rig_file = rig_file if run.configuration.facts.kind == "bench" else None
+    with stopped_by_signals(), _handed_on(run, image_ring):
         try:
-            _watch(session)
+            _watch(run)
         except StoppedBySignal as stop:
             # Further signals are still ignored here, while the journal is written.
             try:
-                session.interrupt(stop.by)
+                run.interrupt(stop.by)
             except RecordError as problem:
                 print_warning(str(problem))
             end_stopped(
@@ -76,16 +74,16 @@ def run_session(
             raise
 
 
-def run_new_session(
-    session: Session,
+def run_anew(
+    run: Run,
     *,
     as_json: bool,
     journal: Path | None = None,
     keep: bool = True,
     rig_file: Path | None = None,
     watch: WatchOptions = _UNWATCHED,
-) -> Session:
-    """Run a new search to its end with a new journal; returns the session with that journal.
+) -> Run:
+    """Run a new search to its end with a new journal; returns the run with that journal.
 
     If a named journal cannot be written, that is an error before anything moves. If the user's data folder cannot be
     written, a search without hardware continues with a warning; one with hardware is refused, because exposure of
@@ -94,19 +92,19 @@ def run_new_session(
     ``journal``: the user's file; None for one in the data folder.
     """
     require_journal_options(journal, keep=keep, watch=watch)
-    session = replace(session, journal=_new_journal(journal, session.configuration) if keep else None)
-    if session.journal is not None and not as_json:
+    run = replace(run, journal=_new_journal(journal, run.configuration) if keep else None)
+    if run.journal is not None and not as_json:
         # Before the first move: whatever happens to this process, the user knows where the record is.
-        stderr.print(file_line("journal", session.journal.path))
+        stderr.print(file_line("journal", run.journal.path))
     if watch.events is not None:
-        session = replace(session, journal=Journal.create(watch.events, session.configuration, kept=False))
-    with closed_at_end(session.journal):
-        run_session(session, as_json=as_json, rig_file=rig_file, image_ring=watch.image_ring)
-    return session
+        run = replace(run, journal=Journal.create(watch.events, run.configuration, kept=False))
+    with closed_at_end(run.journal):
+        run_to_end(run, as_json=as_json, rig_file=rig_file, image_ring=watch.image_ring)
+    return run
 
 
 def require_journal_options(journal: Path | None, *, keep: bool, watch: WatchOptions = _UNWATCHED) -> None:
-    """Refuse options of `run_new_session` that contradict each other, before devices are opened."""
+    """Refuse options of `run_anew` that contradict each other, before devices are opened."""
     if journal is not None and not keep:
         raise ConfigError(f"--journal names {journal} and --no-journal wants none; leave one of them out")
     if keep and watch.events is not None:
@@ -116,21 +114,21 @@ def require_journal_options(journal: Path | None, *, keep: bool, watch: WatchOpt
 
 
 @contextmanager
-def _handed_on(session: Session, image_ring: Path | None) -> Iterator[None]:
+def _handed_on(run: Run, image_ring: Path | None) -> Iterator[None]:
     """Hand the images of a search on in that file; the program that reads them follows the journal."""
-    if image_ring is None or session.journal is None or session.rig.imaging is None:
+    if image_ring is None or run.journal is None or run.rig.imaging is None:
         yield
         return
     with ImageRing.open(image_ring) as images:
-        hand_images_on(images, session.journal, session.rig.imaging)
+        hand_images_on(images, run.journal, run.rig.imaging)
         yield
 
 
-def _watch(session: Session) -> None:
+def _watch(run: Run) -> None:
     # Closed whatever happens here, so that an interrupt also stops the stage and disarms the laser.
-    with closing(session.events()) as events, progress_bar(session.most_acquisitions, what="searching") as progress:
+    with closing(run.events()) as events, progress_bar(run.most_acquisitions, what="searching") as progress:
         for _ in events:
-            show_view(progress, session.view)
+            show_view(progress, run.view)
 
 
 def resume_command(journal: Path, rig_file: Path | None) -> str:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from markerseek.bridges import OPTIONS, AskedSearch
-from markerseek.bridges.asked import AskedSession
+from markerseek.bridges.request import AskedSession
 from markerseek.core import AnglePrior, ConfigError, SimulationOptions
 from markerseek.registration import SessionPlan
 from markerseek.rigs import simulated

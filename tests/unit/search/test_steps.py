@@ -23,7 +23,7 @@ from markerseek.search import (
 from markerseek.search.curve import noise_limit_deg
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.posterior import Posterior
-from markerseek.search.sweep import average_sigma_deg, fit_top
+from markerseek.search.steps import average_sigma_deg, fit_top
 from tests.unit.core.damaged import damaged
 
 PAPER = Interval(low_deg=-35.0, high_deg=35.0)

@@ -1,4 +1,4 @@
-"""A session: one search from plan to result, new or resumed, for `search`, `replay` and `resume`."""
+"""A run: one search from plan to result, new or resumed, for `search`, `replay` and `resume`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from markerseek.show import SearchResult, event_line
 
 
 @dataclass(slots=True, kw_only=True)
-class Session:
+class Run:
     """A search on a rig. Iterate over `events`, then ask for `result`."""
 
     policy: AnyPolicy
@@ -183,28 +183,28 @@ def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, prog
             f"rig is {rig!r}, it must be a rig, such as markerseek.replayed(path) or markerseek.simulated(seed=1)"
         )
     asked = SearchPlan(method=method) if isinstance(method, str) else method
-    session = new_session(rig, plan_on(rig, asked))
-    for event in session.events():
+    search = new_run(rig, plan_on(rig, asked))
+    for event in search.events():
         if progress and isinstance(event, Measured) and not event.sample.dark:
-            sys.stderr.write(f"{event_line(session.view)}\n")
-    return session.result()
+            sys.stderr.write(f"{event_line(search.view)}\n")
+    return search.result()
 
 
-def new_session(rig: Rig, plan: SearchPlan, *, tissue: FollowedTissue | None = None) -> Session:
-    """A new search, without a journal yet; nothing moves before `Session.events` is iterated.
+def new_run(rig: Rig, plan: SearchPlan, *, tissue: FollowedTissue | None = None) -> Run:
+    """A new search, without a journal yet; nothing moves before `Run.events` is iterated.
 
     ``tissue``: the tissue, where cameras follow it.
     """
     policy = build_sweeping(plan, limits=rig.limits.search)
-    return Session(policy=policy, rig=rig, configuration=configuration_of(rig, plan), tissue=tissue)
+    return Run(policy=policy, rig=rig, configuration=configuration_of(rig, plan), tissue=tissue)
 
 
-def resumed_session(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: str, reset_fault: bool) -> Session:
-    """A search that is resumed; nothing moves before `Session.events` is iterated.
+def resumed_run(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: str, reset_fault: bool) -> Run:
+    """A search that is resumed; nothing moves before `Run.events` is iterated.
 
     ``rig``: rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
     """
-    return Session(
+    return Run(
         policy=rebuild_policy(recorded.configuration),
         rig=rig,
         configuration=recorded.configuration,
