@@ -473,3 +473,22 @@ def test_a_session_that_has_ended_is_checked_by_one_more_spot(shell: Shell) -> N
     # Another check has another name; the first one stays.
     code, out, _ = shell(*given, "--markers", 3, "--continue", "s", "--check", "--json")
     assert [each["name"] for each in json.loads(out)["checks"]] == ["check-1", "check-2"]
+
+
+def test_the_sessions_of_a_folder_are_listed(shell: Shell) -> None:
+    record = sessions.begin(Path("kept", "a"), markers=4)
+    record.add(sessions.ENDED)
+    record.close()
+    code, out, _ = shell("register", "--list", "kept", "--json")
+    [listed] = json.loads(out)["sessions"]
+    assert (code, listed["markers"], listed["registered"], listed["phase"]) == (0, 0, True, "ended")
+    code, out, _ = shell("register", "--list", "kept")
+    text = " ".join(out.split())
+    assert code == 0
+    assert f"expected error {1e3 * listed['tre_m']:.2f} mm (95 %: {1e3 * listed['tre95_m']:.2f})" in text
+    assert "1 session in kept, 0.0 MB" in text
+    code, out, _ = shell("register", "--list", "nowhere", "--json")
+    assert (code, json.loads(out)["error"].startswith("nowhere: there is no such folder")) == (2, True)
+    assert shell("register", "--list", "--simulate")[0] == 2
+    # Before the first session there is no folder of them.
+    assert json.loads(shell("register", "--list", "--json")[1])["sessions"] == []

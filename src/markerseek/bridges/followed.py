@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -11,8 +10,8 @@ from markerseek._closing import Closing
 from markerseek.core import RecordError
 from markerseek.registration import (
     SessionView,
+    as_it_runs,
     follow_session,
-    is_running,
     next_view,
     read_registration,
     read_session,
@@ -55,7 +54,7 @@ class FollowedSession(RegistrationSource):
             )
         self._folder = folder
         self._closed = threading.Event()
-        super().__init__(self._as_it_runs(view))
+        super().__init__(as_it_runs(view, folder))
         self._thread = threading.Thread(target=self._follow, args=[len(steps)], name="registration", daemon=True)
         self._thread.start()
 
@@ -71,7 +70,7 @@ class FollowedSession(RegistrationSource):
         def look() -> None:
             nonlocal shown
             # Steps that come together are shown together, because the states between them are over already.
-            view = self._as_it_runs(newest)
+            view = as_it_runs(newest, self._folder)
             if newest is not shown or view.phase != self.view.phase:
                 shown = newest
                 self.view = view
@@ -83,12 +82,6 @@ class FollowedSession(RegistrationSource):
                 newest = next_view(newest, step)
         except RecordError as problem:
             self.view = self.view.unreadable(str(problem))
-
-    def _as_it_runs(self, view: SessionView) -> SessionView:
-        """Return the view, and whether a program runs the session."""
-        if view.ended is not None:
-            return view
-        return replace(view, phase="running" if is_running(self._folder) else "stopped")
 
 
 def open_registration(path: Path) -> RegistrationSource:

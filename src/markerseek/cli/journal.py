@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from datetime import datetime
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -17,7 +16,15 @@ from rich.markup import escape
 from markerseek import runs
 from markerseek.cli.options import AsJson
 from markerseek.cli.report import Output, Report, facts
-from markerseek.cli.terminal import announce_compilation, new_table, one_line, print_error, print_json, stdout
+from markerseek.cli.terminal import (
+    announce_compilation,
+    local_time,
+    new_table,
+    one_line,
+    print_error,
+    print_json,
+    stdout,
+)
 from markerseek.core import Finished, Turning, counted, rig_in_words
 
 if TYPE_CHECKING:
@@ -199,17 +206,8 @@ def _print_table(recorded: RecordedRun) -> None:
 def _in_words(each: runs.JournalSummary) -> str:
     if each.method is None or each.acquisitions is None:
         return f"{each.state}: {each.problem}"
-    begun = "not begun" if each.begun is None else _local(each.begun)
+    begun = "not begun" if each.begun is None else local_time(each.begun)
     form = " as published" if each.as_published else ""
     rig = rig_in_words(str(each.rig), each.emulated)
     text = f"{begun}, {each.method}{form} on a {rig}: {each.end}, {counted(each.acquisitions, 'acquisition')}"
     return f"{text}, {each.size_bytes / 1e6:.1f} MB" + ("" if each.problem is None else f"; {each.problem}")
-
-
-def _local(begun: str) -> str:
-    """A time in the zone of this computer."""
-    try:
-        return f"{datetime.fromisoformat(begun).astimezone():%Y-%m-%d %H:%M %Z}"
-    # The file may come from somebody else and hold any text.
-    except (ValueError, OverflowError, OSError):
-        return begun

@@ -15,6 +15,7 @@ from rich.table import Table
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.registering import SessionOver, SessionPlace, SessionRequest, require_no_session, run_session
+from markerseek.cli.registrations import sessions_report
 from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
 from markerseek.core import ConfigError, RecordError, SceneOptions, SpotToSource
 
@@ -53,7 +54,7 @@ def command(
         Path | None,
         typer.Argument(
             help="CSV with trus_x_m … trus_z_m and camera_x_m … camera_z_m in metres; optional are name, "
-            "trus_sigma_x_m …, camera_sigma_x_m …"
+            "trus_sigma_x_m …, camera_sigma_x_m …; with --list the folder of sessions"
         ),
     ] = None,
     journal: Annotated[
@@ -102,6 +103,13 @@ def command(
         ),
     ] = None,
     without: Annotated[list[str] | None, typer.Option(help="Name of a point to leave out; may be repeated.")] = None,
+    list_: Annotated[
+        bool,
+        typer.Option(
+            "--list",
+            help="List the sessions of a folder, the newest first; without a folder those in the user's data folder.",
+        ),
+    ] = False,
     place: SessionPlace,
     session: registration.SessionPlan,
     simulation: SceneOptions,
@@ -127,11 +135,16 @@ def command(
     markerseek register --simulate --sweep --seed 1 --plot
     markerseek register --simulate --sweep --seed 1 --check
     markerseek register --rig rig.toml --cameras stereo.toml --images 'left right' --sweep
+    markerseek register --list
     markerseek register examples/points.csv
     markerseek register pixels.csv --cameras a.toml --journal a.journal --journal b.journal --journal c.journal
     markerseek register --frames left right --cameras a.ini --journal a.journal --journal b.journal --journal c.journal
     """
     output = Output.asked(as_json=as_json, plot=plot, out=out)
+    if list_:
+        if place.wanted or frames is not None or journal or cameras or plot:
+            raise ConfigError("--list lists sessions; leave all but the folder and --json out")
+        output.show(sessions_report(points))
     target_m = None if target_mm is None else (target_mm[0] / 1e3, target_mm[1] / 1e3, target_mm[2] / 1e3)
     if place.wanted:
         if points is not None or frames is not None or journal or without:

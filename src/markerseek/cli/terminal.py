@@ -11,6 +11,7 @@ import time
 import unicodedata
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +57,15 @@ def _escaped(text: str, escape: Callable[[str], str]) -> str:
 def one_line(text: str) -> str:
     """A text escaped for one line of Rich markup: line feeds, control characters and brackets."""
     return escape(printable(text).replace("\n", "\\n"))
+
+
+def local_time(begun: str) -> str:
+    """A time in the zone of this computer."""
+    try:
+        return f"{datetime.fromisoformat(begun).astimezone():%Y-%m-%d %H:%M %Z}"
+    # The file may come from somebody else and hold any text.
+    except (ValueError, OverflowError, OSError):
+        return begun
 
 
 class SafeConsole(Console):

@@ -1,4 +1,5 @@
 from .endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, SeenEndoscope
+from .kept_sessions import REPORTS, KeptSession, as_it_runs, delete_session, kept_sessions, kept_view
 from .plan import REGISTRATION_TOLERANCE_MM, SessionPlan
 from .points import point_pairs, spot_pairs
 from .record import (
@@ -13,6 +14,7 @@ from .record import (
     next_view,
     read_session,
     session_folder,
+    sessions_folder,
     view_of,
 )
 from .report import (
@@ -50,6 +52,7 @@ __all__ = [
     "CAMERA_IMAGES",
     "REGISTRATION",
     "REGISTRATION_TOLERANCE_MM",
+    "REPORTS",
     "SPOT_IS_SET",
     "Begun",
     "Continued",
@@ -59,6 +62,7 @@ __all__ = [
     "EndoscopeMove",
     "EndoscopeNotKnown",
     "ExpectedError",
+    "KeptSession",
     "KnownRegistration",
     "MovedMarker",
     "Phase",
@@ -85,10 +89,14 @@ __all__ = [
     "StereoSettings",
     "TakenMarker",
     "Waiting",
+    "as_it_runs",
     "camera_text",
     "default_folder",
+    "delete_session",
     "follow_session",
     "is_running",
+    "kept_sessions",
+    "kept_view",
     "next_view",
     "point_pairs",
     "read_registration",
@@ -96,6 +104,7 @@ __all__ = [
     "read_stereo",
     "register_pairs",
     "session_folder",
+    "sessions_folder",
     "spot_pairs",
     "station_names",
     "target_pixels",

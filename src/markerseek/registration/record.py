@@ -431,9 +431,14 @@ def follow_session(
             wait()
 
 
+def sessions_folder() -> Path:
+    """Folder of sessions whose folder nobody named, in the user's data folder."""
+    return data_folder() / "registrations"
+
+
 def default_folder() -> Path:
     """Folder of a new session in the user's data folder; its name begins with the time, UTC."""
-    return data_folder() / "registrations" / f"{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
+    return sessions_folder() / f"{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
 
 
 def camera_text(stereo: StereoSettings) -> str:
