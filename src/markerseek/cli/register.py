@@ -202,7 +202,13 @@ def _of_session(over: SessionOver) -> Report:
         values |= {"simulation": msgspec.to_builtins(over.truth)}
     return Report(
         values=values,
-        shown=_shown(report, over.title, _session_rows(over), above_goal_m=None if view.goal_reached else view.goal_m),
+        shown=_shown(
+            report,
+            over.title,
+            _session_rows(over),
+            above_goal_m=None if view.goal_reached else view.goal_m,
+            simulated=view.simulated,
+        ),
         pictures={"register.png": drawn(_figure, report, heading)},
         notes=(file_line("registration", over.folder / registration.REGISTRATION),) if registered else (),
         exit_code=0 if registered else 3,
@@ -265,8 +271,12 @@ def _shown(
     more: list[tuple[str, str]],
     *,
     above_goal_m: float | None = None,
+    simulated: bool = False,
 ) -> Iterator[str | Table]:
-    """What people get of a registration; ``above_goal_m``: goal of its session, where that is not reached."""
+    """What people get of a registration.
+
+    ``above_goal_m``: goal of its session, where that is not reached. ``simulated``: whether markers and camera were.
+    """
     answer = "[bold green]registered[/]" if report.registered else "[bold yellow]not registered[/]"
     if report.registered and above_goal_m is not None:
         answer = f"[bold yellow]registered above the goal of {1e3 * above_goal_m:g} mm[/]"
@@ -286,6 +296,10 @@ def _shown(
     if report.davinci_to_trus is not None:
         yield "[dim]davinci_to_trus, translation in metres:[/]"
         yield from matrix_lines(report.davinci_to_trus)
+        yield "[dim]for ROS 2:[/]"
+        yield escape(registration.static_transform_command(report.davinci_to_trus, simulated=simulated))
+        yield "[dim]for the dVRK, of an arm whose base is its camera:[/]"
+        yield escape(registration.dvrk_base_frame(report.davinci_to_trus))
 
 
 def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:

@@ -26,6 +26,7 @@ from .report import (
     register_pairs,
     target_pixels,
 )
+from .robot_frames import dvrk_base_frame, static_transform_command
 from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .session import RegistrationSession
 from .stations import station_names
@@ -93,6 +94,7 @@ __all__ = [
     "camera_text",
     "default_folder",
     "delete_session",
+    "dvrk_base_frame",
     "follow_session",
     "is_running",
     "kept_sessions",
@@ -106,6 +108,7 @@ __all__ = [
     "session_folder",
     "sessions_folder",
     "spot_pairs",
+    "static_transform_command",
     "station_names",
     "target_pixels",
     "view_of",
