@@ -15,7 +15,7 @@ that the two are half a turn about the line of sight apart (``camera_registratio
 
 
 def dvrk_base_frame(davinci_to_trus: Sequence[Sequence[float]]) -> str:
-    """Return the base frame of an arm whose base is the dVRK's camera frame, in the probe's frame, as its files have it.
+    """Return the base frame of an arm whose base is the dVRK's camera frame, in the probe's frame, as a block of JSON.
 
     ``davinci_to_trus``: as of `RegistrationReport`.
     """
