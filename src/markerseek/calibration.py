@@ -140,7 +140,7 @@ def _fit_frame(arrival_s: Float64[np.ndarray, " channels"], element_m: Float64[n
     return _FrameFit(value=fit.x[:2], information=np.linalg.pinv(spread), lateral_m=1e-3 * float(fit.x[2]))
 
 
-MIN_ANGLES = 8
+_MIN_ANGLES = 8
 """Fewest angles that receive the source well."""
 
 BESIDE = 2
@@ -278,9 +278,9 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
     """
     height = np.abs(waves.wave).max(axis=1)
     best = int(np.argmax(height))
-    if len(height) < MIN_ANGLES:
+    if len(height) < _MIN_ANGLES:
         raise SearchError(
-            f"{len(height)} angles receive the source well, at least {MIN_ANGLES} are needed; scan in finer steps, "
+            f"{len(height)} angles receive the source well, at least {_MIN_ANGLES} are needed; scan in finer steps, "
             "or average more pulses"
         )
     if not BESIDE <= best < len(height) - BESIDE:
@@ -406,7 +406,7 @@ def _residual(
     return np.asarray(left / np.hypot(waves.sigma / height, _MODEL_SHARE)[:, None])
 
 
-MIN_SHARE = 0.5
+_MIN_SHARE = 0.5
 """Least ratio of the delay of the waves' middles to that of the fitted geometry; on simulated scans it is 1.6 to 5.
 
 It is more than 1 because the sound off the plane is also spread over the height of the elements, to later times.
@@ -431,7 +431,7 @@ def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
     # Weighted least squares of the measured times on the predicted delay: the weaker waves scatter more.
     weight = np.abs(waves.wave).max(axis=1)
     slope = float(np.polyfit(predicted_s, measured_s, 1, w=weight)[0])
-    if not slope >= MIN_SHARE:
+    if not slope >= _MIN_SHARE:
         span_ns = 1e9 * float(np.ptp(predicted_s))
         raise SearchError(
             f"off the image plane the sound arrives {slope * span_ns:.0f} ns later, {span_ns:.0f} ns or more are "

@@ -33,7 +33,7 @@ from markerseek.cli.registering import SessionOver, _require_same
 from markerseek.core import ConfigError, MarkerCandidate, RecordError, SearchError
 from markerseek.records.journal import line_file
 from markerseek.registration import (
-    REGISTRATION,
+    REGISTRATION_FILE,
     Begun,
     Ended,
     MovedMarker,
@@ -317,7 +317,7 @@ class Sessions(RuleBasedStateMachine):
             assert self.acknowledged[-1].registered == holds
             assert word.startswith("REGISTERED") == holds
             assert (word == "REGISTERED") == view.goal_reached
-        path = self.folder / REGISTRATION
+        path = self.folder / REGISTRATION_FILE
         assert path.exists() == holds
         if holds:
             written = msgspec.json.decode(path.read_bytes())
@@ -328,7 +328,7 @@ class Sessions(RuleBasedStateMachine):
     def agree_with_those_who_open_it(self) -> None:
         """The folder and both files in it are followed alike, or refused alike."""
         view = view_of(read_session(self.folder), self.folder)
-        for path in (self.folder, self.folder / "session.jsonl", self.folder / REGISTRATION):
+        for path in (self.folder, self.folder / "session.jsonl", self.folder / REGISTRATION_FILE):
             if view.registration is None and (view.moved or view.ended is not None):
                 with pytest.raises(RecordError, match="without a registration that holds"):
                     open_registration(path)
@@ -358,7 +358,7 @@ def test_a_session_whose_first_marker_has_moved_is_not_registered_when_it_is_con
             state.answer("found")
         assert state.asks_again
         state.all_who_read_it_agree()
-        assert (state.folder / REGISTRATION).exists()
+        assert (state.folder / REGISTRATION_FILE).exists()
         # Killed between the step that says so and the end.
         state.answer("moved", 2 if killed else 1000)
         state.leave()
@@ -382,10 +382,10 @@ def test_a_registration_that_a_spot_refutes_is_withdrawn_until_there_is_another_
         for _ in range(4):
             state.answer("found")
         assert state.asks_check
-        assert (state.folder / REGISTRATION).exists()
+        assert (state.folder / REGISTRATION_FILE).exists()
         state.answer("moved")
         state.all_who_read_it_agree()
-        assert not (state.folder / REGISTRATION).exists()
+        assert not (state.folder / REGISTRATION_FILE).exists()
         assert not state.acknowledged[-1].registered
         assert "check-1: off by 5." in state.acknowledged[-1].said
         assert "the registration does not hold there; light one more marker" in state.acknowledged[-1].said
@@ -396,6 +396,6 @@ def test_a_registration_that_a_spot_refutes_is_withdrawn_until_there_is_another_
         state.answer("found")
         state.all_who_read_it_agree()
         assert state.acknowledged[-1].registered
-        assert (state.folder / REGISTRATION).exists()
+        assert (state.folder / REGISTRATION_FILE).exists()
     finally:
         state.teardown()

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from markerseek.cli import doctor
-from markerseek.cli.doctor import verdict_of
+from markerseek.cli.doctor import sense_of
 from tests.emulated import ran
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -127,7 +127,7 @@ def test_a_mirror_is_named_where_the_source_is_not_found_for_certain(answer: str
     [(-12.4, -12, "right"), (-11.0, 12, "mirrored"), (3.0, 12, "neither"), (0.0, 5, "neither")],
 )
 def test_the_verdict(found_deg: float, source_deg: float, verdict: str) -> None:
-    assert verdict_of(found_deg, source_deg) == verdict
+    assert sense_of(found_deg, source_deg) == verdict
 
 
 @pytest.mark.parametrize(

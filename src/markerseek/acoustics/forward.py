@@ -23,7 +23,7 @@ from markerseek.acoustics.receiver import Band, Probe
 from markerseek.acoustics.source import Absorber, GaussianAbsorber, LaserPulse, RectanglePulse
 from markerseek.core import ConfigError, Float32, Float64, Within, require_fields
 
-NEAREST_M = 1e-3
+_NEAREST_M = 1e-3
 """An absorber nearer in front of the face's plane than this, in metres, gives no signal, like one behind it."""
 
 
@@ -83,7 +83,7 @@ class AcousticModel:
     ) -> Float32[np.ndarray, "elements samples"]:
         """Channel data without noise, shape (elements, samples); see the class for the unit.
 
-        An absorber that is, at this angle, behind the plane of the face or less than `NEAREST_M` in front of it
+        An absorber that is, at this angle, behind the plane of the face or less than `_NEAREST_M` in front of it
         gives no signal: the probe's body hides it. Sound that arrives after the record is cut off.
 
         ``absorbers``: the sources; none gives zeros. ``angle_deg``: angle of the image plane about the axis of
@@ -95,7 +95,7 @@ class AcousticModel:
         places: dict[GaussianAbsorber, list[tuple[float, float, float, float]]] = {}
         for absorber in absorbers:
             elevation, axial = self._place(absorber, angle_deg)
-            if axial >= NEAREST_M and absorber.strength != 0:
+            if axial >= _NEAREST_M and absorber.strength != 0:
                 places.setdefault(absorber.source, []).append(
                     # The kernel divides by the path; a strength is an amplitude at the reference range.
                     (absorber.lateral_m, elevation, axial, absorber.strength * REFERENCE_RANGE_M)
@@ -107,12 +107,12 @@ class AcousticModel:
 
     def _place(self, absorber: Absorber, angle_deg: float) -> tuple[float, float]:
         """Elevation and axial distance of an absorber, in metres."""
-        least = self.probe.face_radius_m + NEAREST_M
+        least = self.probe.face_radius_m + _NEAREST_M
         # Refused at every angle, also where the probe would hide it: at some angle it would be inside the probe.
         if not absorber.radius_m >= least:
             raise ConfigError(
                 f"absorber: radius_m is {absorber.radius_m} m, which is inside the probe: "
-                f"it must be at least {least:g} m (face radius and {NEAREST_M:g} m)"
+                f"it must be at least {least:g} m (face radius and {_NEAREST_M:g} m)"
             )
         return self.probe.in_probe_frame(radius_m=absorber.radius_m, off_plane_deg=angle_deg - absorber.angle_deg)
 
@@ -130,7 +130,7 @@ class AcousticModel:
         wavenumber = 2 * math.pi * pulse.top_hz / speed
         # Along the face the path changes by at most 1 m per metre, and the lens adds at most 1 m per metre.
         half = max(half_height, half_width)
-        nodes, weights = _rules(nodes_needed(2 * wavenumber * half, half / NEAREST_M))
+        nodes, weights = _rules(nodes_needed(2 * wavenumber * half, half / _NEAREST_M))
         repeats = 0
         gain = 0.0
         delay_s = 0.0

@@ -25,7 +25,7 @@ from markerseek.records.banks import (
 IMAGE_SUFFIXES = (".png", ".dcm", ".b8")
 """Suffixes of files with B-mode images; DICOM files without a suffix need one."""
 
-MAX_IMAGES = 2000
+_MAX_IMAGES = 2000
 """Most images of a series."""
 
 MAX_PIXELS = 1 << 30
@@ -66,9 +66,9 @@ def read_images(
         sizes.setdefault(read[-1].size_m, file)
         images = sum(len(each.frames) for each in read)
         pixels = sum(each.frames.size for each in read)
-        if images > MAX_IMAGES or pixels > MAX_PIXELS:
+        if images > _MAX_IMAGES or pixels > MAX_PIXELS:
             raise RecordError(
-                f"{path}: more than {MAX_IMAGES} images or {MAX_PIXELS} pixels; give the images of one scan"
+                f"{path}: more than {_MAX_IMAGES} images or {MAX_PIXELS} pixels; give the images of one scan"
             )
     if len(sizes) > 1:
         (first, one), (second, other), *_ = sizes.items()
@@ -133,9 +133,9 @@ def read_image_sequence(
     count, (rows, columns, _) = len(sequence.frame_fields), sequence.shape
     if sequence.kind != "BRIGHTNESS":
         raise RecordError(f"{path}: it holds {sequence.kind} and no B-mode images; read it as a bank")
-    if count > MAX_IMAGES or count * rows * columns > MAX_PIXELS:
+    if count > _MAX_IMAGES or count * rows * columns > MAX_PIXELS:
         raise RecordError(
-            f"{path}: {count} images of {columns} × {rows}, at most {MAX_IMAGES} images or {MAX_PIXELS} pixels are "
+            f"{path}: {count} images of {columns} × {rows}, at most {_MAX_IMAGES} images or {MAX_PIXELS} pixels are "
             "read; give the images of one scan"
         )
     placed = angles_of(sequence, angle_field=angle_field) if angles else {}
@@ -173,7 +173,7 @@ def _file(path: Path, roi: tuple[int, int, int, int] | None, pixel_m: tuple[floa
     suffix = path.suffix.lower()
     if suffix == ".b8":
         file = open_ultrasonix(path)
-        frames = np.stack([file.b_mode(n) for n in range(min(file.header.frames, MAX_IMAGES + 1))])
+        frames = np.stack([file.b_mode(n) for n in range(min(file.header.frames, _MAX_IMAGES + 1))])
         return _File(path=path, frames=frames, size_m=pixel_m)
     if suffix not in IMAGE_SUFFIXES:
         read = ", ".join((*IMAGE_SUFFIXES, *SEQUENCE_SUFFIXES))

@@ -36,7 +36,7 @@ from markerseek.show import answer_line
 TERMINATE_S = 2.0
 """Time from SIGINT to SIGTERM when a child is stopped, in seconds: SIGINT is ignored in what a script starts with &."""
 
-BEAT_S = 0.5
+_BEAT_S = 0.5
 """Longest time between two beats of the heartbeat that a child is sent, in seconds."""
 
 _NOT_ARMED = 4
@@ -185,7 +185,7 @@ class ChildRun:
 
     def _beat(self) -> None:
         # By the thread that reads, and by no timer: it must be late where entries are not read any more.
-        if time.monotonic() - self._beat_s > BEAT_S:
+        if time.monotonic() - self._beat_s > _BEAT_S:
             self._beat_s = time.monotonic()
             with suppress(BlockingIOError, BrokenPipeError):
                 self._heartbeat.write(b".")
@@ -231,7 +231,7 @@ class ChildRun:
         while code is None:
             self._beat()
             with suppress(subprocess.TimeoutExpired):
-                code = self._process.wait(BEAT_S)
+                code = self._process.wait(_BEAT_S)
         with self._lock:
             if self._outcome is None:
                 self._answer.seek(0)

@@ -405,7 +405,7 @@ def _read(source: Path, table: TableFormat, *, blanked: int) -> IntensityBank | 
     return read_bank(source, table, blanked=blanked)
 
 
-SUFFIXES = (".igs.mha", ".zea.hdf5", ".csv")
+_SUFFIXES = (".igs.mha", ".zea.hdf5", ".csv")
 
 Item = TypeVar("Item")
 
@@ -433,9 +433,9 @@ def export_bank(
     from markerseek.files import require_new
     from markerseek.records.banks import FrameBank, IntensityBank, require_whole, write_bank
 
-    kind = next((suffix for suffix in SUFFIXES if to.name.lower().endswith(suffix)), None)
+    kind = next((suffix for suffix in _SUFFIXES if to.name.lower().endswith(suffix)), None)
     if kind is None or to.name.lower() == kind:
-        raise ConfigError(f"{to}: the name must end in one of: {', '.join(SUFFIXES)}")
+        raise ConfigError(f"{to}: the name must end in one of: {', '.join(_SUFFIXES)}")
     if face_radius_mm is not None and not 0 <= face_radius_mm < 1000:
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":

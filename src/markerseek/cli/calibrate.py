@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from markerseek.records.banks import FrameBank
 
 
-NUMBERS = {
+_NUMBERS = {
     "zero_deg": ("angle zero (stage reading)", 1.0, "°"),
     "source_deg": ("source in the image plane at", 1.0, "°"),
     "source_radius_m": ("source from the axis", 1e3, "mm"),
@@ -124,7 +124,7 @@ def command(
     reading_deg = sense * geometry.source_deg.value + (zero_deg - sense * source_deg)
     zero = structs.replace(geometry.source_deg, value=reading_deg)
     known = {"zero_deg": zero, "noise_sigma": found.noise_sigma}
-    numbers: dict[str, Fitted] = {name: known.get(name) or getattr(geometry, name) for name in NUMBERS}
+    numbers: dict[str, Fitted] = {name: known.get(name) or getattr(geometry, name) for name in _NUMBERS}
     rig_toml = _rig_toml(numbers, direction) + _laser_toml(pickup_us, usual_energy)
     values = with_version(
         # The interval of a `Fitted` is computed.
@@ -193,7 +193,7 @@ face_radius_m = {numbers["face_radius_m"].value:.5f}
 
 
 def _shown(found: runs.Calibration, numbers: dict[str, Fitted], rig_toml: str) -> Iterator[str | Table]:
-    yield table((_row(*NUMBERS[name], number) for name, number in numbers.items()), left=("", " "))
+    yield table((_row(*_NUMBERS[name], number) for name, number in numbers.items()), left=("", " "))
     yield (
         f"[dim]{found.waves} of {found.frames} angles had a wave clear enough to be used; the residual of the fit is "
         f"{found.geometry.misfit:.1%} of their height; {steadiness(found.energy_spread)}[/]\n\nFor rig.toml:\n"

@@ -246,10 +246,10 @@ MIN_DEG = 5.0
 _NEAR_DEG = 5.0
 """Largest accepted difference of the angle found, in degrees; at small angles half of the angle, if less."""
 
-Verdict = Literal["right", "mirrored", "neither"]
+_Sense = Literal["right", "mirrored", "neither"]
 
 
-def verdict_of(found_deg: float, source_deg: float) -> Verdict:
+def sense_of(found_deg: float, source_deg: float) -> _Sense:
     """Whether a source was found at its true angle, at the mirrored angle, or elsewhere; both in degrees."""
     # With the full tolerance a source at 5 deg could be found at 0, which is neither side.
     near_deg = min(_NEAR_DEG, abs(source_deg) / 2)
@@ -285,7 +285,7 @@ def require_source_deg(source_deg: float) -> None:
 def _not_found(result: SearchResult, source_deg: float) -> str:
     """Why a search that has not found the source proves nothing, and that it is mirrored where it looks so."""
     why = f"no source was found ({result.answer}: {result.reason})"
-    mirrored = result.answer != "not found" and verdict_of(result.angle_deg, source_deg) == "mirrored"
+    mirrored = result.answer != "not found" and sense_of(result.angle_deg, source_deg) == "mirrored"
     if not mirrored:
         return f"{why}; place one point source, and no other"
     return (
@@ -322,7 +322,7 @@ def prove_direction(
     spread = energy_spread(run.view.samples, limits=search)
     usual = _usual_energy(rig)
     found = f"the source at {source_deg:g} deg was found at {result.angle_deg:.2f} deg; {steadiness(spread)}{usual}"
-    match verdict_of(result.angle_deg, source_deg):
+    match sense_of(result.angle_deg, source_deg):
         case "right":
             return True, f"{found}: the stage turns the right way"
         case "mirrored":

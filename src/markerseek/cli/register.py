@@ -28,7 +28,7 @@ SHOWN_SHARE = 0.7
 
 def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
     """The file of a registration, and its content; only ``force`` replaces another registration in this folder."""
-    path = Path(registration.REGISTRATION)
+    path = Path(registration.REGISTRATION_FILE)
     if registration.session_folder(path) is not None:
         raise ConfigError(
             "the current folder holds a registration session, whose file registration.json is; run the command in "
@@ -210,7 +210,7 @@ def _of_session(over: SessionOver) -> Report:
             simulated=view.simulated,
         ),
         pictures={"register.png": drawn(_figure, report, heading)},
-        notes=(file_line("registration", over.folder / registration.REGISTRATION),) if registered else (),
+        notes=(file_line("registration", over.folder / registration.REGISTRATION_FILE),) if registered else (),
         exit_code=0 if registered else 3,
     )
 

@@ -17,8 +17,8 @@ from markerseek.core.checks import Within, is_finite, require_fields, require_ra
 from markerseek.core.errors import ConfigError
 from markerseek.core.interval import Interval
 
-LEAST_SIGMA_DEG = 0.1
-MOST_SIGMA_DEG = 45.0
+_LEAST_SIGMA_DEG = 0.1
+_MOST_SIGMA_DEG = 45.0
 """Limits of its standard deviation, in degrees: no prediction is better, and a wider one says nothing."""
 
 MOST_ANGLES = 1000
@@ -61,7 +61,7 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     mean_deg: Annotated[float, Within(-180.0, 180.0, "deg")]
-    sigma_deg: Annotated[float, Within(LEAST_SIGMA_DEG, MOST_SIGMA_DEG, "deg")]
+    sigma_deg: Annotated[float, Within(_LEAST_SIGMA_DEG, _MOST_SIGMA_DEG, "deg")]
     table: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -102,7 +102,7 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
             raise ConfigError("near: all weights of the table are 0; at least one must be positive")
         mean_deg = sum(each[1] for each in parts) / mass
         variance = sum(each[2] for each in parts) / mass - mean_deg**2
-        sigma_deg = max(math.sqrt(max(variance, 0.0)), LEAST_SIGMA_DEG)
+        sigma_deg = max(math.sqrt(max(variance, 0.0)), _LEAST_SIGMA_DEG)
         return cls(mean_deg=mean_deg, sigma_deg=sigma_deg, table=table)
 
     @classmethod

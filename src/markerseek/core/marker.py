@@ -17,20 +17,20 @@ from markerseek.core.shapes import CHECKED, Float64
 if TYPE_CHECKING or CHECKED:
     import numpy as np
 
-STRONG_SHARE = 0.5
+_STRONG_SHARE = 0.5
 """Least intensity over the strongest one's, from which a frame counts for the position."""
 
 SAME_SOURCE_M = 3e-3
 """Largest distance, along the array and in depth, of its peak from the strongest one's: the widest stained spot."""
 
-LATERAL_M = 0.5e-3
-DEPTH_M = 0.5e-3
+_LATERAL_SIGMA_M = 0.5e-3
+_DEPTH_SIGMA_M = 0.5e-3
 """Standard deviations of lateral position and depth over the share of the channels' energy that is out of phase, in
 metres. A stained spot is uneven, all frames show its brightest part, and so their scatter says little; but its grains
 are out of phase, as a point is not. Fitted to simulated searches on four materials (docs/explanation/registration.md).
 """
 
-UNKNOWN_COHERENCE = 0.6
+_UNKNOWN_COHERENCE = 0.6
 """Coherence that is assumed where a frame gives none: that of a wide stained spot."""
 
 
@@ -145,14 +145,14 @@ def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigF
 
 
 def _placed(
-    angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: float, coherence: float = UNKNOWN_COHERENCE
+    angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: float, coherence: float = _UNKNOWN_COHERENCE
 ) -> MarkerPosition:
     """Where a source is at this angle and distance from the axis; how well, follows from its coherence."""
     angle = math.radians(angle_deg)
     incoherent = 1 - coherence
     return MarkerPosition(
         position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
-        sigma_m=(radius_m * math.radians(sigma_deg), LATERAL_M * incoherent, DEPTH_M * incoherent),
+        sigma_m=(radius_m * math.radians(sigma_deg), _LATERAL_SIGMA_M * incoherent, _DEPTH_SIGMA_M * incoherent),
     )
 
 
@@ -211,14 +211,14 @@ def _position_of(sample: Sample, sound_speed_m_s: float | None) -> _SourcePositi
         lateral_m=lateral_m,
         depth_m=depth_m,
         # Never quite 1, so that no marker is taken for exact.
-        coherence=min(UNKNOWN_COHERENCE if reading.coherence is None else reading.coherence, 0.99),
+        coherence=min(_UNKNOWN_COHERENCE if reading.coherence is None else reading.coherence, 0.99),
     )
 
 
 def _same_source(position: _SourcePosition, strongest: _SourcePosition) -> bool:
     """Whether a position is strong, and near the strongest."""
     return (
-        position.intensity >= STRONG_SHARE * strongest.intensity
+        position.intensity >= _STRONG_SHARE * strongest.intensity
         and abs(position.lateral_m - strongest.lateral_m) <= SAME_SOURCE_M
         and abs(position.depth_m - strongest.depth_m) <= SAME_SOURCE_M
     )

@@ -115,10 +115,10 @@ def _nearest(images: list[CameraImage], time_s: float) -> CameraImage | None:
     return min(images, key=lambda image: abs(image.time_s - time_s), default=None)
 
 
-SIDES = ("left", "right")
+_SIDES = ("left", "right")
 """The cameras, in the order of everything that is given for both."""
 
-SILENT_S = 2.0
+_SILENT_S = 2.0
 """Longest time without an image from a camera that sends images all the time, in seconds."""
 
 _FIRST_S = 10.0
@@ -256,8 +256,8 @@ class PairSource(Closing):
         require_size(pixels, self._cameras[side], self._sources[side])
         with self._lock:
             now_s = time.monotonic()
-            _LOG.debug("%s < %s image %s, its time %.6f s", self.name, SIDES[side], key, time_s)
-            self._last_s[side], self._patience_s[side] = now_s, SILENT_S
+            _LOG.debug("%s < %s image %s, its time %.6f s", self.name, _SIDES[side], key, time_s)
+            self._last_s[side], self._patience_s[side] = now_s, _SILENT_S
             self._pairing.add(side, CameraImage(pixels, time_s=time_s, at_s=at_s, since_s=now_s, key=key))
             self._ready.extend(self._pairing.pairs(now_s))
 

@@ -1,6 +1,6 @@
 """A foreign driver: ``driver = "module:Class"`` in a rig file names a lab's own stage, laser or receiver.
 
-The class has the verbs of its part (`METHODS`); limits, deadlines, read-back, permits and stop are those of
+The class has the verbs of its part (`_METHODS`); limits, deadlines, read-back, permits and stop are those of
 `StandardStage`, `StandardLaser` and `StandardReceiver`. It is made with keyword arguments: the keys of its table, and
 what a rig has for it and it asks for by name (`OFFERED`). It is found in the folder of the rig file, as Python finds
 any module, or by an entry point; never from a journal. With ``safe_command`` it gets a serial line that the supervisor
@@ -57,7 +57,7 @@ from markerseek.drivers.standard_stage import StandardStage, require_room
 from markerseek.files import Line, nearest_key, setting_from
 from markerseek.wire import Port
 
-METHODS: dict[Part, tuple[str, ...]] = {
+_METHODS: dict[Part, tuple[str, ...]] = {
     "stage": ("read", "go", "stop"),
     "laser": ("fire", "fired", "off"),
     "receiver": ("read",),
@@ -148,11 +148,11 @@ def class_of(settings: Foreign) -> type:
         raise ConfigError(
             f"{name}: {module_name} has no class {class_name}; its classes are: {', '.join(there) or 'none'}"
         )
-    missing = [method for method in METHODS[settings.part] if not callable(getattr(made, method, None))]
+    missing = [method for method in _METHODS[settings.part] if not callable(getattr(made, method, None))]
     if missing:
         raise ConfigError(
             f"{name}: {class_name} has no {' and no '.join(missing)}; a {settings.part} has "
-            f"{', '.join(METHODS[settings.part])} "
+            f"{', '.join(_METHODS[settings.part])} "
             "(docs/how-to/bring-your-own-stage.md)"
         )
     return made

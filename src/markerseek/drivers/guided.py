@@ -49,7 +49,7 @@ _LINE_BYTES = 4096
 _SHOWN_S = 0.2
 """Time between two angles that are shown to the person, in seconds."""
 
-AXES = ("x", "y", "z")
+_AXES = ("x", "y", "z")
 """Names of the axes of a transform, in order."""
 
 MAX_TILT = 0.02
@@ -153,7 +153,7 @@ def rotation_deg(matrix: Float64[np.ndarray, "4 4"], *, axis: int) -> float:
     tilt = float(np.linalg.norm(np.delete(turn[:, axis], axis)))
     if not (turn[axis, axis] > 0 and tilt < MAX_TILT):
         raise MoveError(
-            f"stage: the transform of its encoder turns about another axis than {AXES[axis]} (sine {tilt:.2g}); "
+            f"stage: the transform of its encoder turns about another axis than {_AXES[axis]} (sine {tilt:.2g}); "
             "correct stage.axis, or name the transform between the probe and its home"
         )
     after = (axis + 1) % 3
@@ -165,7 +165,7 @@ class _Transforms:
     """The rotation of successive transforms, which must not shift the probe."""
 
     def __init__(self, axis: Literal["x", "y", "z"]) -> None:
-        self._axis = AXES.index(axis)
+        self._axis = _AXES.index(axis)
         self._place_mm: Float64[np.ndarray, " 3"] | None = None
 
     def angle_deg(self, matrix: Float64[np.ndarray, "4 4"]) -> float:

@@ -47,7 +47,7 @@ _READ_BYTES = 4096
 _LOST_AGES = 2
 """Multiple of the age allowed after which a question counts as lost."""
 
-_AnswerT = TypeVar("_AnswerT", bound=apt.Answer)
+_AnswerT = TypeVar("_AnswerT", bound=apt.ControllerAnswer)
 
 
 class AptLine:
@@ -120,7 +120,7 @@ class AptLine:
         """Close the line; allowed twice."""
         self._port.close()
 
-    def _take(self, ident: int) -> apt.Answer | None:
+    def _take(self, ident: int) -> apt.ControllerAnswer | None:
         """Last answer of that kind among the bytes that have arrived; None if there is none."""
         taken = None
         now_s = self._clock.now_s()

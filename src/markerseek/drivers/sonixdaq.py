@@ -51,7 +51,7 @@ ReadT = TypeVar("ReadT", bound=np.ndarray)
 class SonixDaqSettings(ReceiverKeys, frozen=True, kw_only=True, tag="sonixdaq"):
     """Keys of a SonixDAQ in a rig file."""
 
-    channels: ClassVar[int | None] = wire.CHANNELS
+    channels: ClassVar[int | None] = wire.CHANNEL_COUNT
 
     folder: str
     """Where its software writes the channel files, of either SDK, over those of the acquisition before."""
@@ -362,7 +362,7 @@ class SonixDaqReceiver:
                     since_s = now_s
                 names = _numbered(name for name, file in state.items() if before.get(name) != file)
                 missing = next(filter(None, map(self._folder.incomplete, names)), "")
-                if len(names) == wire.CHANNELS and not missing and now_s - since_s >= self._settings.stable_s:
+                if len(names) == wire.CHANNEL_COUNT and not missing and now_s - since_s >= self._settings.stable_s:
                     samples = read(names)
                     if self._folder.state() != state:
                         raise AcquisitionError("sonixdaq: the files changed while they were read; take the frame again")
@@ -374,7 +374,7 @@ class SonixDaqReceiver:
         missing_text = f" and not all are complete: {missing}" if missing else ""
         dark_text = "" if names else in_the_dark(permit, self._triggers(permit))
         raise DeviceTimeoutError(
-            f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNELS} channel files in "
+            f"sonixdaq: after {self._settings.timeout_s:g} s {len(names)} of {wire.CHANNEL_COUNT} channel files in "
             f"{self._settings.folder} are new{missing_text}{dark_text}; check trigger, folder and free space, or raise "
             "timeout_s"
         )

@@ -202,16 +202,16 @@ class Prm1z8:
 
 # MGMSG_MOT_MOVE_COMPLETED, _MOVE_STOPPED and _MOVE_HOMED of the APT protocol.
 COMPLETED = 0x0464
-STOPPED = 0x0466
+_STOPPED = 0x0466
 HOMED = 0x0444
 """Messages at the end of a move, after a stop, and at home."""
 
-VELOCITY = 0x0413
-JOG = 0x0416
-LIMITS = 0x0423
-BACKLASH = 0x043A
-HOME = 0x0440
-TARGET = 0x0450
+SET_VELOCITY = 0x0413
+SET_JOG = 0x0416
+SET_LIMITS = 0x0423
+SET_BACKLASH = 0x043A
+SET_HOME = 0x0440
+SET_TARGET = 0x0450
 """Identities of the messages that set a parameter; identity + 1 requests the parameter, identity + 2 answers."""
 
 _BEGINS_S = 5e-3
@@ -221,12 +221,12 @@ _TOP_SPEED_DEG_S = 25.0
 _IGNORE_LIMIT = 1
 
 POWER_UP: Mapping[int, bytes] = {
-    VELOCITY: struct.pack("<H3i", apt.CHANNEL, 0, apt.acceleration_word(20), apt.speed_word(20)),
-    JOG: struct.pack("<HH4iH", apt.CHANNEL, 2, apt.counts_of(5), 0, 147, apt.speed_word(10), 2),
-    LIMITS: struct.pack("<3HIIH", apt.CHANNEL, 4, 4, 0, 0, _IGNORE_LIMIT),
-    BACKLASH: struct.pack("<Hi", apt.CHANNEL, apt.counts_of(1.0)),
-    HOME: struct.pack("<3Hii", apt.CHANNEL, 2, 1, apt.speed_word(10), apt.counts_of(4.0)),
-    TARGET: struct.pack("<Hi", apt.CHANNEL, 0),
+    SET_VELOCITY: struct.pack("<H3i", apt.CHANNEL, 0, apt.acceleration_word(20), apt.speed_word(20)),
+    SET_JOG: struct.pack("<HH4iH", apt.CHANNEL, 2, apt.counts_of(5), 0, 147, apt.speed_word(10), 2),
+    SET_LIMITS: struct.pack("<3HIIH", apt.CHANNEL, 4, 4, 0, 0, _IGNORE_LIMIT),
+    SET_BACKLASH: struct.pack("<Hi", apt.CHANNEL, apt.counts_of(1.0)),
+    SET_HOME: struct.pack("<3Hii", apt.CHANNEL, 2, 1, apt.speed_word(10), apt.counts_of(4.0)),
+    SET_TARGET: struct.pack("<Hi", apt.CHANNEL, 0),
 }
 """Parameters after a loss of power: twice the usual speed, no limits, and a backlash correction of 1 deg."""
 
@@ -293,13 +293,13 @@ class MotionControl:
 
     def learn(self, stored: Mapping[int, bytes]) -> None:
         """Set the parameters."""
-        _channel, _least, acceleration, speed = struct.unpack("<H3i", stored[VELOCITY])
-        _channel, _cw, _ccw, high, low, mode = struct.unpack("<3HiiH", stored[LIMITS])
+        _channel, _least, acceleration, speed = struct.unpack("<H3i", stored[SET_VELOCITY])
+        _channel, _cw, _ccw, high, low, mode = struct.unpack("<3HiiH", stored[SET_LIMITS])
         # Never 0: a driver may set speed 0, and the motor's equations divide by speed and acceleration.
         self._speed_deg_s = max(speed / apt.SPEED_WORD, 1e-6)
         self._acceleration_deg_s2 = max(acceleration / apt.ACCELERATION_WORD, 1e-3)
-        self._home_speed_deg_s = max(struct.unpack("<3Hii", stored[HOME])[3] / apt.SPEED_WORD, 1e-6)
-        self._backlash_deg = struct.unpack("<Hi", stored[BACKLASH])[1] / apt.COUNTS_PER_DEG
+        self._home_speed_deg_s = max(struct.unpack("<3Hii", stored[SET_HOME])[3] / apt.SPEED_WORD, 1e-6)
+        self._backlash_deg = struct.unpack("<Hi", stored[SET_BACKLASH])[1] / apt.COUNTS_PER_DEG
         self._soft_range = None if mode == _IGNORE_LIMIT else (low, high)
 
     def advance(self, now_s: float) -> None:
@@ -370,7 +370,7 @@ class MotionControl:
             self._homing = False
         self._braking = not self._motor.at_rest
         if not self._braking:
-            self.events.append(STOPPED)
+            self.events.append(_STOPPED)
 
     def _fail(self) -> None:
         """Apply the faults of the mechanics that are active now."""
@@ -442,7 +442,7 @@ class MotionControl:
             self._stage.offset -= self._stage.counts
             self.events.append(HOMED)
         else:
-            self.events.append(STOPPED if self._braking else COMPLETED)
+            self.events.append(_STOPPED if self._braking else COMPLETED)
             self._braking = False
 
     def _end_by_error(self) -> None:

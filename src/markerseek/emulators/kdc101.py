@@ -16,14 +16,14 @@ import numpy as np
 
 from markerseek.core import Within, require_fields
 from markerseek.emulators._kdc101_motion import (
-    BACKLASH,
-    HOME,
     HOMED,
-    JOG,
-    LIMITS,
     POWER_UP,
-    TARGET,
-    VELOCITY,
+    SET_BACKLASH,
+    SET_HOME,
+    SET_JOG,
+    SET_LIMITS,
+    SET_TARGET,
+    SET_VELOCITY,
     MotionControl,
     Prm1z8,
     Turned,
@@ -145,7 +145,7 @@ class Kdc101Emulator:
     @property
     def velocity(self) -> bytes:
         """The parameters of speed and acceleration that it holds, as they were written."""
-        return self._stored[VELOCITY]
+        return self._stored[SET_VELOCITY]
 
     def feed(self, data: bytes) -> bytes:
         """Receive bytes, and return the immediate answer."""
@@ -157,7 +157,7 @@ class Kdc101Emulator:
         return self._out()
 
     def _message_handlers(self) -> dict[int, Callable[[AptMessage], None]]:
-        parameters = [VELOCITY, JOG, LIMITS, BACKLASH, HOME, TARGET]
+        parameters = [SET_VELOCITY, SET_JOG, SET_LIMITS, SET_BACKLASH, SET_HOME, SET_TARGET]
         if self._settings.model == "KDC101":
             parameters.append(PORTS)
         return {
@@ -203,11 +203,11 @@ class Kdc101Emulator:
 
     def _set(self, message: AptMessage) -> None:
         self._stored[message.ident] = message.data
-        if message.ident not in (TARGET, PORTS):
+        if message.ident not in (SET_TARGET, PORTS):
             self._motion.learn(self._stored)
 
     def _move(self, message: AptMessage) -> None:
-        self._motion.go(struct.unpack("<Hi", message.data or self._stored[TARGET])[1])
+        self._motion.go(struct.unpack("<Hi", message.data or self._stored[SET_TARGET])[1])
 
     def _set_updates(self, message: AptMessage) -> None:
         self._updates = message.ident == 0x0011

@@ -29,7 +29,7 @@ LIGHT_COUNTS = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pulse:
+class _Pulse:
     """One pulse of light: its time in seconds, and the true angle of the probe in degrees."""
 
     at_s: float
@@ -66,7 +66,7 @@ class EmulatedLaserBox:
         moment: Callable[[float], float] | None = None,
     ) -> None:
         require_range("laser box: turn_us", turn_us, low=1, high=50_000, unit="us")
-        self.pulses: list[Pulse] = []
+        self.pulses: list[_Pulse] = []
         self.faults = Faults("laser")
         self._world = world
         self._on_triggers = on_triggers
@@ -198,7 +198,7 @@ class EmulatedLaserBox:
     def _shine(self) -> None:
         """Emit the light that is due; the photodiode's interrupt counts it."""
         while self._light_us and self._light_us[0] <= self._now_us:
-            self.pulses.append(Pulse(at_s=self._light_us.popleft() / 1e6, angle_deg=self._world.angle_deg))
+            self.pulses.append(_Pulse(at_s=self._light_us.popleft() / 1e6, angle_deg=self._world.angle_deg))
             self._seen += self.faults("blind photodiode") is None
 
     def _take(self) -> bytes:

@@ -206,11 +206,11 @@ class EmulatedSonixDaq(EmulatedReceiver):
         if gone_s < 0:
             return False
         share = 1.0 if gone_s >= self._readout_s else gone_s / self._readout_s
-        most = round(self.faults.amount("part of the files", otherwise=sonixdaq.CHANNELS))
-        due = min(math.floor(share * sonixdaq.CHANNELS), most)
+        most = round(self.faults.amount("part of the files", otherwise=sonixdaq.CHANNEL_COUNT))
+        due = min(math.floor(share * sonixdaq.CHANNEL_COUNT), most)
         for number in range(writing.written, due):
             self._write(number, writing.files[number])
-        if due > writing.written and due < sonixdaq.CHANNELS:
+        if due > writing.written and due < sonixdaq.CHANNEL_COUNT:
             self._write(due, writing.files[due][: len(writing.files[due]) // 2])
         writing.written = max(due, writing.written)
         return share == 1.0
@@ -223,7 +223,7 @@ class EmulatedSonixDaq(EmulatedReceiver):
             pulses = np.delete(pulses, [lost - 1] if lost else [], axis=0)
             pulses = np.repeat(pulses, [1 + (number == doubled) for number in range(1, len(pulses) + 1)], axis=0)
         files = []
-        for number in range(sonixdaq.CHANNELS):
+        for number in range(sonixdaq.CHANNEL_COUNT):
             other = {5: 6, 6: 5}.get(number, number) if self.faults("swapped channels") else number
             data = sonixdaq.encode_file(pulses[:, sonixdaq.element_of_file(other)], number=other)
             files.append(b"\xff" * 12 + data[12:] if self.faults("garbled headers") else data)

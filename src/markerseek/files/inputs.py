@@ -25,7 +25,7 @@ MIB = 1 << 20
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
-Content = TypeVar("Content")
+ContentT = TypeVar("ContentT")
 
 
 def os_reason(problem: OSError) -> str:
@@ -118,7 +118,7 @@ def read_text(path: Path, *, most_bytes: int, what: str, cure: str, also: Sequen
     raise RecordError(f"{path}: this is no text in UTF-8 but another kind of file, and {what} is expected; {cure}")
 
 
-def read_json(path: Path, content: type[Content], *, most_bytes: int, what: str, cure: str) -> Content:
+def read_json(path: Path, content: type[ContentT], *, most_bytes: int, what: str, cure: str) -> ContentT:
     """Content of a JSON file; parameters as of `read_text`."""
     text = read_text(path, most_bytes=most_bytes, what=what, cure=cure)
     try:

@@ -19,7 +19,7 @@ from typing import TypeAlias
 
 from markerseek.core import RecordError
 
-Reader: TypeAlias = Callable[[Path], object]
+ReadFunction: TypeAlias = Callable[[Path], object]
 """Function of a module, which the child imports by its name."""
 
 LIMIT_S = 60.0
@@ -50,7 +50,7 @@ _tried: set[tuple[str, Path, int, int]] = set()
 """Readers and the files that they lived through, with size in bytes and time of change in nanoseconds."""
 
 
-def try_files(reader: Reader, paths: Sequence[Path]) -> None:
+def try_files(reader: ReadFunction, paths: Sequence[Path]) -> None:
     """Refuse files on which a reader crashes, hangs or fills the memory; one child tries them one after the other.
 
     Raises `RecordError` for the first such file, `OSError` for one that cannot be opened.
@@ -92,7 +92,7 @@ def _serve(name: str) -> None:
     # PYTHONWARNINGS of the user could turn a harmless warning of a library into an error.
     warnings.simplefilter("ignore")
     module, _, function = name.partition(":")
-    reader: Reader = getattr(importlib.import_module(module), function)
+    reader: ReadFunction = getattr(importlib.import_module(module), function)
     for each in sys.stdin.buffer.read().split(b"\0"):
         path = Path(os.fsdecode(each))
         try:

@@ -21,7 +21,7 @@ from markerseek.core import RecordError
 from markerseek.files import require_input
 from markerseek.records.child import MAX_PER_BYTE, try_files
 from markerseek.records.hdf5 import CheckedHdf5, as_record_error, require_h5py, unit_of_dataset
-from markerseek.records.vantage import FRAMES, is_workspace, vantage_arrays
+from markerseek.records.vantage import RCV_DATA, is_workspace, vantage_arrays
 
 if TYPE_CHECKING:
     import h5py
@@ -171,7 +171,7 @@ def read_mat(path: Path) -> dict[str, np.ndarray]:
 
     with as_record_error(path, what="MATLAB file", cure="it is cut off or damaged: fetch or save it again"):
         held = whosmat(path, appendmat=False)
-        if any(name == FRAMES for name, _, _ in held):
+        if any(name == RCV_DATA for name, _, _ in held):
             raise RecordError(f"{path}: it is a Verasonics workspace; save it as HDF5: save('run.mat', '-v7.3')")
         found = [each for each in held if each[2] in _MATLAB_TYPES]
         unpacked_bytes = sum(math.prod(shape) * _MATLAB_TYPES[kind].itemsize for _, shape, kind in found)

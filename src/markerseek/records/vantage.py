@@ -23,7 +23,7 @@ from markerseek.records.hdf5 import CheckedHdf5
 if TYPE_CHECKING:
     import h5py
 
-FRAMES = "RcvData"
+RCV_DATA = "RcvData"
 """The variable by which a workspace is known."""
 
 NUMBERS = "buffer frame"
@@ -61,7 +61,7 @@ _CLEAR = 10.0
 
 def is_workspace(file: CheckedHdf5) -> bool:
     """Whether a file holds the receive data of a Vantage."""
-    return FRAMES in file.opened
+    return RCV_DATA in file.opened
 
 
 def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
@@ -94,7 +94,7 @@ def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
         strengths.append([_strengths(each) for each in acquired])
     workspace.require_alike(strengths)
     if not frames.any():
-        workspace.refuse(f"{FRAMES} holds zeros only", "save the workspace after the acquisition")
+        workspace.refuse(f"{RCV_DATA} holds zeros only", "save the workspace after the acquisition")
     known = {
         "sampling_hz": receives.sampling_hz,
         "first_sample_s": receives.first_sample_s,
@@ -229,15 +229,18 @@ class _Workspace:
 
     def buffer(self, number: int) -> h5py.Dataset:
         """Samples of one buffer: (frames, channels, rows), or (channels, rows) of a single frame."""
-        items = self._items(FRAMES) or []
+        items = self._items(RCV_DATA) or []
         if not 1 <= number <= len(items):
-            self.refuse(f"{FRAMES} has {len(items)} buffers, and the receives fill number {number}", f"save {FRAMES}")
+            self.refuse(
+                f"{RCV_DATA} has {len(items)} buffers, and the receives fill number {number}",
+                f"save {RCV_DATA}",
+            )
         data = items[number - 1]
         if data.ndim not in (2, 3) or data.dtype.newbyteorder("=") != np.int16 or 0 in data.shape:
             self.refuse(
-                f"{FRAMES}{{{number}}} is {data.dtype} of shape {data.shape[::-1]}, int16 of samples × channels × "
+                f"{RCV_DATA}{{{number}}} is {data.dtype} of shape {data.shape[::-1]}, int16 of samples × channels × "
                 "frames is expected",
-                f"save {FRAMES} as VSX leaves it",
+                f"save {RCV_DATA} as VSX leaves it",
             )
         return data
 
@@ -248,13 +251,13 @@ class _Workspace:
         numbers = np.unique(receives.frame)
         if numbers[0] < 1 or numbers[-1] > frames:
             self.refuse(
-                f"the receives fill frames {numbers[0]} to {numbers[-1]}, and {FRAMES} holds {frames}",
-                f"save {FRAMES} and Receive of one run",
+                f"the receives fill frames {numbers[0]} to {numbers[-1]}, and {RCV_DATA} holds {frames}",
+                f"save {RCV_DATA} and Receive of one run",
             )
         if receives.start.max() + receives.samples - 1 > rows:
             self.refuse(
                 f"a receive ends at sample {receives.start.max() + receives.samples - 1}, and a frame has {rows}",
-                f"save {FRAMES} and Receive of one run",
+                f"save {RCV_DATA} and Receive of one run",
             )
         return numbers
 
@@ -310,14 +313,14 @@ class _Workspace:
             numbers = self._as_whole(wiring.ravel(), name=f"Trans.{name}")
             if numbers.min() < 1 or numbers.max() > channels or len(np.unique(numbers)) < len(numbers):
                 self.refuse(
-                    f"Trans.{name} connects channels {numbers.min()} to {numbers.max()}, and {FRAMES} has {channels}",
+                    f"Trans.{name} connects channels {numbers.min()} to {numbers.max()}, and {RCV_DATA} has {channels}",
                     "each element needs a channel of its own: save Trans of the same run",
                 )
             return numbers - 1
         elements = self.number("Trans.numelements")
         if elements != channels:
             self.refuse(
-                f"{FRAMES} has {channels} channels, Trans.numelements is {elements}, and Trans.Connector is missing",
+                f"{RCV_DATA} has {channels} channels, Trans.numelements is {elements}, and Trans.Connector is missing",
                 "save Trans too",
             )
         return np.arange(channels)

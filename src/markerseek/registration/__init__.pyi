@@ -4,7 +4,7 @@ from .plan import REGISTRATION_TOLERANCE_MM, SessionPlan
 from .points import point_pairs, spot_pairs
 from .record import (
     CAMERA_IMAGES,
-    REGISTRATION,
+    REGISTRATION_FILE,
     SPOT_IS_SET,
     SessionRecord,
     camera_text,
@@ -51,7 +51,7 @@ from .view import ExpectedError, Phase, SessionView
 
 __all__ = [
     "CAMERA_IMAGES",
-    "REGISTRATION",
+    "REGISTRATION_FILE",
     "REGISTRATION_TOLERANCE_MM",
     "REPORTS",
     "SPOT_IS_SET",

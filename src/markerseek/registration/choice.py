@@ -27,8 +27,8 @@ from markerseek.geometry import MIN_POINTS, OFFSET_FACTORS
 from markerseek.registration.report import (
     MEDIAN_LENGTH,
     MIN_PROBABILITY,
-    WRONG,
-    WRONG_M3,
+    POINT_WRONG,
+    POINT_WRONG_M3,
     PointPair,
     RegistrationReport,
     motion_m,
@@ -37,7 +37,7 @@ from markerseek.registration.report import (
 )
 from markerseek.registration.shared_errors import source_shared_m, sources_m, trus_shared_m
 
-MIN_SHARE = 0.99
+_MIN_SHARE = 0.99
 """Least probability, among all sets, of the set that is taken."""
 
 MOVED = 0.05
@@ -150,9 +150,9 @@ def choose(
     logs = [best.log_probability, displaced.log_probability if left else -math.inf]
     shares = softmax(logs + [fit.log_probability for fit in rivals])
     report = register_pairs(chosen_pairs(useful, best.chosen), target_trus_m=target_trus_m, spot=spot)
-    if shares[0] >= MIN_SHARE:
+    if shares[0] >= _MIN_SHARE:
         return Choice(report=report, decided=report.registered, chosen=best.chosen, left_out=left)
-    doubtful = [fit for fit, share in zip(rivals, shares[2:], strict=True) if share > (1 - MIN_SHARE) / len(fits)]
+    doubtful = [fit for fit, share in zip(rivals, shares[2:], strict=True) if share > (1 - _MIN_SHARE) / len(fits)]
     unsure = tuple(name for name in first if any(best.chosen.get(name) != rival.chosen.get(name) for rival in doubtful))
     over = len(useful) >= OVER_AFTER and bool(shares[0] < shares[1])
     if shares[1] > shares[2:].sum():
@@ -329,9 +329,9 @@ def _log_prior(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> floa
     """Logarithm of the probability of a set before the camera is asked; for a marker that is left out, a density."""
     total = 0.0
     for marker in markers:
-        wrong = MOVED if marker is markers[-1] else WRONG
+        wrong = MOVED if marker is markers[-1] else POINT_WRONG
         if marker.name in chosen:
             total += math.log((1 - wrong) * max(marker.candidates[chosen[marker.name]].probability, 1e-12))
         else:
-            total += math.log(wrong / WRONG_M3)
+            total += math.log(wrong / POINT_WRONG_M3)
     return total

@@ -14,7 +14,7 @@ from markerseek.records.journal import lock
 from markerseek.registration.record import (
     CAMERA_IMAGES,
     NAME,
-    REGISTRATION,
+    REGISTRATION_FILE,
     SPOT_IS_SET,
     is_running,
     read_session,
@@ -25,7 +25,7 @@ from markerseek.registration.view import Phase, SessionView
 REPORTS = ("report.html", "report.pdf")
 """Names of the report of a session, in its folder."""
 
-_OWN_NAMES = (*CAMERA_IMAGES, REGISTRATION, SPOT_IS_SET, *REPORTS)
+_OWN_NAMES = (*CAMERA_IMAGES, REGISTRATION_FILE, SPOT_IS_SET, *REPORTS)
 _OWN_PATTERNS = ("*.journal", "*-left.png", "*-right.png")
 """What a session writes into its folder beside its record."""
 

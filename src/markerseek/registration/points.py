@@ -19,7 +19,7 @@ from markerseek.registration.stereo_files import StereoSettings
 from markerseek.runs import read_marker
 from markerseek.vision import LaserSpot, decoded_image, find_spot
 
-COLUMNS: dict[str, tuple[str, ...]] = {
+_COLUMNS: dict[str, tuple[str, ...]] = {
     "trus_m": ("trus_x_m", "trus_y_m", "trus_z_m"),
     "camera_m": ("camera_x_m", "camera_y_m", "camera_z_m"),
     "pixels": ("left_x_px", "left_y_px", "right_x_px", "right_y_px"),
@@ -34,8 +34,8 @@ _LARGEST_BYTES = 8 * MIB
 _MAX_MAGNITUDE = 1e6
 """Largest magnitude of a number in the table, in metres or pixels."""
 
-Row = tuple[str, dict[str, tuple[float, ...]]]
-"""Name of a point, and its numbers by what they are, as in `COLUMNS`."""
+_Row = tuple[str, dict[str, tuple[float, ...]]]
+"""Name of a point, and its numbers by what they are, as in `_COLUMNS`."""
 
 
 def point_pairs(
@@ -43,7 +43,7 @@ def point_pairs(
 ) -> list[PointPair]:
     """Point pairs of a CSV, of the searches that take the place of its columns for the TRUS frame, and of pixels.
 
-    ``points``: the CSV, with the columns of `COLUMNS` and ``name``; others are ignored, unless their name contains
+    ``points``: the CSV, with the columns of `_COLUMNS` and ``name``; others are ignored, unless their name contains
     sigma. ``searches``: journals or results, one for each row; none: the CSV has these columns. ``stereo``:
     calibration with which its pixels are triangulated; None: it has the columns of camera points.
     """
@@ -64,7 +64,7 @@ _REDUCED = (2.0, 4.0, 1.5, 3.0)
 """How many times smaller than the sensor's images are shown or saved, the usual ones first."""
 
 
-def _require_full_size(points: Path, rows: Sequence[Row], pairs: Sequence[PointPair], stereo: StereoSettings) -> None:
+def _require_full_size(points: Path, rows: Sequence[_Row], pairs: Sequence[PointPair], stereo: StereoSettings) -> None:
     """Refuse pixels that do not fit, and would if they counted in smaller images than those of the calibration."""
     try:
         if register_pairs(pairs).registered:
@@ -130,7 +130,7 @@ def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: Ste
     return pairs
 
 
-MAX_IMAGES = 2000
+_MAX_IMAGES = 2000
 """Most images of one camera at one point; 25 are usual."""
 
 
@@ -138,9 +138,9 @@ def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
     """Images of a camera from the PNG files of a folder, in natural order: the brightest of the colours."""
     held = in_natural_order(folder.iterdir()) if folder.is_dir() else []
     files = [each for each in held if each.suffix.lower() == ".png" and not each.name.startswith(".")]
-    if not 0 < len(files) <= MAX_IMAGES:
+    if not 0 < len(files) <= _MAX_IMAGES:
         raise RecordError(
-            f"{folder}: {len(files)} PNG files, 1 to {MAX_IMAGES} are read, and it holds {endings(held)}; save the "
+            f"{folder}: {len(files)} PNG files, 1 to {_MAX_IMAGES} are read, and it holds {endings(held)}; save the "
             "camera's frames as PNG"
         )
     found = []
@@ -229,21 +229,21 @@ def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] 
     return None if sigmas_m is None else np.diag(np.square(sigmas_m))
 
 
-def _table(path: Path) -> tuple[Collection[str], list[Row]]:
+def _table(path: Path) -> tuple[Collection[str], list[_Row]]:
     """What the columns of a CSV hold, and its rows."""
     table = csv_rows(
         path,
         most_bytes=_LARGEST_BYTES,
         what="a CSV of points",
-        cure=f"its first line names the columns {', '.join(COLUMNS['trus_m'] + COLUMNS['camera_m'])}",
+        cure=f"its first line names the columns {', '.join(_COLUMNS['trus_m'] + _COLUMNS['camera_m'])}",
     )
     heading = table.names
     doubled = next((name for name in heading if heading.count(name) > 1), None)
     if doubled is not None:
         raise RecordError(f"{path}, line 1: the column {doubled} appears more than once; keep one of them")
     _require_known_sigmas(path, heading)
-    present = {kind: names for kind, names in COLUMNS.items() if _present(path, heading, names)}
-    rows: list[Row] = []
+    present = {kind: names for kind, names in _COLUMNS.items() if _present(path, heading, names)}
+    rows: list[_Row] = []
     indices = [heading.index(name) for names in present.values() for name in names]
     texts = table.numbers(path, indices)
     for line, cells in table.cells.items():
@@ -266,7 +266,7 @@ def _table(path: Path) -> tuple[Collection[str], list[Row]]:
 
 def _require_known_sigmas(path: Path, heading: Sequence[str]) -> None:
     """Refuse a misspelt standard deviation: else all points would count alike, without a warning."""
-    known = [name for names in COLUMNS.values() for name in names if "sigma" in name]
+    known = [name for names in _COLUMNS.values() for name in names if "sigma" in name]
     unknown = next((name for name in heading if "sigma" in name.casefold() and name not in known), None)
     if unknown is not None:
         raise RecordError(

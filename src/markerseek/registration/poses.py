@@ -42,7 +42,7 @@ an endoscope upright, and look at what the probe can reach. How likely it is oth
 DEPTHS_M = (10e-3, 90e-3)
 """Least and largest distance of a marker from the axis of the probe."""
 
-LEAST_SIGMA_DEG = 0.3
+_LEAST_SIGMA_DEG = 0.3
 """Least standard deviation of an angle that is predicted."""
 
 BIN_DEG = 1.0
@@ -251,7 +251,7 @@ class Poses:
         sigma_m = math.hypot(float(trus_m[possible].std(axis=0).max()), spot_m)
         place = {"lateral_m": float(np.median(lateral_m)), "radius_m": float(np.median(radius_m)), "sigma_m": sigma_m}
         if self.registration is not None:
-            sigma_deg = max(math.hypot(float(angle_deg.std()), spot_deg), LEAST_SIGMA_DEG)
+            sigma_deg = max(math.hypot(float(angle_deg.std()), spot_deg), _LEAST_SIGMA_DEG)
             mean_deg = float(angle_deg.mean())
             # A prior wholly outside of the range says that the spot cannot be reached, and not where it is.
             near_deg = limits.nearest(mean_deg)

@@ -37,10 +37,10 @@ CAMERA_IMAGES = ("left.jpg", "right.jpg")
 SPOT_IS_SET = "spot-is-set"
 """Name of the file in its folder by which another program says that the spot is set; the session removes it."""
 
-REGISTRATION = "registration.json"
+REGISTRATION_FILE = "registration.json"
 """Name of the file of a registration."""
 
-VERSION = 2
+_VERSION = 2
 """Version of the record; newer ones are refused, and those of version 1 (markerseek 0.4) are read, and converted when
 they are continued."""
 
@@ -104,7 +104,7 @@ class SessionRecord:
         if view.registration is None and before is not None:
             # First, so that a program that is killed here leaves no file of what is withdrawn.
             with _as_write_error(self.folder):
-                (self.folder / REGISTRATION).unlink(missing_ok=True)
+                (self.folder / REGISTRATION_FILE).unlink(missing_ok=True)
         end = self._lines.end
         try:
             with _as_write_error(self.folder):
@@ -122,7 +122,7 @@ class SessionRecord:
 
     def _hand_on(self) -> None:
         """Write the registration that holds for other programs; remove the file if none does."""
-        path = self.folder / REGISTRATION
+        path = self.folder / REGISTRATION_FILE
         known = self.view.registration
         with _as_write_error(self.folder):
             try:
@@ -193,7 +193,7 @@ def _image(path: Path) -> UInt8[np.ndarray, "rows columns"] | None:
 
 def _first_line(begun: Begun) -> bytes:
     """Return line 0 of a record."""
-    return line_of({"session": VERSION, "begun": begun})
+    return line_of({"session": _VERSION, "begun": begun})
 
 
 def _step_line(step: RecordedStep, number: int) -> bytes:
@@ -247,7 +247,7 @@ def session_folder(path: Path) -> Path | None:
 
     The registration in the folder of a session holds no longer than the session says.
     """
-    if path.name == NAME or (path.name == REGISTRATION and (path.parent / NAME).exists()):
+    if path.name == NAME or (path.name == REGISTRATION_FILE and (path.parent / NAME).exists()):
         return path.parent
     return path if path.is_dir() else None
 
@@ -288,10 +288,10 @@ class _NumberedSteps(LineReader):
         if first is None:
             return None
         self._number += 1
-        if first.session > VERSION:
+        if first.session > _VERSION:
             raise RecordError(
                 f"{self.path}: it was written by a newer markerseek: the record has version {first.session}, this "
-                f"one reads up to {VERSION}; install a newer one"
+                f"one reads up to {_VERSION}; install a newer one"
             )
         return _decoded(self.path, first.begun, 0)
 

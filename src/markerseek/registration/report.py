@@ -31,8 +31,8 @@ MIN_PROBABILITY = 1e-3
 """Probability of residuals as large, or larger, below which points do not fit (a chi-squared test); so for the error at
 a spot that checks a registration."""
 
-WRONG = 0.02
-WRONG_M3 = 1e-4
+POINT_WRONG = 0.02
+POINT_WRONG_M3 = 1e-4
 """Probability that a point is wrong before it is compared with others, and the volume in which it then lies anywhere:
 what a probe can reach."""
 
@@ -205,7 +205,7 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
         return f"expected error at the target {1e3 * self.tre_m:.2f} mm, in 95 % below {1e3 * self.tre95_m:.2f} mm"
 
 
-FRAMES = {
+_FRAMES = {
     "davinci": "the left camera of the stereo endoscope: x to the right in the image, y down, z along the view",
     "trus": "the probe at 0 deg: y along its axis of rotation, z out of the array, x completes the right hand",
 }
@@ -254,7 +254,7 @@ def register_pairs(
         registered=reason is None,
         reason=reason,
         davinci_to_trus=found.transform.matrix.tolist() if reason is None else None,
-        frames=FRAMES,
+        frames=_FRAMES,
         fre_m=found.fre_m,
         expected_fre_m=fit.expected_fre_m,
         tre_m=found.tre_m(np.array(target)),
@@ -356,7 +356,7 @@ def _all_right(found: Registration, rests: Mapping[str, Registration]) -> float:
     """Probability that no point is wrong, against one of them being so; 1 without sigmas."""
     if found.log_evidence is None:
         return 1.0
-    prior = math.log(WRONG / (1 - WRONG) / WRONG_M3)
+    prior = math.log(POINT_WRONG / (1 - POINT_WRONG) / POINT_WRONG_M3)
     odds = [rest.log_evidence - found.log_evidence + prior for rest in rests.values() if rest.log_evidence is not None]
     return float(softmax([0.0, *odds])[0])
 

@@ -58,7 +58,7 @@ from markerseek.runs import Run, new_run, plan_on
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
 
-WORTH = 0.1
+_WORTH = 0.1
 """Share of the expected TRE by which another marker must lower it, or the session ends."""
 
 MOST_AT_REST = 6
@@ -353,7 +353,7 @@ class RegistrationSession:
         if used < LEAST_MARKERS:
             return False
         better_m = choice.report.tre_m if place is None or place.tre_m is None else place.tre_m
-        return choice.report.tre_m <= self._plan.goal_m or better_m > (1 - WORTH) * choice.report.tre_m
+        return choice.report.tre_m <= self._plan.goal_m or better_m > (1 - _WORTH) * choice.report.tre_m
 
     def _said(self, choice: Choice, place: Place | None) -> str:
         """The state in a sentence."""

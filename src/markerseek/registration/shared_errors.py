@@ -14,9 +14,9 @@ import numpy as np
 from markerseek.core import Float64, SpotToSource
 from markerseek.geometry import StereoCameras, Triangulated, triangulate
 
-SOUND_SPEED = 0.01
-FACE_RADIUS_M = 0.2e-3
-ANGLE_ZERO_DEG = 0.1
+_SOUND_SPEED = 0.01
+_FACE_RADIUS_M = 0.2e-3
+_ANGLE_ZERO_DEG = 0.1
 FOCAL_LENGTH = 0.005
 BASE_LENGTH = 0.005
 """Standard deviations of the sound speed (relative), of the distance of the array's face from the axis (metres), of the
@@ -25,7 +25,7 @@ angle at which the stage finds its zero again (degrees), of the focal length and
 
 USUAL_FACE_M = 10e-3
 """Distance of the array's face from the axis, in metres, from which depth counts. A marker's position does not say it;
-2 mm more change the effect of 1 % of sound speed by 0.02 mm, a tenth of that of `FACE_RADIUS_M`."""
+2 mm more change the effect of 1 % of sound speed by 0.02 mm, a tenth of that of `_FACE_RADIUS_M`."""
 
 
 class SharedError(NamedTuple):
@@ -45,9 +45,9 @@ _CALIBRATE_CAMERAS = "calibrate the endoscope again, at the focus that is used"
 _CALIBRATE_PROBE = "calibrate the probe again"
 
 TRUS_ERRORS = (
-    SharedError("sound speed", 100 * SOUND_SPEED, "%", "too high", "too low", "measure the sound speed of the tissue"),
-    SharedError("face radius", 1e3 * FACE_RADIUS_M, "mm", "too long", "too short", _CALIBRATE_PROBE),
-    SharedError("zero of the angle", ANGLE_ZERO_DEG, "deg", "too large", "too small", _CALIBRATE_PROBE),
+    SharedError("sound speed", 100 * _SOUND_SPEED, "%", "too high", "too low", "measure the sound speed of the tissue"),
+    SharedError("face radius", 1e3 * _FACE_RADIUS_M, "mm", "too long", "too short", _CALIBRATE_PROBE),
+    SharedError("zero of the angle", _ANGLE_ZERO_DEG, "deg", "too large", "too small", _CALIBRATE_PROBE),
 )
 """The errors of `trus_shared_m`, in its order."""
 
@@ -124,9 +124,9 @@ def trus_shared_m(trus_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray
     x, _, z = trus_m.T
     radius_m = np.maximum(np.hypot(x, z), 1e-9)
     away = np.stack([x / radius_m, np.zeros_like(x), z / radius_m], axis=1)
-    turned_m = math.radians(ANGLE_ZERO_DEG) * np.stack([z, np.zeros_like(x), -x], axis=1)
-    deeper_m = SOUND_SPEED * (radius_m - USUAL_FACE_M)
-    return np.stack([deeper_m[:, None] * away, FACE_RADIUS_M * away, turned_m], axis=2)
+    turned_m = math.radians(_ANGLE_ZERO_DEG) * np.stack([z, np.zeros_like(x), -x], axis=1)
+    deeper_m = _SOUND_SPEED * (radius_m - USUAL_FACE_M)
+    return np.stack([deeper_m[:, None] * away, _FACE_RADIUS_M * away, turned_m], axis=2)
 
 
 def camera_shared_m(

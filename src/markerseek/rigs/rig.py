@@ -174,7 +174,7 @@ Recipe: TypeAlias = SimulatedRecipe | ReplayedRecipe | BenchRecipe
 """Recipe of any kind of rig."""
 
 
-KINDS = ("simulated", "bench")
+_KINDS = ("simulated", "bench")
 """Kinds of rig that a file can describe."""
 
 
@@ -193,8 +193,8 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
         raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
     # Removed here, because it selects the settings that know the other keys.
     kind = table.pop("kind")
-    if kind not in KINDS:
-        raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(KINDS)}")
+    if kind not in _KINDS:
+        raise ConfigError(f"{path}: kind is {kind!r}, it must be one of: {', '.join(_KINDS)}")
     try:
         if kind == "simulated":
             return settings_from(table, SimulatedSettings)

@@ -18,7 +18,7 @@ JOINT = "trus_roll"
 """Name of the joint."""
 
 HOME = "trus_home"
-PROBE = "trus_probe"
+_PROBE = "trus_probe"
 IMAGE = "trus_image"
 """Frames: the probe at 0 degrees, the probe, and the images (x along columns, y along rows, from the first pixel)."""
 
@@ -90,13 +90,13 @@ def turned(*, time_s: float, angle_deg: float) -> Any:
     # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
     half = math.radians(angle_deg) / 2
     quaternion = (0.0, math.sin(half), 0.0, math.cos(half))
-    return _transform(time_s, (HOME, PROBE), quaternion=quaternion, place_m=(0.0, 0.0, 0.0))
+    return _transform(time_s, (HOME, _PROBE), quaternion=quaternion, place_m=(0.0, 0.0, 0.0))
 
 
 def mounted(geometry: ScanGeometry, *, time_s: float, face_radius_m: float) -> Any:
     """Transform of an image in the frame of the probe, as a geometry_msgs/TransformStamped."""
     place_m = (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
-    return _transform(time_s, (PROBE, IMAGE), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
+    return _transform(time_s, (_PROBE, IMAGE), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
 
 
 def registered(davinci_to_trus: RigidTransform | None, *, time_s: float, simulated: bool) -> Any:
@@ -126,7 +126,7 @@ def number(value: float) -> Any:
 
 def channels(samples: Int16[np.ndarray, "channels samples"], *, time_s: float) -> Any:
     """Image message of channel data: a row per channel, 16SC1, ADC counts."""
-    return _image(samples.astype("<i2", copy=False), encoding="16SC1", time_s=time_s, frame=PROBE)
+    return _image(samples.astype("<i2", copy=False), encoding="16SC1", time_s=time_s, frame=_PROBE)
 
 
 def empty() -> Any:

@@ -40,7 +40,7 @@ from markerseek.rigs import Rig
 from markerseek.runs.journalled import committed, limits_of
 from markerseek.scan import RunLimits, Tally, larger_noise, moved_source, run
 
-SHARE = 0.1
+_SHARE = 0.1
 PULSE_SHARE = 0.4
 HAND_SHARE = 0.3
 """Allowed relative change of an intensity: about the drift of a laser's energy; where it was a single pulse, which
@@ -49,7 +49,7 @@ differs by up to 10 % from the mean; where a person turns the probe, who comes t
 BEYOND_DEG = 1.0
 """Farthest that a recorded acquisition may lie outside of the search range, in degrees: a hand drifts by less."""
 
-SIGMAS = 6.0
+_SIGMAS = 6.0
 """Allowed change in addition, in standard deviations of the noise."""
 
 
@@ -220,7 +220,7 @@ def _checked(before: Sample, rig: Rig, *, by_hand: bool, attempts: int) -> Check
             # A retry would saturate again, and fire at the tissue for nothing.
             if attempts < 1 or isinstance(refusal, SaturationError):
                 raise
-    share = HAND_SHARE if by_hand else SHARE if before.sweep is None else PULSE_SHARE
+    share = HAND_SHARE if by_hand else _SHARE if before.sweep is None else PULSE_SHARE
     difference = change_of(before.reading, now.reading, share=share)
     if difference is not None:
         difference = f"measured again at {angle_deg:.3f} deg, {difference}"
@@ -239,9 +239,9 @@ def commanded_deg(sample: Sample) -> float:
     return sample.frame.header.commanded_deg
 
 
-def change_of(before: Reading, now: Reading, *, share: float = SHARE) -> str | None:
+def change_of(before: Reading, now: Reading, *, share: float = _SHARE) -> str | None:
     """Description of the change between two readings at one angle; None if noise can explain it."""
-    allowed = share * max(before.intensity, now.intensity) + SIGMAS * larger_noise(before, now)
+    allowed = share * max(before.intensity, now.intensity) + _SIGMAS * larger_noise(before, now)
     # `not <=` and not `>`, so that NaN counts as a change.
     if not abs(now.intensity - before.intensity) <= allowed:
         return (

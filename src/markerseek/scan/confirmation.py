@@ -9,22 +9,22 @@ from collections.abc import Sequence
 
 from markerseek.core import Arrival, Estimate, Found, Reading, Sample
 
-SHARE = 0.8
+_SHARE = 0.8
 """Least share of the strongest sample's intensity. On simulated materials at 20 to 40 dB it was 0.91 or more after a
 posterior; after other methods it was below this, less the noise, only where the angle was wrong. As a share of the
 peak that a posterior predicts, the alternative, it was 0.73 or more."""
 
-STRONG_SHARE = 0.5
+_STRONG_SHARE = 0.5
 """Least share of the strongest intensity: the confirmation's position is compared with those of samples above it."""
 
-NOISE_SIGMAS = 4.0
+_NOISE_SIGMAS = 4.0
 """Standard deviations of noise by which it may be lower still: the strongest of many samples is partly so by chance."""
 
 MOVED_M = 1.5e-3
 """Most that a source may seem to move along the array or in depth, in metres: three to four resolution cells, as far as
 arrivals of one source lie apart along the array (of 300 simulated markers two were at 1.1 and 1.2 mm)."""
 
-PULSES = 3
+_PULSES = 3
 """Of single pulses the expected intensity is the median of so many, the strongest: each varies by itself, and the
 strongest of many was so by chance."""
 
@@ -46,7 +46,7 @@ def apply_confirmation(estimate: Estimate, confirmation: Sample, samples: Sequen
 def confirmation_failure(found: Found, confirmation: Sample, samples: Sequence[Sample]) -> str | None:
     """Why the acquisition at the angle found does not confirm it, with both numbers; None if it does.
 
-    It must reach `SHARE` of the strongest sample's intensity, less `NOISE_SIGMAS` of the noise, and lie above the
+    It must reach `_SHARE` of the strongest sample's intensity, less `_NOISE_SIGMAS` of the noise, and lie above the
     floor. Its source must lie within `MOVED_M` of that of one of the strong samples: the spot of light is wide, and its
     strongest part changes from sample to sample.
 
@@ -57,18 +57,18 @@ def confirmation_failure(found: Found, confirmation: Sample, samples: Sequence[S
     strongest = max(samples, key=lambda sample: sample.reading.intensity).reading
     now = confirmation.reading
     expected = strongest.intensity
-    pulses = sorted((each.reading.intensity for each in samples if each.sweep is not None), reverse=True)[:PULSES]
+    pulses = sorted((each.reading.intensity for each in samples if each.sweep is not None), reverse=True)[:_PULSES]
     if pulses and pulses[0] == expected:
         expected = pulses[len(pulses) // 2]
     noise = larger_noise(strongest, now)
     floor = 0.0 if found.floor is None or found.floor.level is None else found.floor.level
-    least = max(SHARE * expected - NOISE_SIGMAS * noise, floor)
+    least = max(_SHARE * expected - _NOISE_SIGMAS * noise, floor)
     if not now.intensity >= least:
         return (
             f"the acquisition at the angle found has an intensity of {now.intensity:.4g}, {expected:.4g} was expected "
             f"and {least:.4g} is the least that confirms it; search again, and check laser, receiver and probe"
         )
-    strong = [each.reading for each in samples if each.reading.intensity >= STRONG_SHARE * strongest.intensity]
+    strong = [each.reading for each in samples if each.reading.intensity >= _STRONG_SHARE * strongest.intensity]
     moved = [moved_source(reading, now) for reading in sorted(strong, key=lambda each: -each.intensity)]
     # One strong sample with its source in the same position is enough, and so is one whose position is unknown.
     if None in moved:
@@ -87,7 +87,7 @@ def moved_source(before: Reading, now: Reading) -> str | None:
     if not min(before.intensity, now.intensity) > SEEN_SIGMAS * noise:
         return None
     # A long pulse arrives twice, and either of the two may be the stronger: one of them at the place is enough.
-    if any(_together(before, each) for each in now.arrivals if each.intensity >= STRONG_SHARE * now.intensity):
+    if any(_together(before, each) for each in now.arrivals if each.intensity >= _STRONG_SHARE * now.intensity):
         return None
     for name in ("lateral_m", "depth_m"):
         # A CSV of intensities has no positions: then the intensity alone decides.

@@ -163,7 +163,7 @@ READ_S = 0.05
 LEAST_READ_S = 0.025
 """The same where computer or line were held up: nearer readings do not show whether the stage turns."""
 
-LATE_S = 0.02
+_LATE_S = 0.02
 """Time for an answer from which on it is late: a stage turns by half a degree meanwhile."""
 
 BEGIN_S = 1.0
@@ -343,7 +343,7 @@ class SweepInProgress:
             may_be_lit = self._read()
             last = self._readings[-1]
             # A late reading alone says little of a speed that is still low.
-            if may_be_lit and (could_be_lit or last.answered_s - last.asked_s <= LATE_S):
+            if may_be_lit and (could_be_lit or last.answered_s - last.asked_s <= _LATE_S):
                 return
             if not self._clock.now_s() - began_s < BEGIN_S:
                 raise MoveError(

@@ -25,7 +25,7 @@ from markerseek.search.curve import KNEES, Curve, log_curve, lower_quartile
 LEVEL_OVER_SCATTER = 12.0
 """Lower quartile over the scatter from which noise does not explain it: that of the largest of 2,000 Rayleigh cells."""
 
-WIDTHS_DEG = tuple(np.geomspace(2.0, 70.0, 25).tolist())
+_WIDTHS_DEG = tuple(np.geomspace(2.0, 70.0, 25).tolist())
 """Full widths at half maximum of the curves that are compared, in degrees: also wider than those of the posterior."""
 
 LEAST_LOG = -12.0
@@ -39,11 +39,11 @@ CENTRES = 25
 """Samples, and angles of a marker, at which curves are compared with the samples at most."""
 
 TOP_ERROR = 0.07
-TAIL_ERROR = 0.2
+_TAIL_ERROR = 0.2
 """Relative differences from a curve of the family up to which it explains samples: root mean square at the top, and
 elsewhere."""
 
-DEEP_ERROR = 0.01
+_DEEP_ERROR = 0.01
 """Difference over the highest sample that counts nowhere (`likelihood.DEEP_ERROR`)."""
 
 MOST = 0.85
@@ -144,7 +144,7 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
     shapes = np.array(
         [
             np.exp(np.maximum(log_curve(away_deg, fwhm_deg=fwhm_deg, tail=tail, knee=knee), LEAST_LOG))
-            for (tail, knee, _), fwhm_deg in product(KNEES, WIDTHS_DEG)
+            for (tail, knee, _), fwhm_deg in product(KNEES, _WIDTHS_DEG)
         ]
     )
     # Least squares of the relative differences at the top.
@@ -152,8 +152,8 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
     height = shapes * (ratio.sum(axis=-1) / (ratio**2).sum(axis=-1))[..., None]
     off = np.abs(intensity - height)
     fits_top = np.sqrt(((off[..., top] / intensity[top]) ** 2).mean(axis=-1)) <= TOP_ERROR
-    beyond = off[..., ~top] - TAIL_ERROR * height[..., ~top]
-    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, DEEP_ERROR)
+    beyond = off[..., ~top] - _TAIL_ERROR * height[..., ~top]
+    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, _DEEP_ERROR)
     return bool((fits_top & fits_rest).any())
 
 

@@ -23,10 +23,10 @@ UNKNOWN_RATIO = 10.0
 FLAT_SIGMAS = 4.5
 """A curve that falls by no more than this many σ is flat: that is about the spread of tens of equal samples."""
 
-LATERAL_M = 3e-3
+_LATERAL_M = 3e-3
 """Largest lateral distance between strong samples of one marker; elements are 0.43 mm apart."""
 
-DEPTH_M = 4e-3
+_DEPTH_M = 4e-3
 """Largest distance in depth: off plane the slant range grows by 1.6 mm at 30° (physics notes)."""
 
 REPEATED = 2
@@ -83,7 +83,7 @@ def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str
     # Only strong samples: the position of a weak one is pulled by noise.
     least = max(level, strongest.reading.intensity / 2)
     others = [sample for sample in lit if sample is not strongest and sample.reading.intensity >= least]
-    for name, tolerance_m in (("lateral_m", LATERAL_M), ("depth_m", DEPTH_M)):
+    for name, tolerance_m in (("lateral_m", _LATERAL_M), ("depth_m", _DEPTH_M)):
         here_m = getattr(strongest.reading, name)
         there_m = [place for sample in others if (place := getattr(sample.reading, name)) is not None]
         if here_m is None or not there_m:
@@ -116,7 +116,7 @@ def _same_position(sample: Sample, other: Sample) -> bool:
     there = other.reading
     if here.lateral_m is None or there.lateral_m is None or here.depth_m is None or there.depth_m is None:
         return False
-    return abs(here.lateral_m - there.lateral_m) <= LATERAL_M and abs(here.depth_m - there.depth_m) <= DEPTH_M
+    return abs(here.lateral_m - there.lateral_m) <= _LATERAL_M and abs(here.depth_m - there.depth_m) <= _DEPTH_M
 
 
 def rising_side(lit: Sequence[Sample], *, answer: Found, limits: Interval) -> Literal["low", "high"] | None:

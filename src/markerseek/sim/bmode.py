@@ -31,7 +31,7 @@ from markerseek.core import (
 SLICE_DEG = 0.5
 """Step of the angles at which the field is drawn, in degrees: a quarter of the beam's width."""
 
-REACH_DEG = 8.0
+_REACH_DEG = 8.0
 """Angle off the plane beyond which scatterers are left out, in degrees: there the beam is at −50 dB."""
 
 PULSE_M = 0.12e-3
@@ -67,7 +67,7 @@ class Speckle:
     def field(self, angle_deg: float) -> Complex128[np.ndarray, "rows columns"]:
         """Speckle with the probe at an angle in degrees."""
         numbers = range(
-            math.ceil((angle_deg - REACH_DEG) / SLICE_DEG), math.floor((angle_deg + REACH_DEG) / SLICE_DEG) + 1
+            math.ceil((angle_deg - _REACH_DEG) / SLICE_DEG), math.floor((angle_deg + _REACH_DEG) / SLICE_DEG) + 1
         )
         off_deg = angle_deg - SLICE_DEG * np.array(numbers)
         weights = np.array([elevation_response(self._probe, radius_m, off_deg) for radius_m in self._nodes_m])
@@ -93,7 +93,7 @@ def elevation_response(
     return np.asarray(np.interp(np.abs(off_deg), _TABLE_DEG, _tabulated(probe, radius_m), right=0.0))
 
 
-_TABLE_DEG = np.arange(0, REACH_DEG + 4.05, 0.1)
+_TABLE_DEG = np.arange(0, _REACH_DEG + 4.05, 0.1)
 
 
 @lru_cache(maxsize=256)

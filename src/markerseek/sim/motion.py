@@ -90,7 +90,7 @@ BLURRED_M = 50e-6
 """Way of the tissue during the pulses of one acquisition from which their frame is blurred: below, one moment stands
 for all."""
 
-MOMENTS = 4, 16
+_MOMENTS = 4, 16
 """Least and largest number of moments at which the frame of such an acquisition is computed."""
 
 
@@ -103,6 +103,6 @@ def moments_s(motion: TissueMotion, *, first_s: float, pulses: int, period_s: fl
     way_m = float(np.ptp(motion.way_m(first_s + np.linspace(0.0, lasts_s, 33))))
     if way_m <= BLURRED_M:
         return np.array([first_s + lasts_s / 2])
-    least, most = MOMENTS
+    least, most = _MOMENTS
     count = min(max(least, math.ceil(way_m / BLURRED_M)), most, pulses)
     return np.asarray(first_s + lasts_s * (np.arange(count) + 0.5) / count)

@@ -137,7 +137,7 @@ def uneven_tissue(
 RATE_HZ = 30.0
 """Image pairs a second, on the clock of the rig."""
 
-DARK_PAIRS = 5
+_DARK_PAIRS = 5
 """Most pairs of one call that show the tissue with the laser off."""
 
 _BITS = 4
@@ -291,7 +291,7 @@ class SimulatedEndoscope:
 
     A pair that comes when flashes were fired since the pairs of the last call shows the spot; all others show tissue
     alone. Of the pairs that have come, a call makes the newest: of those with the spot at most as many as the settings
-    have frames, of the others at most `DARK_PAIRS`.
+    have frames, of the others at most `_DARK_PAIRS`.
 
     ``cameras``: the calibration, as the session has it. ``camera_to_trus``: where the left camera stands, the transform
     ``DaVinciToProbeHome``. ``flashes``: number of flashes fired so far: ``lambda: len(world.flashes)``. ``clock``: that
@@ -413,7 +413,7 @@ class SimulatedEndoscope:
     def newest(self) -> list[StereoPair]:
         """Pairs that came since the last call, the oldest first; see the class for how many."""
         moments = self._come()
-        limits = {True: min(self._settings.frames, MAX_PAIRS), False: DARK_PAIRS}
+        limits = {True: min(self._settings.frames, MAX_PAIRS), False: _DARK_PAIRS}
         wanted = []
         for moment in reversed(moments):
             if limits[moment.lit] > 0:

@@ -36,7 +36,7 @@ ROWS = "rows.csv"
 SUMMARY = "summary.json"
 """Names in a study's folder."""
 
-COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
+_COLUMNS = tuple(name for name in Row.__struct_fields__ if name != "settings")
 """Columns of every table; the varied settings of the study follow, by their keys."""
 
 _MAX_TABLE_BYTES = 1 << 40
@@ -180,7 +180,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 def columns(study: Study) -> tuple[str, ...]:
     """Names of the columns of a study's table."""
-    return COLUMNS + tuple(axis.key for axis in study.vary)
+    return _COLUMNS + tuple(axis.key for axis in study.vary)
 
 
 def as_csv(lines: Iterable[Sequence[object]]) -> bytes:
@@ -193,7 +193,7 @@ def as_csv(lines: Iterable[Sequence[object]]) -> bytes:
 
 def values_of(row: Row) -> tuple[object, ...]:
     """Values of a row in the order of `columns`."""
-    return tuple(getattr(row, name) for name in COLUMNS) + tuple(value for _, value in row.settings)
+    return tuple(getattr(row, name) for name in _COLUMNS) + tuple(value for _, value in row.settings)
 
 
 def chunks(study: Study, *, first: int = 0) -> Iterator[range]:
@@ -244,7 +244,7 @@ def _field(value: object) -> object:
 
 
 def _row(line: list[str], by_cell: list[tuple[tuple[str, Value], ...]]) -> Row:
-    named = dict(zip(COLUMNS, line[: len(COLUMNS)], strict=True))
+    named = dict(zip(_COLUMNS, line[: len(_COLUMNS)], strict=True))
     values = {name: text or None for name, text in named.items()}
     marks_deg = [float(part) for part in named["marks_deg"].split()]
     # The settings of the cell are taken from the study: read as text, a value would lose its type.

@@ -31,12 +31,12 @@ from markerseek.sim import PowerCurve, SimulatedSettings, hashable_values
 from markerseek.studies.policies import StudyPolicy, study_policy
 from markerseek.studies.unknowns import SceneSettings
 
-VERSION = 1
+_VERSION = 1
 """Version of the form of a study."""
 
 MAX_POLICIES = 1000
-MAX_CELLS = 10_000
-MAX_ROWS = 10**9
+_MAX_CELLS = 10_000
+_MAX_ROWS = 10**9
 """Most policies, combinations of varied settings, and rows of the table, of one study."""
 
 
@@ -112,12 +112,12 @@ class Study(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     scene: SceneSettings = SceneSettings()
     """What is beside the marker; it needs frames with everything drawn, but a closed form can have a second source."""
     vary: tuple[Axis, ...] = ()
-    version: int = VERSION
+    version: int = _VERSION
     """Version of the form of a study."""
 
     def __post_init__(self) -> None:
-        if self.version != VERSION:
-            raise ConfigError(f"study: version is {self.version}, this package reads version {VERSION}")
+        if self.version != _VERSION:
+            raise ConfigError(f"study: version is {self.version}, this package reads version {_VERSION}")
         if not self.policies:
             raise ConfigError("study: there are no policies; name at least one method")
         _require_size(self)
@@ -241,18 +241,18 @@ def _require_size(study: Study) -> None:
     """Refuse a study that could never be finished, before its cells are made."""
     if len(study.policies) > MAX_POLICIES:
         raise ConfigError(f"study: there are {len(study.policies)} policies, at most {MAX_POLICIES} are compared")
-    if not 1 <= study.trials <= MAX_ROWS:
-        raise ConfigError(f"study: trials is {study.trials}, it must lie between 1 and {MAX_ROWS:,}")
+    if not 1 <= study.trials <= _MAX_ROWS:
+        raise ConfigError(f"study: trials is {study.trials}, it must lie between 1 and {_MAX_ROWS:,}")
     # Counted, not made: a billion combinations would fill the memory first.
     combinations = math.prod(len(axis.values) for axis in study.vary)
-    if combinations > MAX_CELLS:
+    if combinations > _MAX_CELLS:
         raise ConfigError(
-            f"vary: the values make {combinations} combinations, at most {MAX_CELLS} are computed; vary fewer "
+            f"vary: the values make {combinations} combinations, at most {_MAX_CELLS} are computed; vary fewer "
             "settings, or split the study"
         )
     rows = combinations * study.trials * len(study.policies)
-    if rows > MAX_ROWS:
-        raise ConfigError(f"study: its table has {rows:,} rows, at most {MAX_ROWS:,} are computed; take fewer trials")
+    if rows > _MAX_ROWS:
+        raise ConfigError(f"study: its table has {rows:,} rows, at most {_MAX_ROWS:,} are computed; take fewer trials")
 
 
 def _require_default(rig: SimulatedSettings) -> None:

@@ -44,7 +44,7 @@ FOCUS_M = (20e-3, 40e-3)
 NO_LENS = 0.2
 """Share of probes without a lens."""
 
-FACE_RADIUS_M = (8e-3, 12e-3)
+FACE_RADII_M = (8e-3, 12e-3)
 """Distance of the face from the axis in metres."""
 
 MARKER_RADIUS_M = (35e-3, 70e-3)
@@ -59,7 +59,7 @@ PULSE_S = (5e-9, 600e-9)
 TRIGGER_OFFSET_S = (-1e-6, 1e-6)
 """Trigger offset in seconds."""
 
-SOUND_SPEED_M_S = (1450.0, 1600.0)
+SOUND_SPEEDS_M_S = (1450.0, 1600.0)
 """Speed of sound in m/s."""
 
 CENTRE_HZ = (4e6, 7e6)
@@ -83,7 +83,7 @@ WITHOUT_LIGHT = 0.01
 DRIFT_PER_MIN = (-0.08, 0.08)
 """Change of ln energy in a minute."""
 
-PULSES = (1, 128)
+_PULSES = (1, 128)
 """Pulses averaged, evenly spread in their logarithm."""
 
 
@@ -108,13 +108,13 @@ def draw_unknowns(
     probe = Probe(
         element_height_m=float(rng.uniform(*ELEMENT_HEIGHT_M)),
         elevation_focus_m=focus_m,
-        face_radius_m=float(rng.uniform(*FACE_RADIUS_M)),
+        face_radius_m=float(rng.uniform(*FACE_RADII_M)),
     )
     pulse_s = float(rng.uniform(*PULSE_S))
     laser: LaserPulse = RectanglePulse(duration_s=pulse_s) if rng.random() < 0.5 else GaussianPulse(fwhm_s=pulse_s)
     centre_hz = float(rng.uniform(*CENTRE_HZ))
     medium = Medium(
-        sound_speed_m_s=float(rng.uniform(*SOUND_SPEED_M_S)),
+        sound_speed_m_s=float(rng.uniform(*SOUND_SPEEDS_M_S)),
         attenuation_db_cm_mhz=float(rng.uniform(*ATTENUATION_DB_CM_MHZ)),
     )
     model = AcousticModel(
@@ -132,7 +132,7 @@ def draw_unknowns(
         lateral_m=lateral_m,
         source=GaussianAbsorber(radius_m=log_uniform(rng, *SOURCE_RADIUS_M)),
     )
-    return Unknowns(model=model, marker=marker, pulses=round(log_uniform(rng, *PULSES)))
+    return Unknowns(model=model, marker=marker, pulses=round(log_uniform(rng, *_PULSES)))
 
 
 def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> SimulatedSettings:

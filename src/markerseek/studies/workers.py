@@ -23,7 +23,7 @@ _AHEAD = 8
 """Jobs under way for each worker: the next jobs go on while a long job is waited for."""
 
 Job = TypeVar("Job")
-Done = TypeVar("Done")
+DoneT = TypeVar("DoneT")
 
 
 def default_workers() -> int:
@@ -32,7 +32,7 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def in_order(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: int | None = None) -> Generator[Done]:
+def in_order(function: Callable[[Job], DoneT], jobs: Iterable[Job], *, workers: int | None = None) -> Generator[DoneT]:
     """Result of each job, in their order; closing the iterator ends the processes.
 
     ``function``: a function of a module, or `functools.partial` of one, which other processes can import.
@@ -45,7 +45,7 @@ def in_order(function: Callable[[Job], Done], jobs: Iterable[Job], *, workers: i
         yield from map(function, jobs)
         return
     with _processes(count) as pool:
-        under_way: deque[Future[Done]] = deque()
+        under_way: deque[Future[DoneT]] = deque()
         for job in jobs:
             under_way.append(_submit(pool, function, job))
             if len(under_way) >= _AHEAD * count:
@@ -85,7 +85,7 @@ def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
             os.environ["PYTHONSAFEPATH"] = before
 
 
-def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], Done], job: Job) -> Future[Done]:
+def _submit(pool: ProcessPoolExecutor, function: Callable[[Job], DoneT], job: Job) -> Future[DoneT]:
     """Submit a job, which may start a process; Ctrl-C takes effect afterwards.
 
     A Ctrl-C goes to all processes of a terminal. A worker that does not block it prints a traceback while it imports,

@@ -2,7 +2,7 @@
 
 GrabCut (C. Rother et al., ACM Trans. Graph. 23, 309 (2004)) separates an object in a rectangle from what is around it.
 It answers in every image, also if there is no tip, so that two tests follow: the region has at least `MIN_PX` pixels,
-and its centroid is brighter than tissue at the same depth beside the rectangle, by `SIGMAS` of its deviations.
+and its centroid is brighter than tissue at the same depth beside the rectangle, by `_SIGMAS` of its deviations.
 
 From the reference, where the tip is brightest, the probe is turned in even steps until the tip has disappeared; what
 lies between the two is half of the range.
@@ -31,7 +31,7 @@ from markerseek.vision.sensitive_range import (
 MIN_PX = 20
 """Fewest pixels of a tip."""
 
-SIGMAS = 3.0
+_SIGMAS = 3.0
 """Standard deviations of the tissue's grey values by which the tip's centroid exceeds their mean."""
 
 GROWN_M = 3e-3
@@ -181,7 +181,7 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
             visible=False,
             reason="nothing in the rectangle stands out",
             intensity=0.0,
-            level=float(image[around.slices].mean() + SIGMAS * image[around.slices].std()),
+            level=float(image[around.slices].mean() + _SIGMAS * image[around.slices].std()),
             row=rectangle.row + (rectangle.rows - 1) / 2,
             column=rectangle.column + (rectangle.columns - 1) / 2,
             area_px=0,
@@ -199,7 +199,7 @@ def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, 
     area = int(boxes[best][cv2.CC_STAT_AREA])
     mean, deviation = _tissue(image, rectangle, around, upper, height)
     intensity = float(image[round(row), round(column)])
-    level = mean + SIGMAS * deviation
+    level = mean + _SIGMAS * deviation
     small = area < MIN_PX
     dark = not intensity > level
     reason = (

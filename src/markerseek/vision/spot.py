@@ -19,13 +19,13 @@ MAX_SIZE_PX = 61
 MIN_COUNTS = 12.0
 """Least height of a spot over its surroundings, in counts of 255."""
 
-NOISE_SIGMAS = 8.0
+_NOISE_SIGMAS = 8.0
 """Least height over the scatter of the image, in standard deviations; highlights on wet tissue have long tails."""
 
 SECOND_SHARE = 0.5
 """Height of another bright place over that of the brightest, from which the two cannot be distinguished."""
 
-MIN_SHARE = 0.6
+_MIN_SHARE = 0.6
 """Least share of the frames that must show the spot."""
 
 MAX_MOTION_PX = 2.0
@@ -113,7 +113,7 @@ def find_spot(
     middle = float(np.median(height))
     # The median deviation of Gaussian noise is 0.6745 of its standard deviation.
     scatter = float(np.median(np.abs(height - middle))) / 0.6745
-    level = max(middle + NOISE_SIGMAS * scatter, MIN_COUNTS)
+    level = max(middle + _NOISE_SIGMAS * scatter, MIN_COUNTS)
     row, column = np.unravel_index(int(np.argmax(height)), height.shape)
     peak = float(height[row, column])
     if not peak > level:
@@ -225,11 +225,11 @@ def _judged(spot: _Fit, frames: list[Float32[np.ndarray, " pixels"]]) -> SpotAns
     seen = np.stack(frames).astype(np.float64)
     change = (seen - seen.mean(axis=0)) @ spot.gain.T
     heights = spot.height + change[:, 0]
-    shown = heights >= MIN_SHARE * spot.height
+    shown = heights >= _MIN_SHARE * spot.height
     count = int(shown.sum())
-    if count < MIN_SHARE * len(frames):
+    if count < _MIN_SHARE * len(frames):
         return NoSpot(
-            reason=f"the spot is seen in {count} of {len(frames)} frames, {MIN_SHARE:.0%} are needed; keep the "
+            reason=f"the spot is seen in {count} of {len(frames)} frames, {_MIN_SHARE:.0%} are needed; keep the "
             "laser on while the camera records"
         )
     if count < 3:

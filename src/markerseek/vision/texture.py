@@ -112,8 +112,8 @@ DARK_COUNTS = 14.0
 MAX_SIGMA_PX = 0.12
 """Largest error of a patch by the noise of the image."""
 
-NEAREST_M = 0.025
-FARTHEST_M = 0.5
+_NEAREST_M = 0.025
+_FARTHEST_M = 0.5
 """Depths that are looked for."""
 
 MAX_MISS_PX = 1.2
@@ -291,8 +291,8 @@ def _along_the_line(
     directions = np.concatenate([cameras.left.undistort(places), np.ones((len(places), 1))], axis=1)
     turned = directions @ cameras.left_to_right.rotation.T
     base_m = cameras.left_to_right.translation_m
-    span_px = float(np.hypot(*(np.array(cameras.right.focal_px) * base_m[:2])) * (1 / NEAREST_M - 1 / FARTHEST_M))
-    nearness = np.linspace(1 / FARTHEST_M, 1 / NEAREST_M, max(8, int(span_px / SCALE)))
+    span_px = float(np.hypot(*(np.array(cameras.right.focal_px) * base_m[:2])) * (1 / _NEAREST_M - 1 / _FARTHEST_M))
+    nearness = np.linspace(1 / _FARTHEST_M, 1 / _NEAREST_M, max(8, int(span_px / SCALE)))
     scaled = turned[:, None, :] + nearness[None, :, None] * base_m
     pixels = cameras.right.seen(scaled.reshape(-1, 3))[0]
     return np.asarray(pixels.reshape(len(places), len(nearness), 2))
@@ -303,7 +303,7 @@ def _coarse(levels: Levels, places: Float64[np.ndarray, "patches 2"]) -> Patches
 
 
 def _between(nearness_per_m: Float64[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
-    return np.asarray((nearness_per_m > 1 / FARTHEST_M) & (nearness_per_m < 1 / NEAREST_M))
+    return np.asarray((nearness_per_m > 1 / _FARTHEST_M) & (nearness_per_m < 1 / _NEAREST_M))
 
 
 def _parts(

@@ -264,7 +264,7 @@ class TriggerPorts:
     polarities: tuple[int, int] = (_ACTIVE_HIGH, _ACTIVE_HIGH)
 
 
-Answer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts
+ControllerAnswer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts
 
 
 def counts_of(angle_deg: float) -> int:
@@ -353,7 +353,7 @@ def stop(*, profiled: bool = False) -> bytes:
     return _short(0x0465, CHANNEL, 2 if profiled else 1)
 
 
-def decode(message: AptMessage) -> Answer | None:
+def decode(message: AptMessage) -> ControllerAnswer | None:
     """Content of an answer; None if no request of this module asks for it.
 
     Raises `DeviceError` if it is of another channel, or no controller can have sent it.
@@ -404,7 +404,7 @@ def _status(position: int, bits: int) -> Status:
     )
 
 
-_CONTENTS: dict[int, Callable[[list[int]], Answer]] = {
+_CONTENTS: dict[int, Callable[[list[int]], ControllerAnswer]] = {
     VELOCITY: lambda words: Velocity(acceleration=words[1], speed=words[2]),
     BACKLASH: lambda words: Counts(counts=words[0]),
     LIMITS: lambda words: _limits(*words),

@@ -16,7 +16,7 @@ import numpy as np
 
 from markerseek.core import Int16, RecordError
 
-CHANNELS = 128
+CHANNEL_COUNT = 128
 """Channels, and files, of one acquisition."""
 
 MAX_SAMPLES = 1 << 16
@@ -55,7 +55,7 @@ class DaqHeader:
 def file_number(name: str) -> int | None:
     """Number k of the channel file of that name, 0 to 127; None if it is no channel file."""
     match = _NAME.fullmatch(name)
-    if match is None or int(match[1]) >= CHANNELS:
+    if match is None or int(match[1]) >= CHANNEL_COUNT:
         return None
     return int(match[1])
 
@@ -81,7 +81,7 @@ def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
         raise RecordError(f"{name}: {size} bytes, too short for a header of {HEADER_BYTES} bytes; acquire it again")
     first, second, third = struct.unpack("<3i", head[:HEADER_BYTES])
     layouts = [(DaqHeader(length=8, frames=first, samples=second), "an earlier SDK")]
-    if 0 <= first < CHANNELS:
+    if 0 <= first < CHANNEL_COUNT:
         layouts.insert(0, (DaqHeader(length=12, frames=second, samples=third, channel=first), "SDK 6 and later"))
     possible = [(header, sdk) for header, sdk in layouts if header.frames > 0 and header.samples > 0]
     fitting = [header for header, _ in possible if header.file_bytes == size]
@@ -157,12 +157,12 @@ def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "cha
 
     ``files``: name and bytes of each channel file. Raises `RecordError` if they are not all of one acquisition.
     """
-    samples = np.empty((CHANNELS, 0), np.int16)
+    samples = np.empty((CHANNEL_COUNT, 0), np.int16)
     found = 0
     for element, pulses in _channels(files):
         if not found:
             found = len(pulses)
-            samples = np.empty((CHANNELS, pulses.shape[1]), np.int16)
+            samples = np.empty((CHANNEL_COUNT, pulses.shape[1]), np.int16)
         samples[element] = mean_of(pulses)
     return samples, found
 
@@ -179,7 +179,7 @@ def singles(files: Iterable[tuple[str, bytes]], *, pulses: int) -> Int16[np.ndar
     ``files``: as of `averaged`. ``pulses``: how many they must hold. Raises `RecordError` as `averaged`, and if they
     hold another number, or more than `MAX_BURST_BYTES`.
     """
-    samples = np.empty((0, CHANNELS, 0), np.int16)
+    samples = np.empty((0, CHANNEL_COUNT, 0), np.int16)
     for element, each in _channels(files):
         if len(each) != pulses:
             raise RecordError(
@@ -187,12 +187,12 @@ def singles(files: Iterable[tuple[str, bytes]], *, pulses: int) -> Int16[np.ndar
                 "answer another one; check the trigger's cable"
             )
         if not samples.size:
-            if not CHANNELS * each.nbytes <= MAX_BURST_BYTES:
+            if not CHANNEL_COUNT * each.nbytes <= MAX_BURST_BYTES:
                 raise RecordError(
                     f"the files hold {pulses} pulses of {each.shape[1]} samples, at most {MAX_BURST_BYTES >> 30} GiB "
                     "are read; record a shorter time, or raise receiver.sweep_period_s"
                 )
-            samples = np.empty((pulses, CHANNELS, each.shape[1]), np.int16)
+            samples = np.empty((pulses, CHANNEL_COUNT, each.shape[1]), np.int16)
         samples[:, element] = each
     return samples
 

@@ -191,12 +191,12 @@ def test_two_layouts_in_one_folder_are_not_mixed(bench: Bench) -> None:
     allowed = permit("a", pulses=2)
     bench.take()
     bench.receiver.arm(allowed)
-    for number in range(wire.CHANNELS):
+    for number in range(wire.CHANNEL_COUNT):
         pulses = np.array([[number, 3], [number + 2, -1]], np.int16)
         (bench.folder / f"CH{number:03d}-0000.daq").write_bytes(wire.encode_file(pulses, number=None))
     samples = bench.receiver.acquire(allowed).samples
-    assert samples[[wire.element_of_file(number) for number in range(wire.CHANNELS)]].tolist() == [
-        [number + 1, 1] for number in range(wire.CHANNELS)
+    assert samples[[wire.element_of_file(number) for number in range(wire.CHANNEL_COUNT)]].tolist() == [
+        [number + 1, 1] for number in range(wire.CHANNEL_COUNT)
     ]
 
 

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from markerseek.core import MarkerCandidate, MarkerPosition, RecordError
 from markerseek.records.journal import is_journal, line_of, read_journal
 from markerseek.registration import (
-    REGISTRATION,
+    REGISTRATION_FILE,
     RecordedStep,
     Registered,
     SessionRecord,
@@ -47,7 +47,7 @@ def written(folder: Path) -> Path:
 
 def test_the_registration_is_a_file_as_long_as_it_holds(tmp_path: Path) -> None:
     record = begin(tmp_path / "s", markers=2)
-    path = tmp_path / "s" / REGISTRATION
+    path = tmp_path / "s" / REGISTRATION_FILE
     assert not path.exists()
     for markers in (3, 4):
         record.add(registered(markers))
@@ -243,7 +243,7 @@ def test_a_full_disk_leaves_no_file_of_a_registration_that_holds_no_longer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     record = begin(tmp_path / "s", markers=3)
-    path = tmp_path / "s" / REGISTRATION
+    path = tmp_path / "s" / REGISTRATION_FILE
 
     def full(_path: Path, _data: bytes) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -272,9 +272,9 @@ def test_a_registration_that_could_not_be_withdrawn_for_want_of_room_still_has_i
             record.add(MOVED)
     # The record does not say that it has moved.
     assert record.view.registration is not None
-    assert read_registration(tmp_path / "s" / REGISTRATION).davinci_to_trus.matrix == pytest.approx(matrix_m(3))
+    assert read_registration(tmp_path / "s" / REGISTRATION_FILE).davinci_to_trus.matrix == pytest.approx(matrix_m(3))
     record.add(MOVED)
-    assert not (tmp_path / "s" / REGISTRATION).exists()
+    assert not (tmp_path / "s" / REGISTRATION_FILE).exists()
     record.close()
 
 

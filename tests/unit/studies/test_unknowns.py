@@ -135,8 +135,8 @@ def test_everything_is_drawn_over_the_ranges_of_the_table() -> None:
     even = {
         unknowns.ELEMENT_HEIGHT_M: [probe.element_height_m for probe in probes],
         unknowns.FOCUS_M: [f for probe in probes if (f := probe.elevation_focus_m) is not None],
-        unknowns.FACE_RADIUS_M: [probe.face_radius_m for probe in probes],
-        unknowns.SOUND_SPEED_M_S: [medium.sound_speed_m_s for medium in media],
+        unknowns.FACE_RADII_M: [probe.face_radius_m for probe in probes],
+        unknowns.SOUND_SPEEDS_M_S: [medium.sound_speed_m_s for medium in media],
         unknowns.ATTENUATION_DB_CM_MHZ: [medium.attenuation_db_cm_mhz for medium in media],
         unknowns.TRIGGER_OFFSET_S: [rig.model.trigger_offset_s for rig in rigs],  # type: ignore[union-attr]
         unknowns.CENTRE_HZ: [rig.model.band.centre_hz for rig in rigs],  # type: ignore[union-attr]

@@ -34,7 +34,7 @@ def plain_address(text: str) -> IPAddress:
     return LOOPBACK if address.is_loopback else address
 
 
-Key = tuple[str, str, int]
+_Key = tuple[str, str, int]
 """Type and device of a stream, and 0; the answers to commands are counted, so that none replaces another."""
 
 
@@ -55,7 +55,7 @@ class Peer(asyncio.Protocol):
         self._on_open = on_open
         self._on_message = on_message
         self._on_close = on_close
-        self._waiting: dict[Key, bytes] = {}
+        self._waiting: dict[_Key, bytes] = {}
         self._framer = igtl.Framer(most_bytes=MAX_BODY_BYTES)
         self._full = False
         self._sending: asyncio.TimerHandle | None = None
@@ -82,7 +82,7 @@ class Peer(asyncio.Protocol):
         self._open = True
         self._on_open(self)
 
-    def put(self, key: Key, data: bytes) -> None:
+    def put(self, key: _Key, data: bytes) -> None:
         """Send a message, or let it wait in the place of an earlier one of its stream."""
         if not self._open:
             return

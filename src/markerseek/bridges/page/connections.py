@@ -30,7 +30,7 @@ newcomer is served before it is the oldest."""
 _FULL = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 """Errors of a process or a system that has no room for another connection."""
 
-Peer: TypeAlias = tuple[str, int]
+_Peer: TypeAlias = tuple[str, int]
 """Address and port of the other end."""
 
 
@@ -42,9 +42,9 @@ class Listener(socket.socket):
 
     def __init__(self, listening: socket.socket) -> None:
         super().__init__(fileno=listening.detach())
-        self._strangers: dict[Peer, tuple[socket.socket, float]] = {}
+        self._strangers: dict[_Peer, tuple[socket.socket, float]] = {}
         """Connections and when they came, the oldest first."""
-        self._known: dict[Peer, socket.socket] = {}
+        self._known: dict[_Peer, socket.socket] = {}
         self._accepted = 0
         # Given up for a moment to refuse a connection where no file can be opened: it would come back at once.
         self._spare = os.open(os.devnull, os.O_RDONLY)
@@ -71,7 +71,7 @@ class Listener(socket.socket):
         self._strangers[peer] = (connection, time.monotonic())
         return connection, address
 
-    def admit(self, peer: Peer) -> bool:
+    def admit(self, peer: _Peer) -> bool:
         """Note that a connection has shown the token; returns whether there is room for it."""
         if peer in self._known:
             return True
@@ -103,7 +103,7 @@ class Listener(socket.socket):
         self._strangers = {peer: each for peer, each in self._strangers.items() if each[0].fileno() >= 0}
         self._known = {peer: each for peer, each in self._known.items() if each.fileno() >= 0}
 
-    def _drop(self, peer: Peer) -> None:
+    def _drop(self, peer: _Peer) -> None:
         """End the connection of a stranger: whoever serves it reads its end, and closes it."""
         connection, _ = self._strangers.pop(peer)
         with suppress(OSError):

@@ -44,18 +44,18 @@ class Fan(Drawn, component="static/fan.js"):
     """The probe from its end, with the probability of the marker over the angle."""
 
 
-class Image(Drawn, component="static/image.js"):
+class ImageView(Drawn, component="static/image.js"):
     """The photoacoustic image."""
 
 
-class Heartbeat(Drawn, component="static/beat.js"):
+class Beat(Drawn, component="static/beat.js"):
     """Reports to the browser that the program lives; if no beat comes for a second, the browser says so."""
 
 
 TICK_S = 0.1
 """Time between two updates of one viewer, in seconds."""
 
-BEAT_S = 0.4
+_BEAT_S = 0.4
 """Time between two beats, in seconds."""
 
 STALE_S = 2.0
@@ -87,7 +87,7 @@ class PageShell:
         ui.page_title(f"markerseek: {PAGES[path]}")
         ui.add_css(_STYLE)
         self._dark = ui.dark_mode(value=None)
-        self._beat = Heartbeat()
+        self._beat = Beat()
         self._beat.show(beat=0)
         with ui.element("header").classes("ms-head"):
             Heading("markerseek", level=1).classes("ms-name")
@@ -113,7 +113,7 @@ class PageShell:
         """Call a function again and again; it must send only what has changed."""
 
         def tick() -> None:
-            if time.monotonic() - self._beat_s >= BEAT_S:
+            if time.monotonic() - self._beat_s >= _BEAT_S:
                 # The browser sends it back with each command.
                 self._beat_s = time.monotonic()
                 self._beat.show(beat=self._beat_s)

@@ -9,7 +9,7 @@ from html import escape
 
 from nicegui import ui
 
-from markerseek.bridges.page.page_shell import Fan, Heading, Image, Slider
+from markerseek.bridges.page.page_shell import Fan, Heading, ImageView, Slider
 from markerseek.bridges.page.run_history import Picture, RunHistory, fan_model, image_model, image_texts, is_image_of
 from markerseek.core import Interval, RigFacts, SearchPlan
 from markerseek.records.journal import RunView
@@ -131,7 +131,7 @@ class SearchPanels:
         with ui.element("div").classes("ms-panels") as self._grid:
             self._charts = RunCharts(search)
             with panel("photoacoustic image", "image") as self._image_title:
-                self._image = Image().classes("ms-image")
+                self._image = ImageView().classes("ms-image")
                 self._image_note = ui.label("").classes("ms-note")
             with panel("what is known", "numbers"):
                 self._numbers = ui.html(tag="dl", sanitize=False).classes("ms-rows").props("tabindex=0")

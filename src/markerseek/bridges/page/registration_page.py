@@ -12,15 +12,15 @@ from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import RunCharts, VerdictPanel, add_legend, panel, show_hints
 from markerseek.bridges.page.session_display import Side, session_chart, session_marks, session_table
 from markerseek.core import Interval
-from markerseek.registration import REGISTRATION, SessionView
+from markerseek.registration import REGISTRATION_FILE, SessionView
 from markerseek.show import Verdict
 
-SIDES: tuple[Side, Side] = ("left", "right")
+_SIDES: tuple[Side, Side] = ("left", "right")
 
 MARKS = (("spot", "spot"), ("place", "next spot"), ("target", "target, 95 %"), ("marker", "markers"))
 """What is drawn over the images: its key, and its meaning."""
 
-FIRST = Verdict(next_step="press Start: light spots where the page says, until the error is small enough")
+_FIRST = Verdict(next_step="press Start: light spots where the page says, until the error is small enough")
 
 
 class RegistrationPanels:
@@ -31,7 +31,7 @@ class RegistrationPanels:
         self._images: dict[Side, ui.html] = {}
         self._marks: dict[Side, ui.html] = {}
         with ui.element("div").classes("ms-registration") as self._grid:
-            for side in SIDES:
+            for side in _SIDES:
                 with panel(f"{side} camera", side):
                     with ui.element("div").classes("ms-camera"):
                         self._images[side] = ui.html(sanitize=False)
@@ -53,7 +53,7 @@ class RegistrationPanels:
             return
         self._shown = (view, images_ns)
         show_hints(self._grid, are_shown=view.begun is None)
-        for side in SIDES:
+        for side in _SIDES:
             image = f'<img src="{self._prefix}/camera/{side}.jpg?{images_ns}" alt="newest image of the {side} camera">'
             self._images[side].set_content(image if images_ns else "")
             self._marks[side].set_content(session_marks(view, side))
@@ -77,7 +77,7 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
     def update() -> None:
         live = searches.registration
         controls.update(live)
-        verdict.show(FIRST if live is None else live.said)
+        verdict.show(_FIRST if live is None else live.said)
         panels.show(live)
         spot_is_set.set_visibility(live is not None and live.asks_whether_set)
         save.set_visibility(live is not None and live.view.registration is not None)
@@ -94,6 +94,6 @@ def _say_set(live: ChildRegistration | None) -> None:
 
 def _download(live: ChildRegistration | None) -> None:
     """Give the registration as `markerseek igtl` and `ros2` read it."""
-    path = None if live is None else live.journal / REGISTRATION
+    path = None if live is None else live.journal / REGISTRATION_FILE
     if path is not None and path.exists():
-        ui.download.content(path.read_bytes(), REGISTRATION)
+        ui.download.content(path.read_bytes(), REGISTRATION_FILE)

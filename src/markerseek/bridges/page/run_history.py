@@ -90,7 +90,7 @@ def warm_up() -> None:
 BRIGHT_SIGMAS = 100.0
 """Brightest level over σ where the frame has nothing stronger: noise alone must look like noise."""
 
-MAX_ROWS = 200
+_MAX_ROWS = 200
 """Rows of a photoacoustic image that is sent: a screen shows no more."""
 
 
@@ -150,7 +150,7 @@ def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "row
 
 def _rows_together(image: PaImage) -> int:
     """How many rows of an image become one."""
-    return int(-(-image.envelope.shape[0] // MAX_ROWS))
+    return int(-(-image.envelope.shape[0] // _MAX_ROWS))
 
 
 def fan_model(view: RunView, curve: DrawnCurve) -> dict[str, Any]:

@@ -21,10 +21,10 @@ from markerseek.bridges.page.connections import Listener
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.core import ConfigError, needs_package
 
-LOOPBACK = "127.0.0.1"
+_LOOPBACK = "127.0.0.1"
 """Address that only programs on this computer reach."""
 
-_LOOPBACK_NAMES = frozenset({LOOPBACK, "::1", "localhost"})
+_LOOPBACK_NAMES = frozenset({_LOOPBACK, "::1", "localhost"})
 
 _FOREIGN = "name an address of this computer as --host"
 
@@ -44,7 +44,7 @@ _PATH = re.compile(r"(/[\w.~@+:-]+)*/?", re.ASCII)
 class Address:
     """Where the page is served."""
 
-    host: str = LOOPBACK
+    host: str = _LOOPBACK
     """Address or name of this computer."""
     port: int = USUAL_PORT
     """Port; 0 takes any that is free."""
@@ -73,7 +73,7 @@ class Address:
         if not ip.is_loopback and self.certificate is None:
             raise ConfigError(
                 f"host is {self.host}: other computers reach it, which needs TLS; name --tls-certificate "
-                f"and --tls-key, or leave the host out for {LOOPBACK}"
+                f"and --tls-key, or leave the host out for {_LOOPBACK}"
             )
         # Checked now, not once the page is served.
         _ = self._public_parts

@@ -289,10 +289,10 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
         )
 
 
-Clock: TypeAlias = Literal["unix", "rig", "none"]
+TimeSource: TypeAlias = Literal["unix", "rig", "none"]
 """What times were read from."""
 
-TIMES: dict[Clock, str] = {
+TIMES: dict[TimeSource, str] = {
     "unix": "seconds since 1970-01-01 00:00 UTC",
     "rig": "seconds on the clock of the rig",
     "none": "not known: the acquisitions are numbered in the order of their angles, one to a second",
@@ -308,7 +308,7 @@ class Series:
     """Angle of the probe at each."""
     times_s: tuple[float, ...]
     """When each began, rising."""
-    clock: Clock
+    clock: TimeSource
     """What the times were read from; ``none``: 0, 1, 2 and so on."""
     order: tuple[int, ...]
     """Number of each in the bank, counted from 0."""
@@ -342,7 +342,7 @@ def series_of(bank: IntensityBank | FrameBank, *, facts: BankFacts | None = None
     )
 
 
-def _times(bank: IntensityBank | FrameBank) -> tuple[tuple[float, ...], Clock]:
+def _times(bank: IntensityBank | FrameBank) -> tuple[tuple[float, ...], TimeSource]:
     count = len(bank.angles_deg)
     started_s = bank.started_s
     first_s = min(started_s, default=0.0)

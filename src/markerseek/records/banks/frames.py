@@ -183,11 +183,11 @@ def _load_daq_folder(folder: Path) -> tuple[Int16[np.ndarray, "channels samples"
 
 def _require_complete(folder: Path, files: Mapping[int, str]) -> None:
     """Refuse a folder without the files of all channels."""
-    if len(files) == sonixdaq.CHANNELS:
+    if len(files) == sonixdaq.CHANNEL_COUNT:
         return
-    missing = next(number for number in range(sonixdaq.CHANNELS) if number not in files)
+    missing = next(number for number in range(sonixdaq.CHANNEL_COUNT) if number not in files)
     raise RecordError(
-        f"{len(files)} channel files (.daq) found, {sonixdaq.CHANNELS} expected; the first that is "
+        f"{len(files)} channel files (.daq) found, {sonixdaq.CHANNEL_COUNT} expected; the first that is "
         f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
         + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {quoted(folder)}'")
     )
@@ -282,7 +282,7 @@ def _burst(path: Path, files: Mapping[int, str], table: TableFormat) -> ArrayBan
         samples=scan.mean(samples),
         pulses=tuple(scan.total(np.ones(pulses, dtype=np.int64)).tolist()),
     )
-    chosen = chosen_channels(path, table.without_channels, count=sonixdaq.CHANNELS)
+    chosen = chosen_channels(path, table.without_channels, count=sonixdaq.CHANNEL_COUNT)
     return replace(bank, samples=silenced(bank.samples, np.flatnonzero(chosen).tolist()))
 
 

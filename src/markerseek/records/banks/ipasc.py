@@ -23,18 +23,18 @@ from markerseek.records.notes import note
 BANK_VERSION = 1
 """Version of our own fields; a reader refuses a newer one."""
 
-FRAMES = "binary_time_series_data"
-DARK_FRAMES = "meta_data/dark_time_series_data"
+FRAMES_PATH = "binary_time_series_data"
+DARK_FRAMES_PATH = "meta_data/dark_time_series_data"
 """Channel data of (elements, samples, wavelengths, measurements); without laser of (elements, samples, frames).
 
 When it reads, pacfish drops axes of length 1 of every dataset but the first.
 """
 
-VERSION = "meta_data/markerseek_bank_version"
+VERSION_PATH = "meta_data/markerseek_bank_version"
 ANGLES = "meta_data/trus_angle_deg"
 INTENSITIES = "meta_data/intensity"
 REFERENCE = "meta_data/reference_angle_deg"
-PULSES = "meta_data/pulses"
+PULSES_PATH = "meta_data/pulses"
 ENERGY = "meta_data/energy_over_usual"
 """Energy of the pulses of each measurement as in `FrameHeader`, by which its intensity has been divided; NaN where it
 was not measured. `PULSE_ENERGY` has it in joules too, where that of a usual pulse is known."""
@@ -45,7 +45,7 @@ CLOCK_ZERO = "meta_data/clock_zero_unix_s"
 
 POSES = "meta_data/measurement_spatial_poses"
 FACE_RADIUS = "meta_data/trus_face_radius_m"
-PROBE = "meta_data/probe_preset"
+PROBE_PATH = "meta_data/probe_preset"
 DESCRIPTION = "meta_data/description"
 PROBE_SETTINGS = "meta_data/probe_settings"
 SIMULATED = "meta_data/simulated"
@@ -54,26 +54,26 @@ SEED = "meta_data/seed"
 MADE_WITH = "meta_data/made_with"
 FIRST_SAMPLE = "meta_data/first_sample_s"
 SAMPLING = "meta_data/ad_sampling_rate"
-SOUND_SPEED = "meta_data/speed_of_sound"
+SOUND_SPEED_PATH = "meta_data/speed_of_sound"
 WAVELENGTH = "meta_data/acquisition_wavelengths"
 PULSE_ENERGY = "meta_data/pulse_energy"
 SIZES = "meta_data/sizes"
 DEVICE = "meta_data_device"
 DETECTORS = f"{DEVICE}/detectors"
 
-TEXTS = {
+TEXT_PATHS = {
     "description": DESCRIPTION,
-    "probe": PROBE,
+    "probe": PROBE_PATH,
     "probe_settings": PROBE_SETTINGS,
     "configuration": CONFIGURATION,
     "made_with": MADE_WITH,
 }
 """Fields of the facts that are texts."""
 
-NUMBERS = {
+NUMBER_PATHS = {
     "sampling_hz": SAMPLING,
     "first_sample_s": FIRST_SAMPLE,
-    "sound_speed_m_s": SOUND_SPEED,
+    "sound_speed_m_s": SOUND_SPEED_PATH,
     "face_radius_m": FACE_RADIUS,
     "reference_angle_deg": REFERENCE,
     "clock_zero_unix_s": CLOCK_ZERO,
@@ -83,7 +83,7 @@ NUMBERS = {
 _RANGES = {
     SAMPLING: (1e5, 1e9, "Hz"),
     FIRST_SAMPLE: (0.0, 1e-3, "s"),
-    SOUND_SPEED: (300.0, 7000.0, "m/s"),
+    SOUND_SPEED_PATH: (300.0, 7000.0, "m/s"),
     FACE_RADIUS: (0.0, 1.0, "m"),
 }
 """Physical ranges of such numbers, and the unit in which they are written."""
@@ -113,7 +113,7 @@ class IpascBank(FrameBank):
         """
         row = self.rows[index]
         header = self.header(index, token=self.path.name, row=row)
-        return self._frame(header, FRAMES, row, what=f"frame at {header.commanded_deg:g} deg")
+        return self._frame(header, FRAMES_PATH, row, what=f"frame at {header.commanded_deg:g} deg")
 
     def dark_frame(self, index: int) -> ChannelFrame:
         """One frame without laser, from the disk; `RecordError` where it cannot be read."""
@@ -122,7 +122,7 @@ class IpascBank(FrameBank):
         header = FrameHeader(
             sequence=index + 1, token=self.path.name, pulses=0, commanded_deg=0.0, started_s=math.nan, ended_s=math.nan
         )
-        return self._frame(header, DARK_FRAMES, index, what=f"dark frame {index + 1}")
+        return self._frame(header, DARK_FRAMES_PATH, index, what=f"dark frame {index + 1}")
 
     def _frame(self, header: FrameHeader, name: str, row: int, *, what: str) -> ChannelFrame:
         cure = "it has changed since it was written: take the file from a backup or scan again"
@@ -173,7 +173,7 @@ def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
         facts=_read_facts(path, file, pitch_m=array.pitch_m),
         dark_frames=_dark_frames(file, frames),
         started_s=started_s,
-        pulses=tuple(int(each) if each >= 0 else 1 for each in column(PULSES, 1.0)),
+        pulses=tuple(int(each) if each >= 0 else 1 for each in column(PULSES_PATH, 1.0)),
         energies=column(ENERGY),
         path=path,
         rows=tuple(order.tolist()),
@@ -197,8 +197,8 @@ def _read_facts(path: Path, file: CheckedHdf5, *, pitch_m: float | None) -> Bank
 
     Raises `ValueError` if a field does not hold what it should, `RecordError` for a number out of its range.
     """
-    known: dict[str, object] = {fact: file.text(name) for fact, name in TEXTS.items()}
-    for fact, name in NUMBERS.items():
+    known: dict[str, object] = {fact: file.text(name) for fact, name in TEXT_PATHS.items()}
+    for fact, name in NUMBER_PATHS.items():
         known[fact] = value = file.number(name)
         low, high, unit = _RANGES.get(name, (-math.inf, math.inf, ""))
         if value is not None and not low <= value <= high:
@@ -247,23 +247,23 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
 
     Nothing for a file of ours, or one with neither. Pulse energies that differ come as ``energy``.
     """
-    if _is_ours(path, file) or not (file.has(FRAMES) or file.has(INTENSITIES)):
+    if _is_ours(path, file) or not (file.has(FRAMES_PATH) or file.has(INTENSITIES)):
         return {}
     arrays: dict[str, object] = {}
     pitch_m = None
-    if file.has(FRAMES):
-        data = file.dataset(FRAMES)
+    if file.has(FRAMES_PATH):
+        data = file.dataset(FRAMES_PATH)
         # Pacfish drops the last axes where they have the length 1.
         shape = (*data.shape, 1, 1)[: max(4, data.ndim)]
         if len(shape) != 4 or shape[2] != 1 or 0 in shape:
             raise RecordError(
-                f"{path}: {FRAMES} has the shape {data.shape}, (elements, samples, 1, measurements) is "
+                f"{path}: {FRAMES_PATH} has the shape {data.shape}, (elements, samples, 1, measurements) is "
                 "expected; save the measurements of one wavelength alone"
             )
         array = element_row(path, file, elements=shape[0])
         pitch_m = array.pitch_m
         count = shape[3]
-        frames = file.values(data, name=FRAMES).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
+        frames = file.values(data, name=FRAMES_PATH).reshape(shape)[:, :, 0, :].transpose(2, 0, 1)
         arrays["frames"] = frames[:, ::-1] if array.falling else frames
     else:
         arrays["intensity"] = intensities = file.numbers(INTENSITIES)
@@ -331,7 +331,7 @@ def walk_bank(path: Path) -> None:
     bank = read_probed(path)
     if isinstance(bank, IpascBank):
         with as_bank_error(path), CheckedHdf5(path) as file:
-            for name in (FRAMES, DARK_FRAMES)[: 2 if bank.dark_frames else 1]:
+            for name in (FRAMES_PATH, DARK_FRAMES_PATH)[: 2 if bank.dark_frames else 1]:
                 data = file.dataset(name)
                 if data.chunks is not None:
                     data.id.chunk_iter(lambda _place: None)
@@ -346,7 +346,7 @@ def as_bank_error(path: Path) -> AbstractContextManager[None]:
 
 def _is_ours(path: Path, file: CheckedHdf5) -> bool:
     """Whether markerseek wrote the file; refuses a newer version."""
-    version = file.number(VERSION)
+    version = file.number(VERSION_PATH)
     if version is not None and version != BANK_VERSION:
         raise RecordError(
             f"{path}: it was written by a newer markerseek: the bank has version {version:g}, this one reads "
@@ -357,12 +357,12 @@ def _is_ours(path: Path, file: CheckedHdf5) -> bool:
 
 def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] | None:
     """Elements and samples of the frames; None if there are none."""
-    if not file.has(FRAMES):
+    if not file.has(FRAMES_PATH):
         return None
-    shape = file.dataset(FRAMES).shape
+    shape = file.dataset(FRAMES_PATH).shape
     if len(shape) != 4 or shape[2:] != (1, count):
         raise RecordError(
-            f"{path}: {FRAMES} has the shape {shape}, (elements, samples, 1, {count}) is expected: "
+            f"{path}: {FRAMES_PATH} has the shape {shape}, (elements, samples, 1, {count}) is expected: "
             "one wavelength, and one measurement for each angle"
         )
     return None if 0 in shape else (shape[0], shape[1])
@@ -370,11 +370,11 @@ def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] |
 
 def _dark_frames(file: CheckedHdf5, frames: tuple[int, int]) -> int:
     """Number of dark frames that can be read."""
-    if not file.has(DARK_FRAMES):
+    if not file.has(DARK_FRAMES_PATH):
         return 0
-    shape: tuple[int, ...] = file.dataset(DARK_FRAMES).shape
+    shape: tuple[int, ...] = file.dataset(DARK_FRAMES_PATH).shape
     if shape[:2] != frames or not 2 <= len(shape) <= 3:
-        raise ValueError(f"{DARK_FRAMES} has the shape {shape}")
+        raise ValueError(f"{DARK_FRAMES_PATH} has the shape {shape}")
     return 1 if len(shape) == 2 else shape[2]
 
 

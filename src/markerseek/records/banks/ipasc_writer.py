@@ -119,7 +119,7 @@ class BankWriter:
             self._taken[sample.angle_deg] = sample.reading.intensity, header
         if frame is not None:
             require_room(self._path, frame.samples.nbytes)
-            data = self._file[ipasc.DARK_FRAMES if sample.dark else ipasc.FRAMES]
+            data = self._file[ipasc.DARK_FRAMES_PATH if sample.dark else ipasc.FRAMES_PATH]
             data.resize(max(row + 1, data.shape[-1]), axis=data.ndim - 1)
             data[..., row] = frame.samples if sample.dark else frame.samples[..., None]
 
@@ -127,7 +127,7 @@ class BankWriter:
         """Write everything but the frames."""
         device = DEVICE_IDENTIFIERS.get(self._facts.probe or "") or str(uuid.uuid4())
         if self._first is None:
-            self._file.create_dataset(ipasc.FRAMES, shape=(0, 0, 1, self.taken), dtype="<i2")
+            self._file.create_dataset(ipasc.FRAMES_PATH, shape=(0, 0, 1, self.taken), dtype="<i2")
         for group in ("general", "illuminators", "detectors"):
             # PATATO opens a file without elements, but not one without their group.
             self._file.create_group(f"{ipasc.DEVICE}/{group}")
@@ -142,7 +142,10 @@ class BankWriter:
         self._first = frame
         if frame is None:
             return
-        for name, each in ((ipasc.FRAMES, (*frame.samples.shape, 1)), (ipasc.DARK_FRAMES, frame.samples.shape)):
+        for name, each in (
+            (ipasc.FRAMES_PATH, (*frame.samples.shape, 1)),
+            (ipasc.DARK_FRAMES_PATH, frame.samples.shape),
+        ):
             # One chunk per frame, so that a frame is written and read in one piece.
             self._file.create_dataset(
                 name, shape=(*each, 0), maxshape=(*each, None), dtype="<i2", chunks=(*each, 1), fletcher32=True
@@ -180,8 +183,8 @@ class BankWriter:
             "meta_data/dimensionality": "time and space",
             "meta_data/photoacoustic_imaging_device_reference": device,
             ipasc.SIZES: np.array([*shape, 1, len(angles_deg)]),
-            **{name: getattr(facts, fact) or None for fact, name in ipasc.TEXTS.items()},
-            **{name: getattr(facts, fact) for fact, name in ipasc.NUMBERS.items()},
+            **{name: getattr(facts, fact) or None for fact, name in ipasc.TEXT_PATHS.items()},
+            **{name: getattr(facts, fact) for fact, name in ipasc.NUMBER_PATHS.items()},
             ipasc.SAMPLING: facts.sampling_hz if first is None else first.sampling_hz,
             # PATATO does not open a file without this field: NaN where it is not known.
             ipasc.WAVELENGTH: np.array([math.nan if facts.wavelength_m is None else facts.wavelength_m]),
@@ -193,12 +196,12 @@ class BankWriter:
             "meta_data/measurements_per_image": 1,
             "meta_data/scanning_method": "full_scan",
             "meta_data/scanning_motion": "rotation of the probe about its long axis",
-            ipasc.VERSION: ipasc.BANK_VERSION,
+            ipasc.VERSION_PATH: ipasc.BANK_VERSION,
             ipasc.ANGLES: np.array(angles_deg),
             ipasc.INTENSITIES: np.array([intensity for intensity, _ in self._taken.values()]),
             ipasc.RIG_CLOCK: started_s,
             ipasc.CLOCK_ZERO: math.nan if facts.clock_zero_unix_s is None else facts.clock_zero_unix_s,
-            ipasc.PULSES: np.array([each.pulses for each in headers], np.int64),
+            ipasc.PULSES_PATH: np.array([each.pulses for each in headers], np.int64),
             ipasc.ENERGY: energies,
             ipasc.SIMULATED: None if facts.simulated is None else int(facts.simulated),
             # As text: a seed may be larger than any number of HDF5.

@@ -16,7 +16,7 @@ from markerseek.records.banks.bank import HDF5_SUFFIXES, FrameBank, IntensityBan
 from markerseek.records.banks.frames import read_folder
 from markerseek.records.banks.ipasc import (
     ANGLES,
-    FRAMES,
+    FRAMES_PATH,
     IpascBank,
     arrays_of_others,
     as_bank_error,
@@ -127,7 +127,7 @@ def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray] | None, bool]:
     with as_bank_error(path), CheckedHdf5(path) as file:
         if arrays := zea_arrays(path, file) or arrays_of_others(path, file):
             return arrays, True
-        of_ipasc = any(map(file.has, (FRAMES, ANGLES, "meta_data")))
+        of_ipasc = any(map(file.has, (FRAMES_PATH, ANGLES, "meta_data")))
         return (None if of_ipasc else plain_arrays(path, file)), False
 
 

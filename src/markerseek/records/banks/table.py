@@ -19,7 +19,7 @@ from markerseek.records.banks.repeats import merged
 from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 from markerseek.records.notes import note
 
-COLUMNS = ("angle_deg", "intensity")
+_COLUMNS = ("angle_deg", "intensity")
 """Columns of the tables that we write."""
 
 _DECIBELS = re.compile(r"(?:(?<![A-Za-z])(?i:db)|(?<=[a-z])dB)(?i:[mµμu]?[vw]|m|fs|u|c|pa)?(?![A-Za-z])|(?i:decibels?)")
@@ -46,7 +46,7 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
         with replace_file(path) as part, part.open("w", newline="", encoding="utf-8") as lines:
             # Python's csv ends lines with CR LF by default, also on Linux.
             writer = csv.writer(lines, lineterminator="\n")
-            writer.writerow(COLUMNS)
+            writer.writerow(_COLUMNS)
             writer.writerows(zip(bank.angles_deg, bank.intensities, strict=True))
     except OSError as problem:
         raise RecordError(
@@ -67,7 +67,7 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
         path,
         most_bytes=_LARGEST_BYTES,
         what="a bank",
-        cure=f"give a CSV of {','.join(COLUMNS)}, an IPASC HDF5 file (.hdf5, .h5), or a folder of frames",
+        cure=f"give a CSV of {','.join(_COLUMNS)}, an IPASC HDF5 file (.hdf5, .h5), or a folder of frames",
     )
     rows, names = _with_units(rows)
     columns = _columns(path, rows, names, table)
@@ -177,7 +177,7 @@ def _columns(path: Path, rows: CsvRows, names: Sequence[str], table: TableFormat
             f"{path}: its column {rows.names[angle]} has the angles; leave --first-deg, --step-deg and --angles out"
         )
     if angle is None or intensity is None:
-        lacking = [name for name, found in zip(COLUMNS, (angle, intensity), strict=True) if found is None]
+        lacking = [name for name, found in zip(_COLUMNS, (angle, intensity), strict=True) if found is None]
         missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
         raise RecordError(
             f"{path}, line 1: the {missing} missing, it has {_head(rows)}; name the columns of angle and intensity: "

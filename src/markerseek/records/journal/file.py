@@ -16,7 +16,7 @@ from markerseek.files import data_folder, open_input, quoted, sync_folder
 SUFFIX = ".journal"
 """Suffix of the files that `journals_in` finds, and of default names."""
 
-MAX_BYTES = 1 << 36
+_MAX_BYTES = 1 << 36
 """Largest journal that is opened: 100,000 frames of half a megabyte."""
 
 MAGIC = b'{"crc":"'
@@ -106,7 +106,7 @@ def open_for_reading(path: Path) -> int:
             f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
             "searches that named none)"
         )
-    with open_input(path, most_bytes=MAX_BYTES) as file:
+    with open_input(path, most_bytes=_MAX_BYTES) as file:
         return os.dup(file.fileno())
 
 

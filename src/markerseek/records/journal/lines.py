@@ -20,7 +20,7 @@ from markerseek.core import Measured, RecordError, Sample
 from markerseek.records.journal.entries import Configuration, Entry, Line, as_json, decode, encode
 from markerseek.records.journal.file import MAGIC, MAGIC_1
 
-VERSION = 2
+FORMAT_VERSION = 2
 """Version of the format; newer ones are refused."""
 
 MAX_LINE_BYTES = 1 << 24
@@ -81,7 +81,7 @@ def first_line(configuration: Configuration) -> bytes:
         msgspec.json.decode(encoded, type=Configuration)
     except msgspec.ValidationError as problem:
         raise RecordError(f"the configuration cannot be recorded: {problem}") from problem
-    return line_of({"record": VERSION, "configuration": msgspec.Raw(encoded)})
+    return line_of({"record": FORMAT_VERSION, "configuration": msgspec.Raw(encoded)})
 
 
 def entry_line(entry: Entry) -> bytes:
@@ -193,7 +193,7 @@ class EntryReader(LineReader):
 
     def __init__(self, path: Path, descriptor: int) -> None:
         super().__init__(path, descriptor)
-        self.version = VERSION
+        self.version = FORMAT_VERSION
         """Version of the file's format."""
         self._confirmation: Sample | None = None
         self.configuration = self._configuration()
@@ -223,7 +223,7 @@ class EntryReader(LineReader):
             raise UnfinishedError(
                 f"{self.path}: it is empty: no journal of a run (or its run was never begun); check the name"
             )
-        self.version = 1 if head == MAGIC_1 else VERSION
+        self.version = 1 if head == MAGIC_1 else FORMAT_VERSION
         if self.version != 1 and not head.startswith(MAGIC):
             raise RecordError(
                 f"{self.path}: it does not begin as a journal does, so that it is another kind of file, or damaged, "
@@ -239,10 +239,10 @@ class EntryReader(LineReader):
                 f"{self.path}: it is the record of a registration session; name the journal of a search in its folder"
             )
         version = max(first.record, first.journal)
-        if version > VERSION:
+        if version > FORMAT_VERSION:
             raise RecordError(
                 f"{self.path}: it was written by a newer markerseek: the journal has version {version}, this one "
-                f"reads up to {VERSION}; install a newer one"
+                f"reads up to {FORMAT_VERSION}; install a newer one"
             )
         try:
             configuration = msgspec.json.decode(_with_flat_tolerance(first.configuration), type=Configuration)

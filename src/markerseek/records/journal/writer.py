@@ -13,7 +13,7 @@ from markerseek.core import Failed, Finished, RecordError
 from markerseek.records.journal.entries import Configuration, Entry, Interrupted, JournalEvent, without_frame
 from markerseek.records.journal.file import as_record_error, exists_error, open_for_reading
 from markerseek.records.journal.line_file import LineFile
-from markerseek.records.journal.lines import VERSION, EntryReader, entry_line, first_line
+from markerseek.records.journal.lines import FORMAT_VERSION, EntryReader, entry_line, first_line
 from markerseek.records.journal.reader import RecordedRun
 
 
@@ -55,7 +55,7 @@ class Journal:
 
         def read(descriptor: int) -> EntryReader:
             reader = EntryReader(path, descriptor)
-            if reader.version != VERSION:
+            if reader.version != FORMAT_VERSION:
                 raise RecordError(
                     f"{path}: it was written by an older markerseek: 'markerseek journal show' and 'replay' read it, "
                     "but it cannot be resumed; begin a new search"

@@ -34,7 +34,7 @@ MIN_LOG_WEIGHT = -18.0
 MAX_SHAPES = 32
 """Most shapes that a finer grid keeps."""
 
-MIN_SHARE = 1e-4
+_MIN_SHARE = 1e-4
 """Probability of a shape, over that of the likeliest, below which a finer grid drops the shape."""
 
 BLURS = (0.01, 0.04, 0.125)
@@ -255,7 +255,7 @@ def finer(
     """
     mean_deg = float(known.angle @ coarse.angles_deg)
     likely = np.argsort(-known.shape, kind="stable")[:MAX_SHAPES]
-    members = np.sort(coarse.members[likely[known.shape[likely] > MIN_SHARE * known.shape.max()]])
+    members = np.sort(coarse.members[likely[known.shape[likely] > _MIN_SHARE * known.shape.max()]])
     centre = float(known.amplitude @ coarse.log_amplitude)
     # A coarse grid does not resolve less than about half of its step, which is added.
     sigma = math.sqrt(float(known.amplitude @ (coarse.log_amplitude - centre) ** 2)) + coarse.step_amplitude / 2

@@ -427,7 +427,7 @@ makes the next spread, of two steps to either side, three times as narrow."""
 EDGE_SHARE = 0.01
 """Probability at an end of these angles, over that of the most probable, from which they are spread twice as wide."""
 
-MIN_SHARE = 0.01
+_MIN_SHARE = 0.01
 """Probability of a hypothesis, over that of the most probable, below which it is dropped in between."""
 
 HALF_WIDTH_SIGMAS = 5.0
@@ -514,7 +514,7 @@ def refine(
         half_deg = 2 * half_deg if beside else _half_width_deg(angles_deg, probability)
         # What comes next costs in proportion to the hypotheses that are left.
         by_hypothesis = weight.sum(axis=0)
-        hypotheses = hypotheses.kept(np.flatnonzero(by_hypothesis > MIN_SHARE * by_hypothesis.max()))
+        hypotheses = hypotheses.kept(np.flatnonzero(by_hypothesis > _MIN_SHARE * by_hypothesis.max()))
     sample_error = float(weight.sum(axis=0) @ hypotheses.sample_error / weight.sum())
     row, column = _drawn(weight, particles)
     drawn = Particles(
@@ -653,7 +653,7 @@ def _mixed(centre: Centre, fit: _Fit, parts: Sequence[_MovedCentre], *, particle
     """Return the posterior over all motions by their evidence, each blurred by the displacement from the pause."""
     log_evidence = np.array([each.log_evidence for each in parts])
     evidence = np.exp(log_evidence - log_evidence.max())
-    kept = [(each, share) for each, share in zip(parts, evidence.tolist(), strict=True) if share > MIN_SHARE]
+    kept = [(each, share) for each, share in zip(parts, evidence.tolist(), strict=True) if share > _MIN_SHARE]
     total = sum(share for _, share in kept)
     kept = [(each, share / total) for each, share in kept]
     wider = [blurred(each.angles_deg, each.probability, sigma_deg=each.moved_deg) for each, _ in kept]

@@ -55,7 +55,7 @@ LOG_PEAK_SIGMA = 0.5
 UNLIKE_SHARE = 0.1
 """Prior probability of a marker whose width has nothing in common with that of the former marker."""
 
-REACH_DEG = 100.0
+_REACH_DEG = 100.0
 """Largest distance from the marker that is tabulated, in degrees; beyond it the curve stays as it is there."""
 
 
@@ -108,7 +108,7 @@ def family() -> Shapes:
     The widths of a probe's curves are 3–17° over the physics table; ln F is normal about ln 5.5° with a standard
     deviation of 0.6, and a fifth of the prior is uniform over all widths of `WIDTHS_DEG`.
     """
-    distance_deg = np.arange(0.0, REACH_DEG + STEP_DEG, STEP_DEG)
+    distance_deg = np.arange(0.0, _REACH_DEG + STEP_DEG, STEP_DEG)
     # The uniform part allows widths that are not in the physics table.
     usual = np.exp(-((np.log(WIDTHS_DEG / 5.5) / 0.6) ** 2) / 2)
     width_share = 0.8 * usual / usual.sum() + 0.2 / WIDTHS_DEG.size

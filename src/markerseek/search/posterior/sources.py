@@ -275,7 +275,7 @@ PLACE_SHARE = 0.01
 """Probability with which noise at the place of a source passes for it in one frame, when it is looked at again."""
 
 
-Side: TypeAlias = tuple[str, ...]
+_Side: TypeAlias = tuple[str, ...]
 """Samples of one source: all at a place, or those on the side of each dip that is named, "low" or "high"."""
 
 
@@ -285,7 +285,7 @@ class SourceSamples:
 
     source: Source | None
     """None if the samples have no positions: then all of them are of one source."""
-    side: Side = ()
+    side: _Side = ()
     """Which of several peaks at that place it is; empty if there is one."""
     samples: Sequence[Sample]
     """The samples with the laser on, as they are at its place."""

@@ -272,11 +272,11 @@ FLANK = 0.8
 MOST_BACK = 2
 """Most sweeps over the flanks: what they leave open is measured at rest."""
 
-WORTH = 0.8
+_WORTH = 0.8
 """Share of the standard deviation before a sweep over the flanks that must be left after it for another one: where the
 form of the curve limits it, pulses do not help."""
 
-SLOWEST = 8.0
+_SLOWEST = 8.0
 """Most by which such a sweep is slower than that over the range."""
 
 
@@ -519,7 +519,7 @@ class SweepPosterior:
         again = self._in_bursts and delay is not None and delay.doubtful and self._back == 0
         if slower <= 0 and delay is not None and not again:
             return []
-        if progress.sigma_deg > WORTH * self._sigma_deg:
+        if progress.sigma_deg > _WORTH * self._sigma_deg:
             return []
         self._back = self._back + 1
         self._sigma_deg = progress.sigma_deg
@@ -528,7 +528,7 @@ class SweepPosterior:
         high_deg = self._limits.nearest(progress.mean_deg + reach_deg)
         # A flank that was not swept is missing, and not light.
         unswept = low_deg not in self._part or high_deg not in self._part
-        slowness = 1.0 if unswept and self._back == 1 else min(max(slower, 1.0), SLOWEST)
+        slowness = 1.0 if unswept and self._back == 1 else min(max(slower, 1.0), _SLOWEST)
         return [self._over(low_deg, high_deg, speed_deg_s=self._speed_deg_s / slowness)]
 
     def _judged_delay(self) -> Delay | None:

@@ -96,7 +96,7 @@ def _fwhm_deg(source_radius_m: float) -> float:
     return peak_of(Curve(angle_deg=angles, intensity=heights)).fwhm_deg or float("nan")
 
 
-USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
+_USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
 """The defaults of the simulated rig (physics notes)."""
 
 FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
@@ -144,18 +144,18 @@ def searches_for(marker: Marker) -> list[PaperSearch]:
 def fig5(options: RunOptions) -> Section:
     """Fig. 5: mean error over the number of acquisitions, for the rig's defaults and for the nearest condition."""
     markers = [
-        Marker(condition, options.seed, trial) for condition in (FITTED, USUAL) for trial in range(options.markers)
+        Marker(condition, options.seed, trial) for condition in (FITTED, _USUAL) for trial in range(options.markers)
     ]
     found = options.each(searches_for, markers, stage="Fig. 5 from curves", part=20)
     errors = errors_by_group(search for searches in found for search in searches)
     return make_section(
         "fig5",
-        comparisons=tuple(each for condition in (FITTED, USUAL) for each in _comparisons(condition, errors)),
+        comparisons=tuple(each for condition in (FITTED, _USUAL) for each in _comparisons(condition, errors)),
         tables=(errors_table("fig5", "Errors over the number of acquisitions", "source_radius_mm", errors),),
         draw=partial(_draw, errors),
         results={
             "markers": options.markers,
-            "usual": USUAL.words,
+            "usual": _USUAL.words,
             "fitted": FITTED.words,
             "paper": str(paper_number("fig5/TS")),
             "exact": 70 * (2 / 3) ** 14 / 4,
@@ -183,7 +183,7 @@ def _draw(errors: Mapping[Group, Errors]) -> Figure:
     printed_deg: dict[tuple[PaperMethod, int], float] = {(name, 28): printed_value(f"fig5/{name}") for name in BRACKETS}
     return errors_figure(
         errors,
-        [Panel(each.radius_mm, each.peak_snr_db, each.words, printed_deg) for each in (FITTED, USUAL)],
+        [Panel(each.radius_mm, each.peak_snr_db, each.words, printed_deg) for each in (FITTED, _USUAL)],
         heading="Random markers, searched on simulated intensity curves",
         columns=2,
         panel_in=(5.2, 3.8),

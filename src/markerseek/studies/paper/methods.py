@@ -12,7 +12,7 @@ from markerseek.rigs import Rig
 from markerseek.search import build
 from markerseek.sim import StageMotion
 from markerseek.studies.trial import searched
-from markerseek.studies.workers import Done, Job, in_order
+from markerseek.studies.workers import DoneT, Job, in_order
 
 PaperMethod: TypeAlias = Literal["TS", "GSS", "WA"]
 """Ternary search, golden-section search, weighted average."""
@@ -73,14 +73,14 @@ class RunOptions:
         """Markers over the paper's number of them, at most 1."""
         return min(1.0, self.markers / PAPER_MARKERS)
 
-    def each(self, function: Callable[[Job], Done], jobs: Sequence[Job], *, stage: str, part: int = 1) -> list[Done]:
+    def each(self, function: Callable[[Job], DoneT], jobs: Sequence[Job], *, stage: str, part: int = 1) -> list[DoneT]:
         """Results of a function on many jobs, in their order, whatever the number of processes.
 
         ``function``: a function of a module, which other processes can import. ``jobs``: its arguments, one after
         another. ``part``: jobs that a process is given at once.
         """
         parts = [jobs[first : first + part] for first in range(0, len(jobs), part)]
-        results: list[Done] = []
+        results: list[DoneT] = []
         self.progress(stage, 0, len(jobs))
         for done in in_order(partial(_all, function), parts, workers=min(self.workers, max(1, len(parts)))):
             results += done
@@ -88,7 +88,7 @@ class RunOptions:
         return results
 
 
-def _all(function: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done]:
+def _all(function: Callable[[Job], DoneT], jobs: Sequence[Job]) -> list[DoneT]:
     return [function(job) for job in jobs]
 
 

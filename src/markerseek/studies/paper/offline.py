@@ -52,13 +52,13 @@ from markerseek.studies.paper.section import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TISSUES = dict(zip(MATERIALS, ("liver", "muscle", "chicken-breast", "plastisol-phantom", "muscle-icg"), strict=True))
+_TISSUES = dict(zip(MATERIALS, ("liver", "muscle", "chicken-breast", "plastisol-phantom", "muscle-icg"), strict=True))
 """The simulated material in place of each material of Table 1."""
 
 ONE_BANK = MATERIALS[-1]
 """The material for which the paper recorded a single position."""
 
-STEP_DEG = 0.5
+_STEP_DEG = 0.5
 """Step of the scan (section 2.5)."""
 
 LEVELS_DB = (40.0, 60.0)
@@ -141,9 +141,9 @@ def simulated_banks(folder: Path, options: RunOptions) -> list[OfflineBank]:
 
     ``folder``: where the CSV files go.
     """
-    step_deg = STEP_DEG if options.share >= 0.5 else 5 * STEP_DEG
+    step_deg = _STEP_DEG if options.share >= 0.5 else 5 * _STEP_DEG
     scans = []
-    for number, (material, tissue) in enumerate(TISSUES.items()):
+    for number, (material, tissue) in enumerate(_TISSUES.items()):
         # Seeded by the material: its positions do not depend on the other materials.
         markers = grid(np.random.Generator(np.random.PCG64([options.seed, number])))
         count = 1 if material == ONE_BANK else max(2, round(len(markers) * options.share))
@@ -165,7 +165,7 @@ def simulated_banks(folder: Path, options: RunOptions) -> list[OfflineBank]:
 
 def _scan(scan: _Scan) -> None:
     settings = SimulatedSettings(
-        tissue=TISSUES[scan.banks[0].material],
+        tissue=_TISSUES[scan.banks[0].material],
         marker=scan.marker,
         receiver=ReceiverSettings(peak_counts=PEAK_COUNTS),
     )

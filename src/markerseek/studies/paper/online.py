@@ -31,14 +31,14 @@ from markerseek.studies.paper.methods import (
 )
 from markerseek.studies.paper.offline import LEVELS_DB, grid
 from markerseek.studies.paper.section import (
-    ERRORS,
+    ERROR_COLUMNS,
     STYLES,
-    Cell,
     Comparison,
     Errors,
     Group,
     Panel,
     Section,
+    TableCell,
     compared,
     errors_by_group,
     errors_figure,
@@ -117,7 +117,7 @@ def search_online(given: OnlineRun) -> PaperSearch:
 def table2(searches: Sequence[PaperSearch]) -> Section:
     """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
     comparisons: list[Comparison] = []
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[TableCell, ...]] = []
     for level_db in LEVELS_DB:
         condition = f"{level_db:g} dB"
         for name in BUILT:
@@ -131,7 +131,7 @@ def table2(searches: Sequence[PaperSearch]) -> Section:
                 number = paper_number("table2/WA/N")
                 ended = Comparison(paper=number, ours=made.mean or 0.0, sd=made.sd, half=made.half, condition=condition)
                 comparisons.append(ended)
-    columns = f"method peak_snr_db acquisitions {ERRORS}"
+    columns = f"method peak_snr_db acquisitions {ERROR_COLUMNS}"
     return make_section(
         "table2",
         method=("online",),

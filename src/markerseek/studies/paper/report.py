@@ -15,7 +15,7 @@ from markerseek.studies.paper.fig9 import fig9
 from markerseek.studies.paper.methods import PAPER_MARKERS, PaperSearch, RunOptions
 from markerseek.studies.paper.offline import OfflineBank, fig6, offline_searches, simulated_banks, table1
 from markerseek.studies.paper.online import fig7, fig8, online_searches, table2
-from markerseek.studies.paper.section import PAPER_NUMBERS, Cell, PaperNumber, Section, Table, make_table
+from markerseek.studies.paper.section import PAPER_NUMBERS, PaperNumber, Section, Table, TableCell, make_table
 
 SECTIONS = ("fig5", "fig6", "table1", "table2", "fig7", "fig8", "fig9")
 """Names of the sections, in the order of the report."""
@@ -128,7 +128,7 @@ def comparison_table(section: Section) -> Table:
     )  # fmt: skip
 
 
-def shown(cell: Cell) -> str:
+def shown(cell: TableCell) -> str:
     """One cell as people read it: three significant digits, and nothing for None."""
     if cell is None:
         return ""

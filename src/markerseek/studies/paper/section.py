@@ -85,7 +85,7 @@ SENSITIVE_DEG = printed_value("sensitive")
 """Error beyond which the tool tip leaves the image: a search with a larger error counts as failed."""
 
 
-Cell: TypeAlias = str | int | float | None
+TableCell: TypeAlias = str | int | float | None
 """One cell of a table; None is empty."""
 
 
@@ -98,12 +98,14 @@ class Table:
     caption: str
     columns: tuple[str, ...]
     """Names of the columns, with their units."""
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[TableCell, ...], ...]
     shown: bool = True
     """Whether the report prints it; a long one is a file only."""
 
 
-def make_table(name: str, caption: str, columns: str, rows: Iterable[tuple[Cell, ...]], *, shown: bool = True) -> Table:
+def make_table(
+    name: str, caption: str, columns: str, rows: Iterable[tuple[TableCell, ...]], *, shown: bool = True
+) -> Table:
     """Return a table; ``columns``: their names, separated by spaces."""
     return Table(name=name, caption=caption, columns=tuple(columns.split()), rows=tuple(rows), shown=shown)
 
@@ -116,13 +118,13 @@ class Errors(NamedTuple):
     """Share of searches with an error beyond `SENSITIVE_DEG`."""
 
     @property
-    def cells(self) -> tuple[Cell, ...]:
-        """Cells of a table under `ERRORS`."""
+    def cells(self) -> tuple[TableCell, ...]:
+        """Cells of a table under `ERROR_COLUMNS`."""
         mean = self.error_deg
         return mean.count, mean.mean, mean.sd, mean.half, self.failed
 
 
-ERRORS = "searches mean_error_deg spread_deg half_interval95_deg share_off_by_more_than_4.33_deg"
+ERROR_COLUMNS = "searches mean_error_deg spread_deg half_interval95_deg share_off_by_more_than_4.33_deg"
 """Columns of `Errors`."""
 
 Group: TypeAlias = tuple[str, float | None, PaperMethod, int]
@@ -147,7 +149,7 @@ def errors_by_group(searches: Iterable[PaperSearch]) -> dict[Group, Errors]:
 def errors_table(name: str, caption: str, place: str, errors: Mapping[Group, Errors], *, shown: bool = False) -> Table:
     """Table of the errors of groups of searches; ``place``: what the first column is called."""
     rows = ((*group, *each.cells) for group, each in errors.items())
-    return make_table(name, caption, f"{place} peak_snr_db method acquisitions {ERRORS}", rows, shown=shown)
+    return make_table(name, caption, f"{place} peak_snr_db method acquisitions {ERROR_COLUMNS}", rows, shown=shown)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

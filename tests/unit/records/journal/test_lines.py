@@ -27,7 +27,7 @@ from markerseek.records.journal import (
     read_journal,
     salvage,
 )
-from markerseek.records.journal.lines import MAX_LINE_BYTES, VERSION
+from markerseek.records.journal.lines import FORMAT_VERSION, MAX_LINE_BYTES
 from markerseek.runs.rebuild import rebuild_reader, rebuild_rig
 from markerseek.signals import ImageReader
 from tests.sizes import LONG
@@ -240,12 +240,14 @@ def test_damage_in_an_older_version_is_named(place: float, tmp_path: Path) -> No
         read_journal(path)
 
 
-@pytest.mark.parametrize("version", [VERSION + 1, 1000])
+@pytest.mark.parametrize("version", [FORMAT_VERSION + 1, 1000])
 def test_a_newer_version_is_refused_with_a_sentence(version: int, tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     of_version(path, version)
     before = path.read_bytes()
-    sentence = f"newer markerseek: the journal has version {version}, this one reads up to {VERSION}; install a newer"
+    sentence = (
+        f"newer markerseek: the journal has version {version}, this one reads up to {FORMAT_VERSION}; install a newer"
+    )
     for look in (read_journal, salvage, Journal.reopen):
         with pytest.raises(RecordError, match=sentence):
             look(path)
