@@ -9,11 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import Measured
+from markerseek.core import Measured, StereoPair
 from markerseek.records.journal import read_journal
-from markerseek.registration import read_registration
+from markerseek.registration import SessionRecord, SpotRefused, StereoSettings, camera_text, read_registration
 from markerseek.registration.points import read_camera_images
 from markerseek.sim import EndoscopeSettings, endoscope
 from markerseek.vision import find_spot
@@ -492,3 +493,40 @@ def test_the_sessions_of_a_folder_are_listed(shell: Shell) -> None:
     assert shell("register", "--list", "--simulate")[0] == 2
     # Before the first session there is no folder of them.
     assert json.loads(shell("register", "--list", "--json")[1])["sessions"] == []
+
+
+def test_the_report_of_a_session_says_what_was_left_out_and_shows_the_markers_in_the_images(
+    shell: Shell, tmp_path: Path
+) -> None:
+    cameras = StereoSettings.of(endoscope(), calibration_sigma_px=0.2)
+    folder = tmp_path / "s"
+    record = SessionRecord.create(folder, structs.replace(sessions.BEGUN, cameras=camera_text(cameras)))
+    grey = np.full((1024, 1280), 90, np.uint8)
+    record.keep_pair("1", StereoPair(left=grey, right=grey, at_s=0.0))
+    record.add(sessions.taken("1", reason="nothing above the threshold"))
+    record.add(SpotRefused(name="2", reason="two places are about as bright <here>"))
+    record.add(sessions.registered(4))
+    record.add(sessions.ENDED)
+    record.close()
+    code, out, _ = shell("register", "--report", folder, "--json")
+    made = json.loads(out)
+    assert (code, made["session"]) == (0, str(folder))
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    report = sessions.registered(4).report
+    for part in (
+        "Simulated: this is no measurement on hardware.",
+        f"{1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm",
+        "the search found no marker: nothing above the threshold",
+        "two places are about as bright &lt;here&gt;",
+        "--child-frame-id simulated_davinci_camera_optical",
+        "markerseek 0.",
+        "Spots of the markers over the images of both cameras",
+    ):
+        assert part in page, part
+    assert page.count("data:image/png") == 3
+    assert (folder / "report.pdf").read_bytes().startswith(b"%PDF")
+    code, out, _ = shell("register", "--report", folder, "--out", tmp_path / "elsewhere")
+    assert code == 0
+    assert {each.name for each in (tmp_path / "elsewhere").iterdir()} == {"report.html", "report.pdf"}
+    code, out, _ = shell("register", "--report", tmp_path / "nowhere", "--json")
+    assert (code, "it is no folder of a session" in json.loads(out)["error"]) == (2, True)

@@ -15,15 +15,14 @@ from rich.table import Table
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.registering import SessionOver, SessionPlace, SessionRequest, require_no_session, run_session
+from markerseek.cli.registration_report import write_report
+from markerseek.cli.registration_rows import report_rows, session_rows
 from markerseek.cli.registrations import sessions_report
 from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
 from markerseek.core import ConfigError, RecordError, SceneOptions, SpotToSource
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-SHOWN_SHARE = 0.7
-"""An error shared by all points is printed if the points reduce its standard deviation to less than this share."""
 
 
 def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
@@ -110,6 +109,14 @@ def command(
             help="List the sessions of a folder, the newest first; without a folder those in the user's data folder.",
         ),
     ] = False,
+    report_of: Annotated[
+        Path | None,
+        typer.Option(
+            "--report",
+            metavar="FOLDER",
+            help="Write report.html and report.pdf of the session of this folder into it, or into --out.",
+        ),
+    ] = None,
     place: SessionPlace,
     session: registration.SessionPlan,
     simulation: SceneOptions,
@@ -136,10 +143,15 @@ def command(
     markerseek register --simulate --sweep --seed 1 --check
     markerseek register --rig rig.toml --cameras stereo.toml --images 'left right' --sweep
     markerseek register --list
+    markerseek register --report ~/.local/share/markerseek/registrations/20260801-101500-000000
     markerseek register examples/points.csv
     markerseek register pixels.csv --cameras a.toml --journal a.journal --journal b.journal --journal c.journal
     markerseek register --frames left right --cameras a.ini --journal a.journal --journal b.journal --journal c.journal
     """
+    if report_of is not None:
+        if place.wanted or points is not None or frames is not None or journal or plot or list_:
+            raise ConfigError(f"--report {report_of} writes the report of a session that is kept; leave the others out")
+        Output(as_json=as_json).show(write_report(report_of, out))
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     if list_:
         if place.wanted or frames is not None or journal or cameras or plot:
@@ -205,7 +217,7 @@ def _of_session(over: SessionOver) -> Report:
         shown=_shown(
             report,
             over.title,
-            _session_rows(over),
+            session_rows(over.view, over.truth),
             above_goal_m=None if view.goal_reached else view.goal_m,
             simulated=view.simulated,
         ),
@@ -213,29 +225,6 @@ def _of_session(over: SessionOver) -> Report:
         notes=(file_line("registration", over.folder / registration.REGISTRATION_FILE),) if registered else (),
         exit_code=0 if registered else 3,
     )
-
-
-def _session_rows(over: SessionOver) -> list[tuple[str, str]]:
-    """Rows of the report that only a session has."""
-    view = over.view
-    counts = ", ".join(str(marker.acquisitions) for marker in view.markers)
-    rows = [
-        ("markers", f"{len(view.markers)}, with {counts} frames"),
-        ("time of the rig", f"{view.rig_s:.0f} s, without waiting for spots"),
-    ]
-    if view.endoscope is not None:
-        rows.append(("endoscope", view.endoscope.said))
-    if view.lost:
-        rows.append(("lost", f"marker {', '.join(view.lost)}: it is not known where the endoscope sees it now"))
-    if view.left_out:
-        rows.insert(1, ("left out", f"marker {', '.join(view.left_out)}: it does not fit the others"))
-    if over.truth is None:
-        return rows
-    low_min, high_min = (seconds / 60 for seconds in over.truth.by_hand_s)
-    rows.append(("time by hand (the paper)", f"{low_min:g} to {high_min:g} min"))
-    if over.truth.target_error_m is not None:
-        rows.append(("true error at the target (simulated)", f"{1e3 * over.truth.target_error_m:.2f} mm"))
-    return rows
 
 
 def _pairs(
@@ -283,7 +272,7 @@ def _shown(
     yield f"{answer}: {escape(title)}, {len(report.points)} points"
     if report.reason is not None:
         yield escape(report.reason)
-    yield facts([*_rows(report), *more])
+    yield facts([*report_rows(report), *more])
     yield table(
         {
             "point": point.name,
@@ -300,31 +289,6 @@ def _shown(
         yield escape(registration.static_transform_command(report.davinci_to_trus, simulated=simulated))
         yield "[dim]for the dVRK, of an arm whose base is its camera:[/]"
         yield escape(registration.dvrk_base_frame(report.davinci_to_trus))
-
-
-def _rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
-    x, y, z = (1e3 * value for value in report.target_trus_m)
-    assumed = " with 1 mm in each coordinate, because not all points have sigmas" if report.weights == "equal" else ""
-    return [
-        ("FRE", f"{1e3 * report.fre_m:.2f} mm, {1e3 * report.expected_fre_m:.2f} mm expected{assumed}"),
-        ("expected TRE", f"{1e3 * report.tre_m:.2f} mm, in 95 % below {1e3 * report.tre95_m:.2f} mm"),
-        ("at", f"x {x:.1f}, y {y:.1f}, z {z:.1f} mm of the TRUS frame"),
-        *(
-            (("spot and source", f"{1e3 * report.offset_m:.2f} mm apart in the middle"),)
-            if report.offset_m is not None
-            else ()
-        ),
-        *((each.name, each.said) for each in report.checks),
-        *(("in doubt", escape(doubt)) for doubt in report.doubts),
-        # The points say nothing about the other shared errors.
-        *(
-            (error.name, f"{error.value:+.2g} ± {error.sigma:.2g} {error.unit} too large according to the points")
-            for error in report.shared
-            if error.sigma < SHOWN_SHARE * error.assumed_sigma
-        ),
-        ("weights", report.weights),
-        *((("without", ", ".join(report.without)),) if report.without else ()),
-    ]
 
 
 def _figure(report: registration.RegistrationReport, title: str) -> Figure:

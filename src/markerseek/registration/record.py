@@ -157,7 +157,7 @@ class SessionRecord:
 
     def keep_pair(self, name: str, pair: StereoPair) -> None:
         """Keep the images without light of a marker, with which those of later markers are compared."""
-        for path, image in zip(self._kept(name), (pair.left, pair.right), strict=True):
+        for path, image in zip(_kept(self.folder, name), (pair.left, pair.right), strict=True):
             # Without loss: fine texture is compared.
             _, coded = opencv("images of a session").imencode(".png", image)
             with _as_write_error(self.folder), replace_file(path) as part:
@@ -165,11 +165,7 @@ class SessionRecord:
 
     def kept_pair(self, name: str) -> StereoPair | None:
         """Return the images without light of a marker; None if they were not kept, or cannot be read."""
-        left, right = (_image(path) for path in self._kept(name))
-        return None if left is None or right is None else StereoPair(left=left, right=right, at_s=0.0)
-
-    def _kept(self, name: str) -> tuple[Path, Path]:
-        return self.folder / f"{name}-left.png", self.folder / f"{name}-right.png"
+        return kept_pair(self.folder, name)
 
     def journal_path(self, name: str) -> Path:
         """Path of a journal for the search of a marker; another one for each try."""
@@ -181,6 +177,29 @@ class SessionRecord:
     def close(self) -> None:
         """Close it; allowed twice."""
         self._lines.close()
+
+
+def kept_pair(folder: Path, name: str) -> StereoPair | None:
+    """Return the images without light of a marker of a session; None if they were not kept, or cannot be read."""
+    return _pair(*_kept(folder, name))
+
+
+def newest_pair(folder: Path) -> StereoPair | None:
+    """Return the newest images of a session; None if there are none that can be read."""
+    left, right = (folder / name for name in CAMERA_IMAGES)
+    return _pair(left, right)
+
+
+def _kept(folder: Path, name: str) -> tuple[Path, Path]:
+    return folder / f"{name}-left.png", folder / f"{name}-right.png"
+
+
+def _pair(left: Path, right: Path) -> StereoPair | None:
+    left_image = _image(left)
+    right_image = _image(right)
+    if left_image is None or right_image is None:
+        return None
+    return StereoPair(left=left_image, right=right_image, at_s=0.0)
 
 
 def _image(path: Path) -> UInt8[np.ndarray, "rows columns"] | None:

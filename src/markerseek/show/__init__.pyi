@@ -1,6 +1,7 @@
 from .curve import NAME_WITHOUT_CLAIM, DrawnAngle, DrawnCurve, DrawnInterval, Mark, Threshold, drawn_curve, stand_in
 from .curve_figure import comparison_figure, curve_figure, pictured_sample
 from .curve_svg import as_html, curve_svg, errors_svg
+from .document import Document, DocumentFigure, Rows, write_document_page, write_document_pdf
 from .files import (
     PICTURE_SUFFIXES,
     new_picture,
@@ -15,6 +16,7 @@ from .grey import RANGE_DB, grey_levels
 from .log import STOPPED, event_line
 from .registration_picture import registration_figure
 from .result import SearchResult
+from .session_picture import CameraView, errors_figure, markers_figure
 from .style import ERROR_BARS, new_figure, panel_grid, shared_legend
 from .tip_picture import tip_figure
 from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
@@ -46,10 +48,14 @@ __all__ = [
     "STOPPED",
     "WRONG_SOURCE",
     "AnswerName",
+    "CameraView",
+    "Document",
+    "DocumentFigure",
     "DrawnAngle",
     "DrawnCurve",
     "DrawnInterval",
     "Mark",
+    "Rows",
     "SearchResult",
     "Threshold",
     "Verdict",
@@ -65,6 +71,7 @@ __all__ = [
     "curve_svg",
     "digits_of",
     "drawn_curve",
+    "errors_figure",
     "errors_svg",
     "estimate_line",
     "event_line",
@@ -73,6 +80,7 @@ __all__ = [
     "frame_figure",
     "grey_levels",
     "interval_text",
+    "markers_figure",
     "new_figure",
     "new_picture",
     "numbers_of",
@@ -92,5 +100,7 @@ __all__ = [
     "tip_figure",
     "verdict_of",
     "with_minus",
+    "write_document_page",
+    "write_document_pdf",
     "write_page",
 ]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.show.style import ACCENT, GRID, QUIET, SIGNAL, new_figure, shared_legend
+from markerseek.show.style import ACCENT, GRID, QUIET, SIGNAL, TRUTH, new_figure, shared_legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,12 +27,13 @@ def registration_figure(
     names: Sequence[str],
     target_m: Sequence[float],
     title: str,
+    checks: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None = None,
 ) -> Figure:
     """Return the figure of one registration.
 
     ``trus_m``, ``transformed_m``: the points in the TRUS frame, as the searches found them and as the transformed
     camera points. ``target_m``: where the target registration error is given, in the TRUS frame. ``title``: what was
-    registered, and how well.
+    registered, and how well. ``checks``: spots that took no part, by their names, in the same two ways.
     """
     figure = new_figure(width_in=10.5, height_in=5.2, heading=title)
     for axes, (view, across, up) in zip(figure.subplots(1, 2), _VIEWS, strict=True):
@@ -47,6 +48,14 @@ def registration_figure(
         axes.scatter(
             [1e3 * target_m[across]], [1e3 * target_m[up]], color=QUIET, marker="x", s=60, label="target of the TRE"
         )
+        for number, (name, (found_m, there_m)) in enumerate((checks or {}).items()):
+            place_mm = 1e3 * np.array(found_m)
+            far_mm = place_mm + 1e3 * EXAGGERATION * (np.array(there_m) - found_m)
+            axes.plot([place_mm[across], far_mm[across]], [place_mm[up], far_mm[up]], color=ACCENT)
+            label = "marker that checks it" if number == 0 else None
+            axes.plot(place_mm[across], place_mm[up], "s", color=TRUTH, label=label)
+            place = (place_mm[across], place_mm[up])
+            axes.annotate(name, place, xytext=(6, 6), textcoords="offset points", fontsize=8)
         axes.set_title(view, fontsize=10)
         axes.set_xlabel(f"{'xyz'[across]} [mm]")
         axes.set_ylabel(f"{'xyz'[up]} [mm]")
