@@ -242,10 +242,13 @@ class Scanner:
         stage = turning_stage(self._stage)
         return max(stage.play_deg(1.0), stage.play_deg(-1.0))
 
-    def turn_to(self, angle_deg: float, *, speed_deg_s: float, goes_on: Callable[[], bool] = lambda: True) -> float:
-        """Turn the probe in the dark while it follows, and return its angle at rest.
+    def turn_to(
+        self, angle_deg: float, *, speed_deg_s: float, goes_on: Callable[[], bool] = lambda: True
+    ) -> Generator[float, None, float]:
+        """Turn the probe in the dark while it follows: its angle every 50 ms, and at rest as the return value.
 
-        ``goes_on``: asked at each reading of the stage, every 50 ms; if not, the probe brakes. Raises as `measure`.
+        ``goes_on``: asked after each angle; if not, the probe brakes. If it is closed early the rig stops. Raises as
+        `measure`.
         """
         stage = turning_stage(self._stage)
         from_deg = self.angle_deg
@@ -257,6 +260,13 @@ class Scanner:
         now_s = self.clock.now_s()
         self.guard.begin_turn(to_deg, from_deg=from_deg, now_s=now_s)
         _LOG.debug("turn to %.4f deg", to_deg)
+        lag_deg = self._lag_deg
+
+        def at_deg(stage_deg: float) -> float:
+            slack_deg = lag_deg - (stage_deg - from_deg)
+            self._lag_deg = min(max(slack_deg, -stage.play_deg(1.0)), stage.play_deg(-1.0))
+            return stage_deg + self._lag_deg
+
         turn = TurnInProgress(
             stage,
             guard=self.guard,
@@ -266,15 +276,21 @@ class Scanner:
             speed_deg_s=speed_deg_s,
         )
         try:
-            with self._faulting, self._watchdog_held:
-                reached_deg = turn.run(goes_on)
+            # Closed here, and not by the garbage collector, which would print an error of the lease that ends with it.
+            with self._faulting, self._watchdog_held, closing(turn.readings(goes_on)) as readings:
+                while True:
+                    try:
+                        here_deg = next(readings)
+                    except StopIteration as end:
+                        reached_deg = cast("float", end.value)
+                        break
+                    yield at_deg(here_deg)
         finally:
+            # Closed while it turns, or a fault.
             if self.guard.state in (State.TURNING, State.FAULT):
-                self._end_light_and_motion()
+                self.stop()
         _LOG.debug("at rest at %.4f deg", reached_deg)
-        slack_deg = self._lag_deg - (reached_deg - from_deg)
-        self._lag_deg = min(max(slack_deg, -stage.play_deg(1.0)), stage.play_deg(-1.0))
-        return reached_deg + self._lag_deg
+        return at_deg(reached_deg)
 
     def look(self, pulses: int) -> Sample:
         """Acquire a frame with so many pulses where the probe is at rest while it follows.

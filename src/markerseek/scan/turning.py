@@ -5,7 +5,7 @@ It is made with the verbs of a sweep, whose speed the stage keeps, and whose tar
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import cast
 
 from markerseek.core import Clock, ConfigError, MoveError, Stage, StageReading, SweepingStage
@@ -57,41 +57,45 @@ class TurnInProgress:
             acceleration_deg_s2=stage.acceleration_deg_s2,
         )
 
-    def run(self, goes_on: Callable[[], bool]) -> float:
-        """Turn to the end, or brake once `goes_on` says no; returns the readback at rest.
+    def readings(self, goes_on: Callable[[], bool]) -> Generator[float, None, float]:
+        """Turn to the end, or brake once `goes_on` says no; the readbacks on the way, returns that at rest.
 
         Raises `MoveError` if the stage does not begin, stops on its way or does not brake.
         """
         stage = self._stage
         stage.begin_sweep(self._to_deg)
-        wanted = True
         moved_s = self._clock.now_s()
         braked_s = None
         while not (self._rests and (self._arrived or braked_s is not None)):
             before_deg = self._readings[-1].angle_deg
             self._read()
+            here_deg = self._readings[-1].angle_deg
             now_s = self._clock.now_s()
-            if abs(self._readings[-1].angle_deg - before_deg) > AT_REST_DEG:
+            if abs(here_deg - before_deg) > AT_REST_DEG:
                 moved_s = now_s
-            wanted = wanted and goes_on()
-            if not wanted and braked_s is None:
+            yield here_deg
+            if braked_s is None and not goes_on():
                 stage.brake()
-                braked_s = now_s
-            if braked_s is None and not now_s - moved_s < BEGIN_S:
-                at_deg = self._readings[-1].angle_deg
-                raise MoveError(
-                    f"the stage stands at {at_deg:.3f} deg on its way to {self._to_deg:.3f} deg; look for an obstacle"
-                )
-            if braked_s is not None and not now_s - braked_s < self._longest_s:
-                raise MoveError(
-                    f"the stage does not stop, it is at {self._readings[-1].angle_deg:.3f} deg "
-                    f"{now_s - braked_s:.2f} s after it was told to; look at the stage"
-                )
+                braked_s = self._clock.now_s()
+            self._require_motion(moved_s, braked_s, now_s=now_s)
         self._clock.wait(READ_S)
         last = self._next_reading()
         self._guard.end_turn(last.angle_deg, now_s=self._way.moment_s(last))
         stage.end_sweep()
         return last.angle_deg
+
+    def _require_motion(self, moved_s: float, braked_s: float | None, *, now_s: float) -> None:
+        """Refuse a stage that stands on its way, or does not brake; the times: when it moved last, and was braked."""
+        at_deg = self._readings[-1].angle_deg
+        if braked_s is None and not (self._arrived or now_s - moved_s < BEGIN_S):
+            raise MoveError(
+                f"the stage stands at {at_deg:.3f} deg on its way to {self._to_deg:.3f} deg; look for an obstacle"
+            )
+        if braked_s is not None and not now_s - braked_s < self._longest_s:
+            raise MoveError(
+                f"the stage does not stop, it is at {at_deg:.3f} deg {now_s - braked_s:.2f} s after it was told to; "
+                "look at the stage"
+            )
 
     def _read(self) -> None:
         since_s = self._clock.now_s() - self._readings[-1].asked_s

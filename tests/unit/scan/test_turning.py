@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -31,10 +32,22 @@ def following(kind: type[SimulatedStage] = SimulatedStage, **motion: float) -> S
     return bench
 
 
+def turned(
+    bench: SweepBench, to_deg: float, *, speed_deg_s: float = 5.0, goes_on: Callable[[], bool] = lambda: True
+) -> float:
+    """Turn, and return the angle at rest; the angles on the way lead there."""
+    turning = bench.scanner.turn_to(to_deg, speed_deg_s=speed_deg_s, goes_on=goes_on)
+    while True:
+        try:
+            assert next(turning) == pytest.approx(bench.world.angle_deg, abs=0.002)
+        except StopIteration as end:
+            return float(end.value)
+
+
 def turn(bench: SweepBench, to_deg: float, *, speed_deg_s: float = 5.0) -> float:
     """Turn there, and return the duration."""
     began_s = bench.scanner.clock.now_s()
-    reached_deg = bench.scanner.turn_to(to_deg, speed_deg_s=speed_deg_s)
+    reached_deg = turned(bench, to_deg, speed_deg_s=speed_deg_s)
     assert reached_deg == pytest.approx(to_deg, abs=0.002)
     return bench.scanner.clock.now_s() - began_s
 
@@ -70,12 +83,27 @@ def test_the_probe_is_where_the_turn_says_whatever_the_backlash(ways_deg: list[f
 def test_a_turn_is_broken_off_where_it_can_brake() -> None:
     bench = following()
     asked = iter([True] * 5 + [False] * 1000)
-    reached_deg = bench.scanner.turn_to(4.0, speed_deg_s=5.0, goes_on=lambda: next(asked))
+    reached_deg = turned(bench, 4.0, goes_on=lambda: next(asked))
     # Asked at 0.05 s apart: 0.2 s of running up over 0.5 deg, then 5 deg/s, then 0.5 deg of braking.
     assert 1.0 < reached_deg < 2.2
     assert bench.world.angle_deg == pytest.approx(reached_deg, abs=0.01)
     assert bench.scanner.guard.state is State.FOLLOWING
     turn(bench, reached_deg - 2.0)
+
+
+def test_a_turn_that_is_closed_early_stops_the_rig() -> None:
+    bench = following()
+    turning = bench.scanner.turn_to(4.0, speed_deg_s=5.0)
+    for _ in range(6):
+        next(turning)
+    turning.close()
+    assert bench.scanner.guard.state is State.DISARMED
+    here_deg = bench.stage.angle_deg
+    bench.scanner.clock.wait(1.0)
+    # 5 deg/s at 25 deg/s²: half a degree of braking.
+    assert bench.stage.angle_deg == pytest.approx(here_deg + 0.5, abs=0.01)
+    bench.scanner.clock.wait(1.0)
+    assert bench.stage.angle_deg == pytest.approx(here_deg + 0.5, abs=0.01)
 
 
 def test_pulses_come_at_rest_and_the_sample_has_the_angle_of_the_probe() -> None:
@@ -136,17 +164,17 @@ class Wild(SimulatedStage):
 def test_a_stage_that_does_not_do_its_part_ends_in_a_fault(kind: type[SimulatedStage], said: str) -> None:
     bench = following(kind)
     with pytest.raises(MarkerseekError) as refusal:
-        bench.scanner.turn_to(4.0, speed_deg_s=5.0)
+        list(bench.scanner.turn_to(4.0, speed_deg_s=5.0))
     assert said in str(refusal.value)
     assert bench.scanner.guard.state is State.FAULT
     with pytest.raises(LimitError, match="a person must reset it"):
-        bench.scanner.turn_to(4.0, speed_deg_s=5.0)
+        list(bench.scanner.turn_to(4.0, speed_deg_s=5.0))
 
 
 def test_a_stage_that_does_not_brake_ends_in_a_fault() -> None:
     bench = following(Unstoppable)
     with pytest.raises(MoveError, match="the stage does not stop"):
-        bench.scanner.turn_to(5.0, speed_deg_s=2.0, goes_on=lambda: bench.scanner.clock.now_s() < 0.3)
+        turned(bench, 5.0, speed_deg_s=2.0, goes_on=lambda: bench.scanner.clock.now_s() < 0.3)
     assert bench.scanner.guard.state is State.FAULT
 
 
@@ -154,12 +182,12 @@ def test_what_is_refused_moves_nothing() -> None:
     bench = following()
     for to_deg, said in ((6.0, "the longest while it follows is 5 deg"), (math.nan, "outside"), (35.5, "outside")):
         with pytest.raises(LimitError, match=said):
-            bench.scanner.turn_to(to_deg, speed_deg_s=5.0)
+            list(bench.scanner.turn_to(to_deg, speed_deg_s=5.0))
     assert bench.world.angle_deg == 0.0
     assert bench.scanner.guard.state is State.FOLLOWING
     bench.scanner.end_following()
     with pytest.raises(LimitError, match="armed, not allowed to turn"):
-        bench.scanner.turn_to(1.0, speed_deg_s=5.0)
+        list(bench.scanner.turn_to(1.0, speed_deg_s=5.0))
 
 
 def test_a_rig_that_cannot_follow_says_so() -> None:
