@@ -54,7 +54,13 @@ from markerseek.core.events import (
 )
 from markerseek.core.image import MAX_PAIRS, LinearArray, PaImage, ScanGeometry, StereoImages, StereoPair
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
-from markerseek.core.marker import MarkerCandidate, MarkerPosition, marker_candidates, marker_position
+from markerseek.core.marker import (
+    MarkerCandidate,
+    MarkerPosition,
+    marker_candidates,
+    marker_position,
+    place_sigmas_m,
+)
 from markerseek.core.options import Help, Option, arguments_of, as_text, options_of
 from markerseek.core.permit import SWEEP_READING_S, FollowPermit, Permit, SweepPermit
 from markerseek.core.plan import (
@@ -247,6 +253,7 @@ __all__ = [
     "marker_position",
     "needs_package",
     "options_of",
+    "place_sigmas_m",
     "require_fields",
     "require_pace",
     "require_range",

@@ -144,15 +144,24 @@ def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigF
     return tuple(sorted(candidates, key=lambda each: -each.probability))
 
 
+def place_sigmas_m(coherence: float | None) -> tuple[float, float]:
+    """Standard deviations of the lateral position and the depth of a source in an image of this coherence, in metres.
+
+    ``coherence``: None where a frame gives none.
+    """
+    # Never quite 1, so that no marker is taken for exact.
+    incoherent = 1 - min(_UNKNOWN_COHERENCE if coherence is None else coherence, 0.99)
+    return _LATERAL_SIGMA_M * incoherent, _DEPTH_SIGMA_M * incoherent
+
+
 def _placed(
     angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: float, coherence: float = _UNKNOWN_COHERENCE
 ) -> MarkerPosition:
     """Where a source is at this angle and distance from the axis; how well, follows from its coherence."""
     angle = math.radians(angle_deg)
-    incoherent = 1 - coherence
     return MarkerPosition(
         position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
-        sigma_m=(radius_m * math.radians(sigma_deg), _LATERAL_SIGMA_M * incoherent, _DEPTH_SIGMA_M * incoherent),
+        sigma_m=(radius_m * math.radians(sigma_deg), *place_sigmas_m(coherence)),
     )
 
 

@@ -1,0 +1,267 @@
+"""Decides when the probe turns while it follows, and when it does not: pure, in the time that it is told.
+
+A target that is out of reach, lost, that jumps, or whose link is silent holds the probe until the target has been back
+for `BACK_S`. All other conditions hold it until a person says that it may go on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Literal, TypeAlias
+
+import msgspec
+import numpy as np
+
+from markerseek.core import ConfigError
+from markerseek.following.aim import Aim, ProbeReach
+from markerseek.following.plan import FollowPlan
+
+LOST_S = 1.0
+"""Time without the target after which it is lost, in seconds."""
+
+FASTEST_HAND_M_S = 0.3
+"""Speed beyond which a target jumps: no hand moves an instrument so fast in tissue."""
+
+STALE_S = 0.2
+"""Silence of a link after which it is stale, in seconds."""
+
+BACK_S = 0.5
+"""Time for which a target must be back before the probe goes on, in seconds."""
+
+STEP_DEG = 4.5
+"""Longest turn: half a degree of room for the backlash, below what the guard permits."""
+
+SPEED_OVER_S = 1.0
+"""Time over which the speed of a target is estimated, in seconds."""
+
+Word: TypeAlias = Literal[
+    "there",
+    "turning",
+    "resting",
+    "waiting",
+    "out of reach",
+    "lost",
+    "jumped",
+    "stale",
+    "endoscope",
+    "tissue",
+    "unconfirmed",
+    "heartbeat",
+    "stopped",
+    "expired",
+    "fault",
+]
+"""How it stands: inside the range, or turning, resting between turns or waiting for a target that is back; else why the
+probe stays."""
+
+BY_ITSELF: frozenset[Word] = frozenset({"out of reach", "lost", "jumped", "stale"})
+"""What ends by itself once the target is back."""
+
+BY_A_PERSON: frozenset[Word] = frozenset(
+    {"endoscope", "tissue", "unconfirmed", "heartbeat", "stopped", "expired", "fault"}
+)
+"""What ends only when a person says so."""
+
+
+class Decision(msgspec.Struct, frozen=True, kw_only=True):
+    """What is to be done now."""
+
+    word: Word
+    said: str
+    """The state in a sentence."""
+    turn_to_deg: float | None = None
+    """Where the probe is to turn; None: it stays."""
+
+    @property
+    def stays(self) -> bool:
+        """Whether the probe stays and the laser is dark: it looks for the target at most."""
+        return self.word in BY_ITSELF or self.word in BY_A_PERSON
+
+
+class FollowMachine:
+    """The state of following.
+
+    ``lit``: whether the target is seen by the laser's light, and so only with the probe at rest. ``begun_s``: when it
+    begins, on the rig's clock.
+    """
+
+    def __init__(self, plan: FollowPlan, reach: ProbeReach, *, lit: bool, begun_s: float) -> None:
+        self._plan = plan
+        self._reach = reach
+        self._lit = lit
+        self.aim: Aim | None = None
+        """Where the target was last."""
+        self._aims: deque[Aim] = deque()
+        self._dark_until_s = begun_s
+        self._heard_s = begun_s
+        self._ends_s = begun_s + 60 * plan.minutes
+        self._rests_until_s = -math.inf
+        self._back_since_s: float | None = None
+        self._jumped = ""
+        self._cause = "the target has not been seen yet"
+        self._waits = True
+        self._doubt = ""
+        self._unseen: tuple[Decision, Aim | None] | None = None
+        self._held: tuple[Word, str] | None = None
+
+    @property
+    def held(self) -> Word | None:
+        """What only a person ends; None if nothing holds it so."""
+        return None if self._held is None else self._held[0]
+
+    def see(self, aim: Aim) -> None:
+        """Take a target."""
+        before = self.aim
+        if before is not None and not aim.at_s > before.at_s:
+            return
+        self.aim = aim
+        if before is not None:
+            apart_m = float(np.linalg.norm(aim.trus_m - before.trus_m))
+            elapsed_s = aim.at_s - before.at_s
+            noise_m = 3 * math.sqrt(float(np.trace(aim.noise_m2 + before.noise_m2)))
+            if not apart_m <= FASTEST_HAND_M_S * elapsed_s + noise_m:
+                self._jumped = (
+                    f"the target jumped by {1e3 * apart_m:.0f} mm in {elapsed_s:.2f} s, a hand moves with "
+                    f"{1e3 * FASTEST_HAND_M_S:g} mm/s at most"
+                )
+                self._aims.clear()
+                self._back_since_s = None
+        if self._back_since_s is None:
+            self._back_since_s = aim.at_s
+        self._aims.append(aim)
+        while aim.at_s - self._aims[0].at_s > SPEED_OVER_S:
+            self._aims.popleft()
+
+    def hear(self, heard_s: float) -> None:
+        """Note when the link of the target was heard last."""
+        self._heard_s = max(self._heard_s, heard_s)
+
+    def rest(self, now_s: float) -> None:
+        """Note that the probe has come to rest: a lit target can be seen from now on."""
+        self._rests_until_s = now_s + self._plan.rest_s
+        self._dark_until_s = now_s
+
+    def doubt(self, said: str) -> None:
+        """Begin no turn as long as this is in doubt; empty: nothing is."""
+        self._doubt = said
+
+    def hold(self, word: Word, said: str) -> None:
+        """Hold the probe until a person lets it go on; the first cause is kept."""
+        if word not in BY_A_PERSON:
+            raise ConfigError(f"follow: {word!r} is not held until a person comes; one of {sorted(BY_A_PERSON)} is")
+        self._held = self._held or (word, said)
+
+    def go_on(self, *, by: str, now_s: float) -> None:
+        """Go on after what only a person ends, in the name of a person; the permit begins anew."""
+        if not by.strip():
+            raise ConfigError("follow: by is empty; name the person who has looked at rig and patient")
+        self._held = None
+        self._waits = True
+        self._cause = f"{by} lets it go on"
+        self._back_since_s = None
+        self._jumped = ""
+        self._doubt = ""
+        self._unseen = None
+        self._ends_s = now_s + 60 * self._plan.minutes
+        self._dark_until_s = now_s
+        self._heard_s = now_s
+
+    def decide(self, now_s: float, *, probe_deg: float, turning: bool = False) -> Decision:
+        """Decide what is to be done; ``turning``: the probe turns, so that a lit target cannot be seen."""
+        if not now_s <= self._ends_s:
+            self.hold("expired", f"the permit of {self._plan.minutes:g} min is over; a person must renew it")
+        if self._held is not None:
+            word, said = self._held
+            self._waits = True
+            self._cause = said
+            return Decision(word=word, said=said)
+        if self._unseen is not None:
+            # Of a lit target in the dark nothing is known until it is seen again: the time does not count.
+            decision, unseen = self._unseen
+            if unseen is self.aim:
+                return decision
+            self._unseen = None
+            self._dark_until_s = now_s
+        if (objection := self._objection(now_s, turning=turning)) is not None:
+            word, said = objection
+            if word != "jumped":
+                # After a jump the time counts from the place to which it jumped.
+                self._back_since_s = None
+            self._waits = True
+            self._cause = said
+            decision = Decision(word=word, said=said)
+            self._unseen = (decision, self.aim) if self._lit else None
+            return decision
+        aim = self.aim
+        if self._waits or aim is None:
+            if aim is None or not self._back_s >= BACK_S:
+                back = f"it is back since {self._back_s:.1f} s, {BACK_S:g} s are needed"
+                return Decision(word="waiting", said=f"waits for the target, {back} ({self._cause})")
+            self._waits = False
+        if self._doubt and not turning:
+            return Decision(word="waiting", said=f"waits: {self._doubt}")
+        return self._within(aim, now_s, probe_deg=probe_deg, turning=turning)
+
+    @property
+    def _back_s(self) -> float:
+        """Time for which the target is back."""
+        return 0.0 if self.aim is None or self._back_since_s is None else self.aim.at_s - self._back_since_s
+
+    def _objection(self, now_s: float, *, turning: bool) -> tuple[Word, str] | None:
+        """Return why the probe stays until the target is back; None if nothing speaks against it."""
+        if not self._lit and not now_s - self._heard_s <= STALE_S:
+            return "stale", f"the link of the target has been silent for {now_s - self._heard_s:.2f} s"
+        if self._jumped:
+            if not self._back_s >= BACK_S:
+                return "jumped", self._jumped
+            self._jumped = ""
+        seen_s = -math.inf if self.aim is None else self.aim.at_s
+        if self._lit:
+            seen_s = max(seen_s, now_s if turning else self._dark_until_s)
+        elif self.aim is None:
+            seen_s = self._dark_until_s
+        if not now_s - seen_s <= LOST_S:
+            return "lost", f"the target has not been seen for {now_s - seen_s:.1f} s"
+        objection = None if self.aim is None else self._reach.objection(self.aim)
+        return None if objection is None else ("out of reach", objection)
+
+    def _within(self, aim: Aim, now_s: float, *, probe_deg: float, turning: bool) -> Decision:
+        """Decide whether to turn to a target that is followed."""
+        off_deg = aim.angle_deg - probe_deg
+        band_deg = max(self._plan.within_deg, aim.sigma_deg)
+        where = f"{abs(off_deg):.1f} deg from the image plane"
+        if turning:
+            return Decision(word="turning", said=f"turns, the target is {where}")
+        if abs(off_deg) <= band_deg:
+            return Decision(word="there", said=f"there: the target is {where}, within {band_deg:.1f} deg")
+        if now_s < self._rests_until_s or (self._lit and aim.at_s < self._dark_until_s):
+            # A lit target may have gone while the probe turned in the dark: it is seen before the next turn.
+            return Decision(word="resting", said=f"rests between two turns, the target is {where}")
+        # The lead alone may leave the angles: the target itself is in reach.
+        to_deg = self._reach.angles.nearest(aim.angle_deg + self._lead_deg(off_deg))
+        way_deg = to_deg - probe_deg
+        if abs(way_deg) > STEP_DEG:
+            to_deg = probe_deg + math.copysign(STEP_DEG, way_deg)
+        return Decision(word="turning", said=f"turns, the target is {where}", turn_to_deg=to_deg)
+
+    def _lead_deg(self, off_deg: float) -> float:
+        """Angle by which a target that moves on will be further at the end of a turn, at most the range itself."""
+        speed_deg_s = self._speed_deg_s
+        lead_deg = speed_deg_s * abs(off_deg) / self._plan.speed_deg_s
+        most_deg = self._plan.within_deg
+        return min(max(lead_deg, -most_deg), most_deg)
+
+    @property
+    def _speed_deg_s(self) -> float:
+        """Speed of the target about the axis, by least squares; 0 below twice its standard deviation."""
+        if len(self._aims) < 3:
+            return 0.0
+        at_s = np.array([aim.at_s for aim in self._aims])
+        angles_deg = np.array([aim.angle_deg for aim in self._aims])
+        at_s -= at_s.mean()
+        spread_s2 = float(at_s @ at_s)
+        speed = float(at_s @ angles_deg) / spread_s2
+        left_deg = angles_deg - angles_deg.mean() - speed * at_s
+        sigma = math.sqrt(float(left_deg @ left_deg) / (len(at_s) - 2) / spread_s2)
+        return speed if abs(speed) > 2 * sigma else 0.0

@@ -1,0 +1,68 @@
+"""What is followed: a place in the frame of the left camera, with its time and what it may be off by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from markerseek.core import ConfigError, Float64, Sample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Target:
+    """Where the target was at a time.
+
+    Raises `ConfigError` if a number is not finite, or the covariance is none.
+    """
+
+    at_s: float
+    """On the rig's clock."""
+    camera_m: Float64[np.ndarray, " 3"]
+    """In the frame of the left camera."""
+    covariance_m2: Float64[np.ndarray, "3 3"]
+    """Its covariance there, of what is independent from one time to the next."""
+
+    def __post_init__(self) -> None:
+        numbers = [self.at_s, *self.camera_m.tolist(), *self.covariance_m2.ravel().tolist()]
+        if not np.isfinite(numbers).all() or np.linalg.eigvalsh(self.covariance_m2)[0] < 0:
+            raise ConfigError(
+                f"target: {self.camera_m.tolist()} m with covariance {self.covariance_m2.tolist()} m² at {self.at_s} s,"
+                " these must be finite numbers, and the covariance positive"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Look:
+    """What one look by the laser's light gave."""
+
+    target: Target | None
+    """The spot; None: both cameras do not show one."""
+    reason: str = ""
+    """Why there is none."""
+    sample: Sample | None = None
+    """The frame of the probe from the same pulses; None: it was refused."""
+
+
+class TargetSource(Protocol):
+    """Tells where the target is without any light."""
+
+    name: str
+    """What is followed, in words."""
+
+    def newest(self) -> Target | None:
+        """Newest place since the last call; None: there is none, or it is not seen."""
+
+    @property
+    def heard_s(self) -> float:
+        """When its link was heard last, on the rig's clock; the present time where there is no link."""
+
+
+class LitSource(Protocol):
+    """Tells where a laser spot is, with the probe at rest, by pulses under a permit."""
+
+    name: str
+
+    def look(self, pulses: int) -> Look:
+        """Fire so many pulses, look at the images, and read the frame of the same pulses."""
