@@ -21,7 +21,7 @@ import numpy as np
 
 from markerseek import rigs
 from markerseek.core import ChannelFrame, Measured
-from markerseek.records.journal import Entry
+from markerseek.records.journal import JournalEntry
 from markerseek.records.journal.lines import entry_line
 from markerseek.runs import ImageRing
 
@@ -44,7 +44,7 @@ def ways(folder: Path, ends: ExitStack) -> dict[str, Way]:
     assert imaging is not None
     image = imaging.picture(frame)
     pixels = image.envelope.tobytes()
-    entry = Entry(number=1, written="", clock_s=0.0, event=Measured(role="search", index=1, sample=sample))
+    entry = JournalEntry(number=1, written="", clock_s=0.0, event=Measured(role="search", index=1, sample=sample))
     line = entry_line(entry)
     flushed, both, grown = (
         ends.enter_context(tempfile.TemporaryFile(dir=folder, buffering=0))  # noqa: SIM115

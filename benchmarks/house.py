@@ -404,9 +404,9 @@ ROWS = (
     Row(name="returns between rooms of a frame, from its receiver to its reading", most=8, places=frame_returns),
     Row(name="the same with those of core", most=25, places=traced_frame_returns),
     Row(name="rooms that a search imports", most=20, places=rooms_of_search),
-    Row(name="public names that stand in two rooms", most=25, places=names_in_two_rooms),
+    Row(name="public names that stand in two rooms", most=25, places=names_in_two_rooms, kept=True),
     Row(name="messages below cli that name an option or a command", most=0, places=option_messages),
-    Row(name="assignments packed in one line", most=60, places=packed_assignments),
+    Row(name="assignments packed in one line", most=60, places=packed_assignments, kept=True),
 )
 
 

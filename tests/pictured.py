@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from markerseek.bridges.run_images import PicturedEntry, with_images
-from markerseek.records.journal import Configuration, Entry, JournalEvent
+from markerseek.records.journal import Configuration, JournalEntry, JournalEvent
 
 WRITTEN = "2026-03-01T12:00:00+00:00"
 """When an entry was written, unless a test says otherwise."""
@@ -18,7 +18,7 @@ def pictured_entry(
     clock_s: float = 0.0,
 ) -> PicturedEntry:
     """Return an entry of a run with its image, made of its frame."""
-    entry = Entry(number=number, written=written, clock_s=clock_s, event=event)
+    entry = JournalEntry(number=number, written=written, clock_s=clock_s, event=event)
     _, item = with_images([configuration, entry])
     assert isinstance(item, PicturedEntry)
     return item

@@ -31,7 +31,7 @@ from markerseek.rigs import image_peak
 from markerseek.show import save_figure
 from markerseek.studies import Cell, Study, cells, error_figure, read_study, run_study
 from markerseek.studies.policies import build_policy
-from markerseek.studies.trial import former_curve, searched
+from markerseek.studies.trial import searched, trial_prior_curve
 from markerseek.studies.unknowns import Unknowns
 from markerseek.studies.worlds import draw_trial, study_rig
 
@@ -102,7 +102,7 @@ def compare_with_bound(study: Study, cell: Cell, *, policy: int, markers: int) -
     for trial in range(markers):
         unknowns, noise, curve = _marker(study, cell, trial)
         rig = study_rig(study, cell, draw_trial(study, cell, trial))
-        prior = former_curve(study, cell, trial, settings)
+        prior = trial_prior_curve(study, cell, trial, settings)
         searcher = build_policy(settings, limits=limits, start_deg=rig.stage.angle_deg, prior=prior)
         dark_frames = 0 if settings.plan.as_published else rig.dark_frames
         # Without the confirmation at the end, which no bound on the angle takes into account.

@@ -13,17 +13,19 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.acoustics import Clutter, GaussianAbsorber
-from markerseek.sim import TISSUES, SimulatedSettings, Spot, Tissue
+from markerseek.sim import TISSUES, SimulatedSettings, StainedSpot, Tissue
 from markerseek.studies import Axis, PolicySummary, Share, Study, read_rows, run_study, study_policy
 
 SEED = 20261126
 FINE, COARSE = GaussianAbsorber(radius_m=0.08e-3), GaussianAbsorber(radius_m=0.2e-3)
 SPOTS = {
-    "5 grains, 1 mm wide": Spot(count=5, radius_m=0.5e-3, depth_m=0.5e-3, grain=FINE),
-    "400 grains, 2 mm wide": Spot(count=400, radius_m=1e-3, depth_m=0.5e-3, grain=FINE),
-    "150 grains, 3 mm wide": Spot(count=150, radius_m=1.5e-3, depth_m=0.5e-3, grain=FINE),
-    "40 coarse grains, 1.6 mm wide and 1.5 mm deep": Spot(count=40, radius_m=0.8e-3, depth_m=1.5e-3, grain=COARSE),
-    "60 grains, a patch of 5 mm": Spot(count=60, radius_m=2.5e-3, depth_m=0.5e-3, grain=FINE),
+    "5 grains, 1 mm wide": StainedSpot(count=5, radius_m=0.5e-3, depth_m=0.5e-3, grain=FINE),
+    "400 grains, 2 mm wide": StainedSpot(count=400, radius_m=1e-3, depth_m=0.5e-3, grain=FINE),
+    "150 grains, 3 mm wide": StainedSpot(count=150, radius_m=1.5e-3, depth_m=0.5e-3, grain=FINE),
+    "40 coarse grains, 1.6 mm wide and 1.5 mm deep": StainedSpot(
+        count=40, radius_m=0.8e-3, depth_m=1.5e-3, grain=COARSE
+    ),
+    "60 grains, a patch of 5 mm": StainedSpot(count=60, radius_m=2.5e-3, depth_m=0.5e-3, grain=FINE),
 }
 AROUND = Clutter(count=8, strength=0.02, nearest_m=58e-3, farthest_m=75e-3, half_length_m=25e-3)
 

@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges import AskedSearch, ChildRun, Outcome, Searches, SearchOptions
+from markerseek.bridges import ChildRun, Outcome, Searches, SearchOptions, SearchRequest
 from markerseek.bridges.igtl.commands import search_request
 from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
-from markerseek.records.journal import Configuration, Entry, Interrupted, JournalItem, read_journal
+from markerseek.records.journal import Configuration, Interrupted, JournalEntry, JournalItem, read_journal
 from markerseek.runs import new_run, plan_on
 
 SEED = 3
@@ -29,8 +29,8 @@ def _own_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
-def events_of(items: list[JournalItem]) -> list[Entry]:
-    return [item for item in items if isinstance(item, Entry)]
+def events_of(items: list[JournalItem]) -> list[JournalEntry]:
+    return [item for item in items if isinstance(item, JournalEntry)]
 
 
 def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_this_process() -> None:
@@ -60,7 +60,7 @@ def test_a_child_that_is_stopped_says_so_and_its_exit_code_is_passed_on(tmp_path
     journal = tmp_path / "run.journal"
     child = ChildRun(["search", "--seed", "1", "--pace", "0.2", "--journal", str(journal)], journal=journal)
     items = child.items()
-    next(item for item in items if isinstance(item, Entry) and isinstance(item.event, Measured))
+    next(item for item in items if isinstance(item, JournalEntry) and isinstance(item.event, Measured))
     for _ in range(20):
         # Escape that is held down; only the first counts.
         child.stop()
@@ -155,14 +155,14 @@ def test_a_second_search_is_refused_while_one_runs() -> None:
     started: list[int] = []
     searches = Searches(SearchOptions(pace=0.02), on_start=started.append, on_item=items.append, on_end=outcomes.append)
     assert searches.stop() == (False, "no search is running")
-    searches.start(AskedSearch().changed(seed=1))
+    searches.start(SearchRequest().changed(seed=1))
     with pytest.raises(SearchError, match="a search is running; stop it, or wait for its end"):
-        searches.start(AskedSearch().changed(seed=2))
+        searches.start(SearchRequest().changed(seed=2))
     assert searches.stop() == (True, "the search is being stopped")
     searches.close()
     assert [each.stopped for each in outcomes] == [True]
     items.clear()
-    searches.start(AskedSearch().changed(method="ternary", acquisitions=4))
+    searches.start(SearchRequest().changed(method="ternary", acquisitions=4))
     while searches.running:
         time.sleep(0.01)
     assert outcomes[-1].answered
@@ -191,7 +191,7 @@ def test_what_a_program_may_not_ask_for_is_refused_with_a_sentence(field: str, v
 
 
 def test_a_request_becomes_options_that_arm_nothing_and_name_no_file() -> None:
-    asked = AskedSearch().changed(method="ternary", acquisitions=8, as_published=True, stay=True, seed=5)
+    asked = SearchRequest().changed(method="ternary", acquisitions=8, as_published=True, stay=True, seed=5)
     method = ["--method=ternary", "--acquisitions=8", "--as-published", "--stay"]
     assert asked.arguments() == [*method, "--seed=5"]
     assert json.dumps(SearchOptions(rig=Path("a.toml"), pace=1.0).arguments()) == ('["--rig=a.toml", "--pace=1.0"]')

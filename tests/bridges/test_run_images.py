@@ -23,7 +23,7 @@ from markerseek.bridges import ChildRun, run_images
 from markerseek.bridges.page.run_history import picture_of
 from markerseek.bridges.run_images import PicturedEntry, with_images
 from markerseek.core import ChannelFrame, Measured, PaImage, SearchPlan
-from markerseek.records.journal import Journal, JournalItem, encode, follow, read_journal
+from markerseek.records.journal import Journal, JournalItem, encode_entry, follow_journal, read_journal
 from markerseek.runs import ImageRing, Run, hand_images_on, new_run, plan_on
 from markerseek.signals import ImageReader, reader
 from markerseek.sim import GaussianCurve
@@ -40,7 +40,7 @@ def _own_data_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 def written(journal: Path) -> Iterator[JournalItem]:
     """What a journal holds by now."""
-    return follow(journal, is_over=lambda: True, wait=lambda: None)
+    return follow_journal(journal, is_over=lambda: True, wait=lambda: None)
 
 
 def entries_of(items: Iterator[object]) -> list[PicturedEntry]:
@@ -56,7 +56,7 @@ def require_equal(ours: list[PicturedEntry], others: list[PicturedEntry]) -> Non
     assert len(ours) == len(others)
     for one, other in zip(ours, others, strict=True):
         # As it is stored, because frames are compared by identity.
-        assert encode(one.entry) == encode(other.entry)
+        assert encode_entry(one.entry) == encode_entry(other.entry)
         assert (one.brightest, one.problem) == (other.brightest, other.problem)
         assert (one.image is None) == (other.image is None)
         if one.image is not None and other.image is not None:
@@ -105,7 +105,7 @@ def followed_with(images: ImageRing, run: Run) -> list[PicturedEntry]:
     hand_images_on(images, run.journal, run.rig.imaging)
     events = run.events()
     items = with_images(
-        follow(run.journal.path, is_over=lambda: next(events, None) is None, wait=lambda: None), handed=images
+        follow_journal(run.journal.path, is_over=lambda: next(events, None) is None, wait=lambda: None), handed=images
     )
     return entries_of(items)
 

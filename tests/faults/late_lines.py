@@ -49,7 +49,7 @@ class DelayedClock(VirtualClock):
 
 
 class DelayedBench:
-    """The process that serves emulated devices, as `markerseek.emulators.bench.serve` does, behind a relay.
+    """The process that serves emulated devices, as `markerseek.emulators.bench.serve_bench` does, behind a relay.
 
     ``clock``: the host's. ``delays``: of the relay and of this process.
     """

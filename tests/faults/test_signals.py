@@ -25,7 +25,7 @@ import pytest
 from markerseek.cli.emulate import _rig_toml
 from markerseek.core import RecordError
 from markerseek.drivers import SystemClock
-from markerseek.emulators import EmulatedBench, serve
+from markerseek.emulators import EmulatedBench, serve_bench
 from markerseek.records.journal import RecordedRun, is_journal, read_journal
 from markerseek.sim import LaserSettings, MarkerSettings, ReceiverSettings, SimulatedSettings, StageMotion
 from tests.faults import laser_off
@@ -105,7 +105,8 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
             opened.enter_context(bench.line("laser", clock=clock, link=folder / "laser")),
         ]
         serving = threading.Thread(
-            target=serve, kwargs={"lines": lines, "clock": clock, "pace": 1.0, "daq": bench.daq, "until": over.is_set}
+            target=serve_bench,
+            kwargs={"lines": lines, "clock": clock, "pace": 1.0, "daq": bench.daq, "until": over.is_set},
         )
         serving.start()
         search = subprocess.Popen(

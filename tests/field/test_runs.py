@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.bmode.series import _read_png
-from markerseek.bridges import AskedSearch, Outcome, Searches, SearchOptions
+from markerseek.bridges import Outcome, Searches, SearchOptions, SearchRequest
 from markerseek.bridges.page.server import Address
 from markerseek.bridges.run_images import PicturedEntry, PicturedItem
 from markerseek.cli import doctor
@@ -235,7 +235,7 @@ def test_b5_exposure_without_a_record_is_refused_with_the_cure(shell: Shell, tmp
 
 @pytest.mark.usefixtures("nobody")
 def test_b5_a_search_that_a_client_asks_for_runs_without_a_home() -> None:
-    asked = AskedSearch().changed(method="ternary", acquisitions=4, as_published=True)
+    asked = SearchRequest().changed(method="ternary", acquisitions=4, as_published=True)
     items: list[PicturedItem] = []
     ends: queue.Queue[Outcome] = queue.Queue()
     searches = Searches(SearchOptions(), on_start=lambda _: None, on_item=items.append, on_end=ends.put)

@@ -24,11 +24,11 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 
-from markerseek.bridges.request import AskedSearch
+from markerseek.bridges.request import SearchRequest
 from markerseek.bridges.run_images import PicturedItem, with_images
 from markerseek.core import MarkerseekError, RecordError, SearchError
 from markerseek.drivers import BenchSettings
-from markerseek.records.journal import JournalItem, default_journal, follow, make_folder
+from markerseek.records.journal import JournalItem, default_journal, follow_journal, make_folder
 from markerseek.rigs import read_rig_file
 from markerseek.runs import ImageRing
 from markerseek.show import answer_line
@@ -170,7 +170,7 @@ class ChildRun:
 
         Of a run that is continued, all its entries from the first. Raises `RecordError` if the file is damaged.
         """
-        return self.beating(follow(self._journal, is_over=lambda: not self.running, wait=self.wait))
+        return self.beating(follow_journal(self._journal, is_over=lambda: not self.running, wait=self.wait))
 
     def beating(self, items: Iterable[_Item]) -> Iterator[_Item]:
         """The items of what is followed by `wait`, with the heartbeat also where one comes after the other."""
@@ -392,7 +392,7 @@ class Searches:
         """Whether a search runs, or its end has not been reported."""
         return self._followed is not None and not self._followed.join(0)
 
-    def start(self, asked: AskedSearch, *, asked_by: str | None = None) -> None:
+    def start(self, asked: SearchRequest, *, asked_by: str | None = None) -> None:
         """Start a search.
 
         ``asked_by``: who asked, for the person who arms the rig; None for the user of the bridge's terminal. Raises

@@ -27,7 +27,7 @@ OPTIONS = {each.name: each for each in (*options_of(SearchPlan), *options_of(Sim
 """All that can be chosen of a search, by name: never a file, a rig, or whether a rig is armed."""
 
 
-class Asked(msgspec.Struct, frozen=True, kw_only=True):
+class RunRequest(msgspec.Struct, frozen=True, kw_only=True):
     """What is asked for: a plan, and the simulated rig that it is for."""
 
     plan: SearchPlan | SessionPlan
@@ -58,7 +58,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
         """Options of the command; for a rig of devices only those of the plan."""
         return [*arguments_of(self.plan), *(arguments_of(self.simulation) if simulated else ())]
 
-    def query(self, *, usual: Asked) -> str:
+    def query(self, *, usual: RunRequest) -> str:
         """The values that differ from the usual ones, as the query of a link."""
         return urlencode({name: as_text(value) for name, value in self.values.items() if value != usual.values[name]})
 
@@ -78,7 +78,7 @@ class Asked(msgspec.Struct, frozen=True, kw_only=True):
         return asked, tuple(problems)
 
 
-class AskedSearch(Asked, frozen=True, kw_only=True):
+class SearchRequest(RunRequest, frozen=True, kw_only=True):
     """The plan of a search, and the simulated rig that it is for.
 
     Raises
@@ -97,7 +97,7 @@ class AskedSearch(Asked, frozen=True, kw_only=True):
         with_options(SimulatedSettings(), self.simulation)
 
 
-class AskedSession(Asked, frozen=True, kw_only=True):
+class SessionRequest(RunRequest, frozen=True, kw_only=True):
     """The plan of a registration session, and the simulated rig that it is for.
 
     Raises
@@ -120,5 +120,5 @@ class AskedSession(Asked, frozen=True, kw_only=True):
         return ["--simulate", *words] if simulated else words
 
 
-AnyAsked: TypeAlias = AskedSearch | AskedSession
+AnyRequest: TypeAlias = SearchRequest | SessionRequest
 """What a page can ask for."""

@@ -9,7 +9,7 @@ from typing import TypeAlias
 from msgspec.structs import replace
 
 from markerseek.core import AcquisitionError, ChannelFrame, Measured, PaImage, ReadingFrame
-from markerseek.records.journal import Configuration, Entry, JournalItem, RunView
+from markerseek.records.journal import Configuration, JournalEntry, JournalItem, RunView
 from markerseek.runs import ImageRing, rebuild_image_reader
 from markerseek.signals import ImageReader
 
@@ -18,7 +18,7 @@ from markerseek.signals import ImageReader
 class PicturedEntry:
     """An entry of a journal with its image."""
 
-    entry: Entry
+    entry: JournalEntry
     """The entry, of its frame the header alone: the counts have half a megabyte."""
     image: PaImage | None = None
     """Photoacoustic image of its acquisition; None if it has none."""
@@ -64,7 +64,7 @@ class _Images:
         self._brightest = 0.0
         self._problem = ""
 
-    def beside(self, entry: Entry) -> PicturedEntry:
+    def beside(self, entry: JournalEntry) -> PicturedEntry:
         """Return an entry with its image."""
         image = None
         if isinstance(entry.event, Measured):
@@ -90,7 +90,7 @@ class _Images:
             return None
 
 
-def _without_counts(entry: Entry) -> Entry:
+def _without_counts(entry: JournalEntry) -> JournalEntry:
     """Return the entry with the header of its frame alone."""
     event = entry.event
     if not isinstance(event, Measured) or (frame := event.sample.frame) is None:
@@ -99,7 +99,7 @@ def _without_counts(entry: Entry) -> Entry:
     return replace(entry, event=replace(event, sample=replace(event.sample, frame=header)))
 
 
-def since_fired_s(view: RunView, entry: Entry) -> float:
+def since_fired_s(view: RunView, entry: JournalEntry) -> float:
     """Return the seconds from the first pulse of an acquisition of devices to its entry; 0 for all other entries."""
     frame = entry.event.sample.frame if isinstance(entry.event, Measured) else None
     # A simulated clock runs ahead of the time of day.

@@ -81,10 +81,10 @@ def main() -> NoReturn:
             sys.exit(0)
         # Imported here, so that Ctrl-C during the import is handled below.
         from markerseek.cli import hung
-        from markerseek.cli.app import run
+        from markerseek.cli.app import run_command
 
         with hung.ended_by(_end_now):
-            run()
+            run_command()
     except KeyboardInterrupt:
         _end("stopped by the user", kind="KeyboardInterrupt", code=STOPPED_BY_USER)
     except OSError as problem:

@@ -212,7 +212,7 @@ _UsageError: Any = typer.BadParameter.__bases__[0]
 """Typer's error for wrong arguments, which has no public name."""
 
 
-def run() -> None:
+def run_command() -> None:
     """Run the command that the arguments name, and end the process with its exit code.
 
     Always raises `SystemExit`, except after Ctrl-C, at a closed pipe, or on an unexpected error.

@@ -133,7 +133,7 @@ def _serve(
                 stdout.print(images.type(line))
             return bool(stop)
 
-        emulators.serve(lines=lines, clock=real, pace=pace, daq=emulated.daq, until=until, images=images)
+        emulators.serve_bench(lines=lines, clock=real, pace=pace, daq=emulated.daq, until=until, images=images)
 
 
 _READOUT_SPARE_S = 0.5

@@ -28,7 +28,7 @@ from markerseek.cli.terminal import (
 from markerseek.core import Finished, Turning, counted, rig_in_words
 
 if TYPE_CHECKING:
-    from markerseek.records.journal import Entry, RecordedRun
+    from markerseek.records.journal import JournalEntry, RecordedRun
 
 
 _POLL_S = 0.02
@@ -109,8 +109,7 @@ def follow(journal: _File) -> None:
     --------
     markerseek journal follow run.journal | jq 'select(.kind == "measured").body.sample'
     """
-    from markerseek.records.journal import Configuration
-    from markerseek.records.journal import follow as follow_journal
+    from markerseek.records.journal import Configuration, follow_journal
 
     wait = partial(time.sleep, _POLL_S)  # noqa: TID251  a file is followed in real time
     for item in follow_journal(journal, wait=wait):
@@ -171,10 +170,10 @@ def replay(journal: _File, as_json: AsJson = False) -> None:
     Output(as_json=as_json).show(Report(values={"state": state} | values, shown=[facts(rows)]))
 
 
-def _as_object(entry: Entry) -> dict[str, object]:
-    from markerseek.records.journal import encode
+def _as_object(entry: JournalEntry) -> dict[str, object]:
+    from markerseek.records.journal import encode_entry
 
-    line, _ = encode(entry)
+    line, _ = encode_entry(entry)
     return {name: getattr(line, name) for name in ("number", "kind", "written", "clock_s", "body")}
 
 

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from markerseek import registration
 from markerseek.cli.options import AsJson, Out, with_values
-from markerseek.cli.registering import SessionOver, SessionPlace, SessionRequest, require_no_session, run_session
+from markerseek.cli.registering import SessionArguments, SessionOver, SessionPlace, require_no_session, run_session
 from markerseek.cli.registration_report import write_report
 from markerseek.cli.registration_rows import report_rows, session_rows
 from markerseek.cli.registrations import sessions_report
@@ -163,7 +163,7 @@ def command(
             raise ConfigError("a session makes its own points; leave the CSV, --frames, --journal and --without out")
         if spot_depth_mm is not None:
             raise ConfigError("a session takes the depth of [spot] from its rig file; leave --spot-depth-mm out")
-        asked = SessionRequest(
+        asked = SessionArguments(
             place=place,
             plan=replace(session, target_trus_m=target_m),
             simulation=simulation,

@@ -75,7 +75,7 @@ class SessionPlace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SessionRequest:
+class SessionArguments:
     """All that the command line asks of a session."""
 
     place: SessionPlace
@@ -121,7 +121,7 @@ class SessionOver:
         return self.view.report
 
 
-def run_session(asked: SessionRequest, *, as_json: bool) -> SessionOver:
+def run_session(asked: SessionArguments, *, as_json: bool) -> SessionOver:
     """Run a session to its end; Ctrl-C, SIGTERM and SIGHUP stop the rig and end the command."""
     place = asked.place
     with ExitStack() as opened:
@@ -216,7 +216,7 @@ def _announce(record: registration.SessionRecord, *, as_json: bool) -> None:
 
 
 @contextmanager
-def _room(asked: SessionRequest, *, as_json: bool) -> Iterator[registration.Room]:
+def _room(asked: SessionArguments, *, as_json: bool) -> Iterator[registration.Room]:
     """Where the session takes place."""
     place = asked.place
     settings = None if place.rig is None else rigs.read_rig_file(place.rig)

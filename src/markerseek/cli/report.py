@@ -66,10 +66,10 @@ class Output:
         from markerseek.show import PICTURE_SUFFIXES
 
         if out is not None and out.suffix.lower() in PICTURE_SUFFIXES and not out.is_dir():
-            require_room(out.parent)
+            make_picture_folder(out.parent)
             return cls(as_json=as_json, folder=out.parent, file=out)
         folder = out or Path("out")
-        require_room(folder)
+        make_picture_folder(folder)
         return cls(as_json=as_json, folder=folder)
 
     def show(self, report: Report) -> NoReturn:
@@ -99,7 +99,7 @@ class Output:
         raise typer.Exit(report.exit_code)
 
 
-def require_room(folder: Path) -> None:
+def make_picture_folder(folder: Path) -> None:
     """Make a folder for pictures, and test that they can be written to it."""
     from markerseek.show import require_room_for_pictures
 

@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 
 from markerseek import studies
 from markerseek.cli.options import AsJson
-from markerseek.cli.report import Output, Report, file_line, require_room, table
+from markerseek.cli.report import Output, Report, file_line, make_picture_folder, table
 from markerseek.cli.terminal import print_warning, stages_bar, stderr
 from markerseek.core import ConfigError, counted, extra_install
 
@@ -59,7 +59,7 @@ def command(
             progress=progress,
         )
         # Before hours of computation, not after them.
-        require_room(out)
+        make_picture_folder(out)
         names = _names() if what == "all" else [what]
         waiting = paper.make_sections(names, options=options, folder=out, own=own)
         made_from = f"with {counted(markers, 'marker')}" if bank is None else f"of {escape(str(bank))}"
@@ -110,7 +110,7 @@ def _made(section: Section) -> dict[str, object]:
 
 
 def _shown(section: Section) -> Iterator[str | Grid]:
-    from markerseek.studies.paper import shown
+    from markerseek.studies.paper import cell_text
 
     yield f"[bold]{escape(section.title)}[/]"
     if section.comparisons:
@@ -121,8 +121,8 @@ def _shown(section: Section) -> Iterator[str | Grid]:
                 {
                     "": each.paper.quantity,
                     **({"condition": each.condition, "paper": str(each.paper)} if of_paper else {}),
-                    "ours": shown(each.ours) + ("" if each.half is None else f" ± {shown(each.half)}"),
-                    **({"difference": shown(each.difference)} if of_paper else {}),
+                    "ours": cell_text(each.ours) + ("" if each.half is None else f" ± {cell_text(each.half)}"),
+                    **({"difference": cell_text(each.difference)} if of_paper else {}),
                 }
                 for each in section.comparisons
             ),

@@ -55,7 +55,7 @@ def search(
     markerseek ros2 search --registration SESSION
     markerseek ros2 search --once --rig ros2-rig.toml --json
     """
-    asked = bridges.AskedSearch(plan=plan, simulation=simulation)
+    asked = bridges.SearchRequest(plan=plan, simulation=simulation)
     if rig is not None:
         # A file that cannot be used is refused now, not when a node calls.
         rigs.read_rig_file(rig)
@@ -140,7 +140,7 @@ def _serve_until_stopped(pump: ros2.MessagePump, *served: ros2.Served, ready: st
     sys.stdout.flush()
     with noted_signals() as stopped:
         try:
-            ros2.serve(served, until=lambda: bool(stopped))
+            ros2.serve_nodes(served, until=lambda: bool(stopped))
         except ros2.StepEnded:
             # Between two steps there is nothing to interrupt.
             pass

@@ -18,7 +18,7 @@ from rich.text import Text
 from markerseek import studies
 from markerseek.cli import STOPPED_BY_USER
 from markerseek.cli.options import AsJson
-from markerseek.cli.report import Output, Report, facts, file_line, require_room, table
+from markerseek.cli.report import Output, Report, facts, file_line, make_picture_folder, table
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_json, stages_bar, stderr
 from markerseek.core import ConfigError, counted
@@ -61,7 +61,7 @@ def command(
     folder = out or Path("out") / study.stem
     # Before hours of searching, not after them.
     if plot:
-        require_room(folder)
+        make_picture_folder(folder)
     processes = counted(studies.default_workers() if workers is None else workers, "process", "processes")
     stderr.print(
         f"{escape(settings.name)}: {_searches(settings.rows)}, level {settings.level} "

@@ -52,7 +52,7 @@ from markerseek.core.events import (
     Swept,
     Turning,
 )
-from markerseek.core.image import MAX_PAIRS, LinearArray, PaImage, ScanGeometry, StereoImages, StereoPair
+from markerseek.core.image import MAX_PAIRS, LinearArray, PaImage, ScanGeometry, Side, StereoImages, StereoPair
 from markerseek.core.interval import PAPER_RANGE, Interval, as_interval
 from markerseek.core.marker import (
     MarkerCandidate,
@@ -84,7 +84,7 @@ from markerseek.core.protocols import (
     Clock,
     ConfirmablePolicy,
     FollowedTissue,
-    GuidedStage,
+    HandTurnedStage,
     Laser,
     Policy,
     Reader,
@@ -169,7 +169,7 @@ __all__ = [
     "Found",
     "Frame",
     "FrameHeader",
-    "GuidedStage",
+    "HandTurnedStage",
     "Help",
     "Int16",
     "Int32",
@@ -217,6 +217,7 @@ __all__ = [
     "SearchError",
     "SearchPlan",
     "Searched",
+    "Side",
     "SimulationOptions",
     "SpotEnergy",
     "SpotToSource",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias, runtime_checkable
 
 import msgspec
 
@@ -153,6 +153,10 @@ class StereoPair:
     at_s: float
     """Time at which both images were there: monotonic seconds of this computer; with a simulated endoscope, time on the
     clock of its rig."""
+
+
+Side: TypeAlias = Literal["left", "right"]
+"""One of the two cameras of a stereo endoscope."""
 
 
 @runtime_checkable

@@ -121,7 +121,7 @@ class Stage(Protocol):
 
 
 @runtime_checkable
-class GuidedStage(Stage, Protocol):
+class HandTurnedStage(Stage, Protocol):
     """A stage that a person turns: it asks, and waits until the angle is steady."""
 
     def guide(self, angle_deg: float) -> Iterator[Turning]:

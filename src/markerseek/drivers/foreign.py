@@ -53,7 +53,7 @@ from markerseek.drivers.entry import (
 )
 from markerseek.drivers.standard_laser import StandardLaser
 from markerseek.drivers.standard_receiver import StandardReceiver, mean_counts
-from markerseek.drivers.standard_stage import StandardStage, require_room
+from markerseek.drivers.standard_stage import StandardStage, require_approach
 from markerseek.files import Line, nearest_key, setting_from
 from markerseek.wire import Port
 
@@ -500,7 +500,7 @@ def _open_stage(settings: ForeignStage, opening: Opening) -> StandardStage[OwnSt
     logic = OwnStage(settings, opening)
     rules = logic.rules()
     if rules.approach_deg:
-        require_room(opening.limits, approach_from="below", approach_deg=rules.approach_deg)
+        require_approach(opening.limits, approach_from="below", approach_deg=rules.approach_deg)
     return StandardStage(logic, clock=opening.clock, travel=opening.limits.travel, rules=rules)
 
 

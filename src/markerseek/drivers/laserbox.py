@@ -27,7 +27,7 @@ from markerseek.core import (
 from markerseek.drivers._laserbox_line import POLL_S, BoxLine, BoxSweep, cure, require_known, stray_light
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, LaserKeys, Opening
-from markerseek.drivers.standard_laser import Permits
+from markerseek.drivers.standard_laser import LaserPermits
 from markerseek.files import Line
 from markerseek.wire import Port
 from markerseek.wire import laserbox as wire
@@ -96,7 +96,7 @@ class LaserBox:
         # A dark frame has as many triggers as a lit one, so that both are averages over the same number.
         self._dark_triggers = settings.pulses
         self._usual_light = settings.usual_energy if settings.energy_from == "photodiode" else None
-        self._permits = Permits("laser box", clock)
+        self._permits = LaserPermits("laser box", clock)
         self._settled = False
         self._seen = 0
         self._sweep: BoxSweep | None = None

@@ -100,7 +100,7 @@ class IgtlMessages(ConnectionMessages[igtl.Message]):
             if header.kind == self.content and len(self._others) < _MOST_NAMES:
                 self._others[header.device] = None
             if header.kind == "STATUS":
-                self.emulated |= igtl.is_emulated(header, body)
+                self.emulated |= igtl.is_emulated_server(header, body)
             yield None
 
     @property

@@ -29,7 +29,7 @@ from markerseek.core import (
     is_finite,
 )
 from markerseek.drivers.entry import Entry, LaserKeys, Opening, ReceiverKeys, StageKeys
-from markerseek.drivers.standard_laser import Permits
+from markerseek.drivers.standard_laser import LaserPermits
 from markerseek.drivers.standard_stage import require_inside
 from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, reach, topics
 
@@ -376,7 +376,7 @@ class Ros2Acquisition:
         self._wait_until = partial(wait_until, node, clock)
         # Two searches use the same tokens; an answer to an earlier search must not be taken for an answer to this one.
         self._session = secrets.token_hex(4)
-        self._permits = Permits("laser", clock)
+        self._permits = LaserPermits("laser", clock)
         self._armed: Permit | None = None
         self._fired: tuple[Permit, float] | None = None
         self._answers: dict[str, messages.Acquired] = {}
@@ -418,7 +418,7 @@ class Ros2Acquisition:
             self._answers[f"{answer.id} {answer.step}"] = answer
 
     def _on_frame(self, message: Any) -> None:
-        counts = messages.counts_of(message)
+        counts = messages.channel_data_of(message)
         if counts is not None:
             # Only the newest two are kept: frames of half a megabyte that nobody asked for must not pile up.
             self._frames = {**dict(list(self._frames.items())[-1:]), messages.stamp_ns(message): counts}

@@ -27,7 +27,7 @@ from markerseek.drivers.entry import (
     entry_of,
 )
 from markerseek.drivers.foreign import Foreign, foreign_line, require_class, split_keys
-from markerseek.drivers.standard_stage import require_room
+from markerseek.drivers.standard_stage import require_approach
 from markerseek.files import Line, require_key, setting_from, settings_from
 from markerseek.guard import FiringLimits, Limits
 from markerseek.signals import ProbeKeys, probe_preset
@@ -123,7 +123,7 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
                     + "; each device has its own: see ls -l /dev/serial/by-id/"
                 )
         if isinstance(self.stage, MotorKeys):
-            require_room(self.limits, approach_from=self.stage.approach_from, approach_deg=self.stage.approach_deg)
+            require_approach(self.limits, approach_from=self.stage.approach_from, approach_deg=self.stage.approach_deg)
         if laser.without_supervisor and not self.supervisor.enabled:
             raise ConfigError(f"supervisor: enabled is false, and {laser.without_supervisor}; keep it enabled")
 

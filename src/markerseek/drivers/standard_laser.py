@@ -32,7 +32,7 @@ class LaserLogic(Protocol):
 LogicT = TypeVar("LogicT", bound=LaserLogic)
 
 
-class Permits:
+class LaserPermits:
     """The permits that a laser was given: each is used once, and only if it ends after its pulses.
 
     ``name``: begins each error.
@@ -79,7 +79,7 @@ class StandardLaser(Generic[LogicT]):
         self._clock = clock
         self._rate_hz = rate_hz
         self._name = name
-        self._permits = Permits(name, clock)
+        self._permits = LaserPermits(name, clock)
 
     @property
     def emulated(self) -> bool:

@@ -85,7 +85,7 @@ def require_wide(travel: Interval, *, approach_deg: float) -> None:
         )
 
 
-def require_room(limits: Limits, *, approach_from: Literal["below", "above"], approach_deg: float) -> None:
+def require_approach(limits: Limits, *, approach_from: Literal["below", "above"], approach_deg: float) -> None:
     """Refuse a search range whose ends cannot be approached from the usual side."""
     # Approached from the other side, an angle would be off by the backlash of the gears, and the marker with it.
     from_below = approach_from == "below"
@@ -264,7 +264,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
     ) -> None:
         super().__init__(logic, clock=clock, travel=travel, rules=rules)
         self._play_deg = play
-        self._sweep: Sweep | None = None
+        self._sweep: SweepMove | None = None
         self._sweep_rules = rules
         self._has_speed_of_sweep = False
 
@@ -305,7 +305,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         start_deg = self._readback() if self._rest_deg is None else self._rest_deg
         self._rest_deg = self._pushed = None
         self._move = self._way(rules=self._sweep_rules)
-        self._sweep = Sweep(self.logic, self._move, self._sweep_rules, to_deg=to_deg, start_deg=start_deg)
+        self._sweep = SweepMove(self.logic, self._move, self._sweep_rules, to_deg=to_deg, start_deg=start_deg)
 
     def read_sweep(self) -> StageReading:
         """Where it is, with the times of question and answer.
@@ -342,7 +342,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         self._note_rest(angle_deg)
 
 
-class Sweep:
+class SweepMove:
     """A stage that sweeps from rest to rest, to the end of its permit.
 
     Making one begins to turn it. ``rules``: with the speed of the sweep.

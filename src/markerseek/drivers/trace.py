@@ -27,7 +27,7 @@ _TEXT = frozenset(range(0x20, 0x7F)) | {0x09, 0x0A, 0x0D}
 """Bytes of a text protocol."""
 
 
-def shown(data: bytes) -> str:
+def readable(data: bytes) -> str:
     """Return bytes as people read them: text in quotes, or hexadecimal numbers."""
     if _TEXT.issuperset(data):
         return repr(data.decode("ascii"))
@@ -46,14 +46,14 @@ class TracedPort:
 
     def write(self, data: bytes) -> None:
         """As `Port.write`; logged before it is sent, so that a line that is lost is in the trace."""
-        _LOG.debug("%s > %s", self._name, shown(data))
+        _LOG.debug("%s > %s", self._name, readable(data))
         self._port.write(data)
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
         """As `Port.read`; nothing is logged where nothing came."""
         data = self._port.read(size, timeout_s=timeout_s)
         if data:
-            _LOG.debug("%s < %s", self._name, shown(data))
+            _LOG.debug("%s < %s", self._name, readable(data))
         return data
 
     def close(self) -> None:

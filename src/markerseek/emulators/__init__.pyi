@@ -1,4 +1,4 @@
-from .bench import ByteDevice, EmulatedBench, PtyLine, serve
+from .bench import ByteDevice, EmulatedBench, PtyLine, serve_bench
 from .endoscope import EmulatedEndoscope
 from .kdc101 import EmulatedKdc101
 from .laserbox import LIGHT_COUNTS
@@ -14,5 +14,5 @@ __all__ = [
     "EmulatedSonixDaq",
     "EmulatedVantage",
     "PtyLine",
-    "serve",
+    "serve_bench",
 ]

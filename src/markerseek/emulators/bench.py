@@ -1,7 +1,7 @@
 """An emulated rig at the level of bytes: stage, laser box and SonixDAQ folder in one simulated world.
 
-Behind pseudo-terminals, `serve` runs them in real time; only the writing of files can be paced, because leases and the
-check of a stage's speed need real time.
+Behind pseudo-terminals, `serve_bench` runs them in real time; only the writing of files can be paced, because leases
+and the check of a stage's speed need real time.
 
 The pseudo-terminals stand here too (`PtyLine`), for any emulated device.
 """
@@ -212,7 +212,7 @@ class ServingClock:
         self._clock.wait(duration_s)
 
 
-def serve(
+def serve_bench(
     *,
     lines: Sequence[PtyLine],
     clock: Clock,

@@ -25,7 +25,7 @@ from markerseek.acoustics import (
 )
 from markerseek.core import NO_HEADER, ChannelFrame, ConfigError, Float32, Float64, LinearArray, PaImage
 from markerseek.signals import PRESET_NAMES, ImageReader, beamformed_sigma, probe_preset, strongest_peaks
-from markerseek.sim import MarkerSettings, RecordedCurve, SimulatedSettings, Spot, Tissue, World, tissue_named
+from markerseek.sim import MarkerSettings, RecordedCurve, SimulatedSettings, StainedSpot, Tissue, World, tissue_named
 
 _USUAL_COUNTS = 600.0
 """Largest count of the marker in a channel, where the receiver chooses its own gain and nothing speaks against it."""
@@ -224,10 +224,10 @@ def _reach_m(settings: SimulatedSettings) -> float:
     return min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))
 
 
-def _spot_of(marker: MarkerSettings, material: Tissue) -> Spot:
+def _spot_of(marker: MarkerSettings, material: Tissue) -> StainedSpot:
     """Spot of the material, or a single absorber where the settings name its radius."""
     radius_m = marker.source_radius_m
-    return material.spot if radius_m is None else Spot(grain=GaussianAbsorber(radius_m=radius_m))
+    return material.spot if radius_m is None else StainedSpot(grain=GaussianAbsorber(radius_m=radius_m))
 
 
 _OFF_PLANE_DEG = np.concatenate(

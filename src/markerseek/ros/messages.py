@@ -85,7 +85,7 @@ def joint_state(*, time_s: float, angle_deg: float, joint: str = JOINT) -> Any:
     )
 
 
-def turned(*, time_s: float, angle_deg: float) -> Any:
+def turned_probe(*, time_s: float, angle_deg: float) -> Any:
     """Transform of the probe in its home frame, as a geometry_msgs/TransformStamped."""
     # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
     half = math.radians(angle_deg) / 2
@@ -221,7 +221,7 @@ def state_of(message: Any) -> OperatingState | None:
     )
 
 
-def counts_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:
+def channel_data_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:
     """Channel data of an image message; None if it is not a 16SC1 image of the size that it states."""
     rows = message.height
     columns = message.width
@@ -238,7 +238,7 @@ def stamp_ns(message: Any) -> int:
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
-def envelope(image: PaImage, *, time_s: float) -> Any:
+def envelope_image(image: PaImage, *, time_s: float) -> Any:
     """Image message of the envelope, 32FC1, in ADC counts."""
     return _image(image.envelope.astype("<f4"), encoding="32FC1", time_s=time_s)
 

@@ -32,10 +32,10 @@ _SHOWN = 120
 def _note(topic: str, direction: str, message: Any) -> None:
     """Log a message; it is put into words only where somebody reads the log, because an image takes long."""
     if _LOG.isEnabledFor(logging.DEBUG):
-        _LOG.debug("%s %s %s", topic, direction, shown(message))
+        _LOG.debug("%s %s %s", topic, direction, message_text(message))
 
 
-def shown(message: Any) -> str:
+def message_text(message: Any) -> str:
     """Return the kind of a message, its time, and its numbers or text; of long ones only their number."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     at = "" if stamp is None else f" stamped {stamp.sec}.{stamp.nanosec:09}"

@@ -41,8 +41,8 @@ from markerseek.records.banks import (
 )
 from markerseek.records.journal import (
     Configuration,
-    Entry,
     Journal,
+    JournalEntry,
     JournalEvent,
     RecordedRun,
     RunView,
@@ -261,7 +261,7 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
         try:
             with whole_bank(path, facts=facts) as writer:
 
-                def add(entry: Entry) -> None:
+                def add(entry: JournalEntry) -> None:
                     if isinstance(entry.event, Measured):
                         writer.add(entry.event.sample)
 

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from markerseek.core import AnyPolicy, ConfigError, Estimate, Measured, Reader, ReadingFrame, RecordError
 from markerseek.drivers import BenchSettings
 from markerseek.files import recorded_settings
-from markerseek.records.journal import Configuration, Entry, RecordedRun, RunView, since_started
+from markerseek.records.journal import Configuration, JournalEntry, RecordedRun, RunView, since_started
 from markerseek.rigs import (
     BenchRecipe,
     Recipe,
@@ -133,7 +133,7 @@ def answer_again(recorded: RecordedRun, *, read_frames: bool) -> Estimate:
     return estimate if view.confirmation is None else apply_confirmation(estimate, view.confirmation, view.samples)
 
 
-def _read_again(entry: Entry, reader: Reader) -> Entry:
+def _read_again(entry: JournalEntry, reader: Reader) -> JournalEntry:
     event = entry.event
     if not isinstance(event, Measured) or (frame := event.sample.frame) is None:
         return entry

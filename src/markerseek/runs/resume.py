@@ -27,8 +27,8 @@ from markerseek.core import (
 from markerseek.guard import FiringLimits
 from markerseek.records.journal import (
     Checked,
-    Entry,
     Journal,
+    JournalEntry,
     JournalEvent,
     RecordedRun,
     Resuming,
@@ -131,7 +131,7 @@ def resumed(
     yield from committed(events, policy, rig, journal, ahead_s=ahead_s, earlier=earlier)
 
 
-def tell_recorded(policy: AnyPolicy, entries: Iterable[Entry]) -> None:
+def tell_recorded(policy: AnyPolicy, entries: Iterable[JournalEntry]) -> None:
     """Ask a fresh policy and tell it the recorded samples, in their order, except a dark frame at the end."""
     lit = False
     sweeping = None
@@ -156,7 +156,7 @@ def tell_recorded(policy: AnyPolicy, entries: Iterable[Entry]) -> None:
         policy.end_sweep()
 
 
-def strongest_of(entries: Sequence[Entry]) -> Sample | None:
+def strongest_of(entries: Sequence[JournalEntry]) -> Sample | None:
     """The acquisition with the largest intensity; None before the first."""
     lit = [each.event.sample for each in entries if isinstance(each.event, Measured) and not each.event.sample.dark]
     return max(lit, key=lambda sample: sample.reading.intensity, default=None)
@@ -170,7 +170,7 @@ def require_reset(path: Path, view: RunView, *, reset_fault: bool) -> None:
         )
 
 
-def pulses_before(entries: Iterable[Entry], *, pulses: int, attempts: int, pulses_per_sweep: int) -> int:
+def pulses_before(entries: Iterable[JournalEntry], *, pulses: int, attempts: int, pulses_per_sweep: int) -> int:
     """Upper bound of the laser pulses that a run has fired so far, whether or not an acquisition came to its end.
 
     ``pulses``: of one acquisition. ``attempts``: how often one acquisition may be tried. ``pulses_per_sweep``: most
@@ -195,7 +195,7 @@ def pulses_before(entries: Iterable[Entry], *, pulses: int, attempts: int, pulse
     return permits * pulses + swept + open_sweep
 
 
-def _recall(rig: Rig, entries: Sequence[Entry]) -> None:
+def _recall(rig: Rig, entries: Sequence[JournalEntry]) -> None:
     """Show the guard the admitted frames, so that a receiver that repeats an old one is refused."""
     for entry in entries:
         if isinstance(entry.event, Measured) and (frame := entry.event.sample.frame) is not None:

@@ -11,7 +11,7 @@ from markerseek.core import Clock, Displacement, FollowedTissue
 MOST_BREATHS = 2.0
 """Longest wait for a pause, in breaths: the first pause may be too short, or nearly over."""
 
-LOOK_S = 0.05
+_LOOK_S = 0.05
 """Time from one look for the pause to the next: cameras give 10 to 30 images a second."""
 
 MOMENTS = 5
@@ -27,10 +27,10 @@ def await_pause(tissue: FollowedTissue, clock: Clock, *, for_s: float) -> None:
     if breath_s is None:
         return
     # The beginning of a pause is seen one look too late.
-    for_s = min(for_s, max(tissue.pause_s - 2 * LOOK_S, 0.0))
+    for_s = min(for_s, max(tissue.pause_s - 2 * _LOOK_S, 0.0))
     until_s = clock.now_s() + MOST_BREATHS * breath_s
     while tissue.rests(for_s) is False and clock.now_s() < until_s:
-        clock.wait(LOOK_S)
+        clock.wait(_LOOK_S)
 
 
 def await_known(tissue: FollowedTissue, clock: Clock, *, at_s: float) -> None:

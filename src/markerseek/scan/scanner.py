@@ -19,7 +19,7 @@ from markerseek.core import (
     FollowedTissue,
     FollowPermit,
     Frame,
-    GuidedStage,
+    HandTurnedStage,
     Laser,
     Permit,
     Reader,
@@ -167,7 +167,7 @@ class Scanner:
             # Of the class, and no isinstance: it would ask the device for its angle.
             if hasattr(type(self._stage), "guide"):
                 with self._faulting:
-                    yield from cast("GuidedStage", self._stage).guide(step)
+                    yield from cast("HandTurnedStage", self._stage).guide(step)
             yield self.measure(step, tissue=tissue)
 
     def measure(self, angle_deg: float, *, tissue: FollowedTissue | None = None) -> Sample:

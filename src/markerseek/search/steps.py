@@ -193,7 +193,7 @@ def peak_passed(intensity: Float64[np.ndarray, " samples"]) -> bool:
     return bool(intensity[-1] < level and intensity[-2] < level)
 
 
-class Sweep(SearchPolicy):
+class EqualSteps(SearchPolicy):
     """Visits the angles of eq. (5) one after another.
 
     Parameters
@@ -245,7 +245,7 @@ class Sweep(SearchPolicy):
         return self._found(self._limits.centre_deg, self._limits.width_deg / math.sqrt(12))
 
 
-class WeightedAverage(Sweep):
+class WeightedAverage(EqualSteps):
     """Sweeps in equal steps and answers with the weighted average of the angles, eq. (1).
 
     Samples below `THRESHOLD` of the largest are left out; the weights of the others are not shifted. Where all
@@ -254,7 +254,7 @@ class WeightedAverage(Sweep):
     Parameters
     ----------
     limits, acquisitions, start_deg
-        See `Sweep`; a full scan has N = ``acquisitions`` samples.
+        See `EqualSteps`; a full scan has N = ``acquisitions`` samples.
     early_end
         End as soon as the peak is recorded and passed (`peak_passed`), as in the paper's online analysis. Its offline
         analysis has full scans.
@@ -310,7 +310,7 @@ class WeightedAverage(Sweep):
         return self._found(mean_deg, sigma_deg)
 
 
-class Exhaustive(Sweep):
+class Exhaustive(EqualSteps):
     """Sweeps in fine steps and answers with the vertex of a parabola through the top of the curve.
 
     The parabola is fitted by least squares to the samples around the largest that are not below 0.7 of it, at least

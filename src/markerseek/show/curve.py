@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import msgspec
 
 from markerseek.core import Ambiguous, AtBound, Estimate, Found, NotFound, Role, Unsure, counted, listed
-from markerseek.records.journal import Point, RunView
+from markerseek.records.journal import LitAcquisition, RunView
 from markerseek.show.words import with_minus
 
 ANGLE_TEXT = "probe angle [deg]"
@@ -194,13 +194,13 @@ def mean_deg(view: RunView) -> float | None:
     return None if belief is None or isinstance(belief.estimate, NotFound) else belief.estimate.mean_deg
 
 
-def _points(view: RunView) -> Sequence[Point]:
+def _points(view: RunView) -> Sequence[LitAcquisition]:
     """The acquisitions; at the end of a recording only those that its search took."""
     searched = None if view.finished is None else view.finished.searched
     return view.points if searched is None else view.points[: searched.acquisitions]
 
 
-def _recorded(view: RunView) -> Sequence[Point]:
+def _recorded(view: RunView) -> Sequence[LitAcquisition]:
     """A point for each angle of a recording in ascending order, once it was measured to its end."""
     if view.finished is None or view.finished.searched is None:
         return ()
@@ -208,7 +208,7 @@ def _recorded(view: RunView) -> Sequence[Point]:
     return [point for _, point in sorted(by_angle.items())]
 
 
-def _mark(point: Point, view: RunView) -> Mark:
+def _mark(point: LitAcquisition, view: RunView) -> Mark:
     is_search = point.role == "search"
     weights = () if view.belief is None else view.belief.weights
     # An acquisition that has just been made has no weight until the policy has received it.

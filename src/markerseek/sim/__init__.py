@@ -35,7 +35,7 @@ from markerseek.sim.stereo_endoscope import (
     on_tissue_m,
 )
 from markerseek.sim.textured_tissue import TexturedTissue
-from markerseek.sim.tissues import TISSUES, Spot, Tissue, tissue_named
+from markerseek.sim.tissues import TISSUES, StainedSpot, Tissue, tissue_named
 from markerseek.sim.world import Flash, SimulatedWorld, VirtualClock, World
 
 __all__ = [
@@ -64,8 +64,8 @@ __all__ = [
     "SimulatedSettings",
     "SimulatedStage",
     "SimulatedWorld",
-    "Spot",
     "StageMotion",
+    "StainedSpot",
     "TexturedTissue",
     "Tissue",
     "TissueMotion",

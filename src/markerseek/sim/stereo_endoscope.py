@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, NamedTuple, TypeAlias
+from typing import Annotated, NamedTuple, TypeAlias
 
 import msgspec
 import numpy as np
@@ -21,6 +21,7 @@ from markerseek.core import (
     Clock,
     Float64,
     Int16,
+    Side,
     StereoPair,
     UInt8,
     Within,
@@ -149,9 +150,6 @@ _MORE_NOISE = 1 << 20
 
 _REACH_RADII = 6.0
 """Radii of the spot beyond which its light is below a sixteenth of a count."""
-
-Side: TypeAlias = Literal["left", "right"]
-"""One of the two cameras."""
 
 Places: TypeAlias = dict[Side, Float64[np.ndarray, " 2"] | None]
 """Pixel (x, y) of the spot in each camera; None: it is behind the camera."""

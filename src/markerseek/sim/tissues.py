@@ -15,7 +15,7 @@ from markerseek.acoustics import Absorber, Clutter, GaussianAbsorber, Medium, Re
 from markerseek.core import ConfigError, Float64
 
 
-class Spot(msgspec.Struct, frozen=True, kw_only=True):
+class StainedSpot(msgspec.Struct, frozen=True, kw_only=True):
     """The stained and lit spot that is the marker: small absorbers scattered over a disc, or a single one."""
 
     count: int = 1
@@ -53,7 +53,7 @@ class Tissue(msgspec.Struct, frozen=True, kw_only=True):
 
     description: str
     """Which material it is, and that it is simulated."""
-    spot: Spot = Spot()
+    spot: StainedSpot = StainedSpot()
     medium: Medium = Medium()
     """Sound speed and attenuation of the path."""
     clutter: Clutter | None = None
@@ -75,26 +75,26 @@ TISSUES: dict[str, Tissue] = {
     ),
     "liver": Tissue(
         description="bovine liver with an ink spot (simulated)",
-        spot=Spot(count=24, radius_m=0.6e-3, depth_m=0.3e-3, grain=_FINE),
+        spot=StainedSpot(count=24, radius_m=0.6e-3, depth_m=0.3e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.15),
         clutter=_background(0.02),
     ),
     "muscle": Tissue(
         description="bovine muscle with an ink spot (simulated)",
-        spot=Spot(count=24, radius_m=0.9e-3, depth_m=0.5e-3, grain=_FINE),
+        spot=StainedSpot(count=24, radius_m=0.9e-3, depth_m=0.5e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.2),
         clutter=_background(0.03),
         reverberation=Reverberation(delay_s=4e-6, gain=0.1, repeats=1),
     ),
     "chicken-breast": Tissue(
         description="chicken breast with an ink spot (simulated)",
-        spot=Spot(count=24, radius_m=0.4e-3, depth_m=0.2e-3, grain=_FINE),
+        spot=StainedSpot(count=24, radius_m=0.4e-3, depth_m=0.2e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.12),
         clutter=_background(0.01),
     ),
     "muscle-icg": Tissue(
         description="bovine muscle stained with indocyanine green (simulated)",
-        spot=Spot(count=24, radius_m=1.2e-3, depth_m=0.8e-3, grain=_FINE),
+        spot=StainedSpot(count=24, radius_m=1.2e-3, depth_m=0.8e-3, grain=_FINE),
         medium=Medium(attenuation_db_cm_mhz=0.2),
         clutter=_background(0.04),
     ),

@@ -178,7 +178,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
                 # Of the same trials: their common noise cancels, and the interval is narrower than that of two means.
                 error_deg=Mean.of(_apart(by_policy[one], by_policy[other])),
             )
-            for one, other in compared(study.policies)
+            for one, other in compared_pairs(study.policies)
         ]
     return Summary(
         study=study.digest,
@@ -190,7 +190,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
     )
 
 
-def compared(policies: tuple[StudyPolicy, ...]) -> list[tuple[int, int]]:
+def compared_pairs(policies: tuple[StudyPolicy, ...]) -> list[tuple[int, int]]:
     """Pairs of policies that are compared, by their numbers; see `ALL_PAIRS`."""
     pairs = combinations(range(len(policies)), 2)
     if len(policies) <= ALL_PAIRS:

@@ -128,7 +128,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
         second_deg=None if second is None else second.angle_deg,
         second_db=None if second is None else 20 * math.log10(second.strength),
     )
-    prior = former_curve(study, cell, trial, settings)
+    prior = trial_prior_curve(study, cell, trial, settings)
     # Simulated faults are part of a study. Other errors are of its settings, and end it.
     try:
         near = _angle_prior(study, cell, trial, settings, rig)
@@ -175,7 +175,7 @@ def _radius_m(study: Study, cell: Cell, draw: Draw) -> float | None:
     return cell.world.rig.marker.radius_m if draw.unknowns is None else draw.unknowns.marker.radius_m
 
 
-def former_curve(study: Study, cell: Cell, trial: int, settings: StudyPolicy) -> MarkerCurve | None:
+def trial_prior_curve(study: Study, cell: Cell, trial: int, settings: StudyPolicy) -> MarkerCurve | None:
     """Return the curve of the former marker of a trial, by a search for it; None if none is asked for, or found."""
     if not settings.prior:
         return None

@@ -29,7 +29,7 @@ from markerseek.sim import (
     RecordedCurve,
     SechCurve,
     SimulatedSettings,
-    Spot,
+    StainedSpot,
     TwoHumps,
     tissue_named,
 )
@@ -211,7 +211,7 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
     material = tissue_named(settings.tissue)
     marker = unknowns.marker
     if material.spot.count == 1:
-        material = structs.replace(material, spot=Spot(grain=marker.source))
+        material = structs.replace(material, spot=StainedSpot(grain=marker.source))
     model = replace(unknowns.model, reverberation=beside.reverberation or material.reverberation)
     scene = scene_of(material, marker, settings, model, rng)
     drawn = beside.clutter if beside.second is None else (beside.second, *beside.clutter)

@@ -527,7 +527,7 @@ def decode(header: Header, body: bytes) -> Message:
         raise DeviceError(f"{what}: {problem}") from problem
 
 
-def is_emulated(header: Header, body: bytes) -> bool:
+def is_emulated_server(header: Header, body: bytes) -> bool:
     """Whether a STATUS says that its server is an emulator; errors as of `decode`."""
     said = decode(header, body).content
     return isinstance(said, Status) and said.message == EMULATOR

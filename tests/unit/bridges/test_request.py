@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from markerseek.bridges import OPTIONS, AskedSearch
-from markerseek.bridges.request import AskedSession
+from markerseek.bridges import OPTIONS, SearchRequest
+from markerseek.bridges.request import SessionRequest
 from markerseek.core import AnglePrior, ConfigError, SimulationOptions
 from markerseek.registration import SessionPlan
 from markerseek.rigs import simulated
 from markerseek.search import METHODS
 from markerseek.sim import TISSUES, SimulatedSettings, with_options
 
-USUAL = AskedSearch().changed(seed=1, pace=0.05)
+USUAL = SearchRequest().changed(seed=1, pace=0.05)
 
 searches = st.fixed_dictionaries(
     {
@@ -36,7 +36,7 @@ searches = st.fixed_dictionaries(
 )
 
 
-def asked(values) -> AskedSearch:
+def asked(values) -> SearchRequest:
     near = AnglePrior(**values["near"]) if values["near"] and values["method"] == "posterior" else None
     return USUAL.changed(**values | {"near": near})
 
@@ -52,7 +52,7 @@ def test_the_command_line_reads_the_arguments_as_they_were_meant(values):
     chosen = asked(values)
     given = dict(each.lstrip("-").partition("=")[::2] for each in chosen.arguments())
     read = {name.replace("-", "_"): OPTIONS[name.replace("-", "_")].read(text or "1") for name, text in given.items()}
-    assert AskedSearch().changed(**read) == chosen
+    assert SearchRequest().changed(**read) == chosen
 
 
 def test_all_that_is_wrong_with_a_link_is_named():
@@ -87,7 +87,7 @@ sessions = st.fixed_dictionaries(
 
 @given(sessions)
 def test_link_and_command_line_hold_all_settings_of_a_session(values):
-    usual = AskedSession(plan=SessionPlan(sweep=True))
+    usual = SessionRequest(plan=SessionPlan(sweep=True))
     chosen = usual.changed(**values)
     assert usual.with_query(dict(parse_qsl(chosen.query(usual=usual)))) == (chosen, ())
     simulate, *given = chosen.arguments()
@@ -95,7 +95,7 @@ def test_link_and_command_line_hold_all_settings_of_a_session(values):
     words = dict(each.lstrip("-").partition("=")[::2] for each in given)
     names = {name.replace("-", "_"): text for name, text in words.items()}
     read = {name: chosen.options[name].read(text or "1") for name, text in names.items()}
-    assert AskedSession().changed(**read) == chosen
+    assert SessionRequest().changed(**read) == chosen
     devices = chosen.arguments(simulated=False)
     assert not any(each.startswith(("--simulate", "--seed", "--tissue", "--pace")) for each in devices)
 
@@ -104,7 +104,7 @@ def test_link_and_command_line_hold_all_settings_of_a_session(values):
     ("name", "value"), [("tre_mm", "0"), ("tre_mm", "nan"), ("markers", "2"), ("markers", "3.5"), ("wait_s", "-1")]
 )
 def test_a_link_with_a_setting_that_no_session_has_is_named(name, value):
-    usual = AskedSession()
+    usual = SessionRequest()
     settings, (problem,) = usual.with_query({name: value})
     assert settings == usual
     assert problem.startswith(f"{name} is ")

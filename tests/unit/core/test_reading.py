@@ -24,7 +24,7 @@ from markerseek.core import (
     Sample,
     ScanGeometry,
 )
-from markerseek.records.journal import Checked, Journal, JournalEvent, decode, read_journal
+from markerseek.records.journal import Checked, Journal, JournalEvent, decode_entry, read_journal
 from tests.sizes import examples
 from tests.unit.records.journal.synthetic_journals import FULL_READING, HEADER, configuration, stored
 
@@ -72,13 +72,13 @@ def test_a_row_with_another_array_than_its_body_names_is_refused(frame: ChannelF
     assert line.block == len(whole) > 0
     for samples, found in ((b"", "a frame of"), (whole[:-1], "a frame of"), (bytes(whole) + b"0", "1 by")):
         with pytest.raises(RecordError, match=f"an entry that cannot be read: {found}"):
-            decode(line, samples, confirmation=None)
+            decode_entry(line, samples, confirmation=None)
     for here, there in ((b"<i2", b"<f2"), (b'"shape":[', b'"shape":[-')):
         body = bytes(line.body)
         assert here in body
         changed = structs.replace(line, body=msgspec.Raw(body.replace(here, there)))
         with pytest.raises(RecordError, match="an entry that cannot be read"):
-            decode(changed, whole, confirmation=None)
+            decode_entry(changed, whole, confirmation=None)
 
 
 def test_arrays_of_another_kind_are_no_frame() -> None:
@@ -232,7 +232,7 @@ def test_features_that_no_frame_has_are_refused_when_a_journal_is_read(change: d
     held["sample"]["reading"] |= change
     changed = structs.replace(line, body=msgspec.Raw(msgspec.json.encode(held)))
     with pytest.raises(RecordError, match=f"an entry that cannot be read: .*{said}"):
-        decode(changed, b"", confirmation=None)
+        decode_entry(changed, b"", confirmation=None)
 
 
 @pytest.mark.parametrize("angle_deg", [1e300, -2e4])
@@ -240,7 +240,7 @@ def test_an_angle_that_no_stage_reaches_is_refused_when_a_journal_is_read(angle_
     event = Measured(role="search", index=1, sample=Sample(angle_deg=angle_deg, reading=FULL_READING))
     line, _ = stored(event)
     with pytest.raises(RecordError, match=r"the angle of a sample is .* deg, it must lie in \[-10000, 10000\] deg"):
-        decode(line, b"", confirmation=None)
+        decode_entry(line, b"", confirmation=None)
 
 
 def test_a_share_may_be_rounded_above_one() -> None:

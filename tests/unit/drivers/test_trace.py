@@ -10,7 +10,7 @@ import pytest
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.drivers import bench_settings_from, trace_to, traced
-from markerseek.drivers.trace import shown
+from markerseek.drivers.trace import readable
 from tests.notes import noted
 
 
@@ -120,7 +120,7 @@ def test_a_full_disk_ends_the_trace_with_one_warning_and_not_the_run(tmp_path: P
     [(b"POS? 1.5\n", r"'POS? 1.5\n'"), (b"\x00", "00"), (b"ok\xb0", "6f 6b b0"), (b"it's", '"it\'s"')],
 )
 def test_text_is_shown_as_text_and_other_bytes_as_numbers(data: bytes, text: str) -> None:
-    assert shown(data) == text
+    assert readable(data) == text
 
 
 def test_the_key_of_a_rig_file_is_relative_to_it_and_does_not_change_what_is_measured(tmp_path: Path) -> None:

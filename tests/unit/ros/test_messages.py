@@ -101,12 +101,12 @@ def test_a_joint_state_is_one_finite_angle_of_the_joint(
 def test_channel_data_survive_as_an_image_and_a_wrong_size_is_refused() -> None:
     counts = np.arange(-6, 6, dtype=np.int16).reshape(3, 4)
     message = SimpleNamespace(height=3, width=4, step=8, encoding="16SC1", is_bigendian=0, data=counts.tobytes())
-    assert (messages.counts_of(message) == counts).all()
+    assert (messages.channel_data_of(message) == counts).all()
     message.is_bigendian = 1
     message.data = counts.astype(">i2").tobytes()
-    assert (messages.counts_of(message) == counts).all()
+    assert (messages.channel_data_of(message) == counts).all()
     for wrong in ({"height": 2}, {"step": 4}, {"encoding": "mono8"}, {"data": b""}, {"height": 0, "data": b""}):
-        assert messages.counts_of(SimpleNamespace(**{**vars(message), **wrong})) is None
+        assert messages.channel_data_of(SimpleNamespace(**{**vars(message), **wrong})) is None
 
 
 @pytest.mark.parametrize("data", ["", "[]", "{", '{"id":1}', "[" * 10_000, "\ud800", '{"id":"a","pulses":1e99}'])
@@ -223,10 +223,10 @@ def test_a_message_is_put_into_words_only_for_a_reader_and_a_long_one_by_its_len
     image = SimpleNamespace(header=SimpleNamespace(stamp=stamp), data=np.zeros(3 * 640 * 480, np.uint8))
     joint = SimpleNamespace(position=[0.25, 1.5])
     text = SimpleNamespace(data="frame " * 1000)
-    assert node.shown(image) == "SimpleNamespace stamped 7.000005000 921600 values"
-    assert node.shown(joint) == "SimpleNamespace [0.25, 1.5]"
-    assert node.shown(text).endswith("frame frame")
-    assert len(node.shown(text)) < 150
+    assert node.message_text(image) == "SimpleNamespace stamped 7.000005000 921600 values"
+    assert node.message_text(joint) == "SimpleNamespace [0.25, 1.5]"
+    assert node.message_text(text).endswith("frame frame")
+    assert len(node.message_text(text)) < 150
     for level, lines in ((logging.INFO, 0), (logging.DEBUG, 1)):
         with caplog.at_level(level, "markerseek.ros.node"):
             node._note("/angle", "<", joint)

@@ -27,7 +27,7 @@ from markerseek.core import (
 )
 from markerseek.drivers import BenchSettings, Kdc101Settings, LaserBoxSettings, SonixDaqSettings
 from markerseek.guard import FiringLimits
-from markerseek.records.journal import Configuration, Entry, read_journal, salvage
+from markerseek.records.journal import Configuration, JournalEntry, read_journal, salvage
 from markerseek.rigs import Rig
 from markerseek.runs import configuration_of
 from markerseek.runs.resume import commanded_deg, pulses_before
@@ -128,7 +128,8 @@ def test_a_sample_of_a_sweep_is_measured_again_where_it_was_taken() -> None:
     assert commanded_deg(sample) == 3.21
 
 
-def entries(*events: Event) -> tuple[Entry, ...]:
+def entries(*events: Event) -> tuple[JournalEntry, ...]:
     return tuple(
-        Entry(number=number, event=event, clock_s=0.0, written="") for number, event in enumerate(events, start=1)
+        JournalEntry(number=number, event=event, clock_s=0.0, written="")
+        for number, event in enumerate(events, start=1)
     )

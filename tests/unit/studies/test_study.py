@@ -27,7 +27,7 @@ from markerseek.studies import (
     values_of,
 )
 from markerseek.studies.runner import as_csv, chunks, run_chunk
-from markerseek.studies.summary import compared
+from markerseek.studies.summary import compared_pairs
 from markerseek.studies.worlds import draw_trial
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "studies"
@@ -266,5 +266,5 @@ def test_many_policies_are_compared_at_equal_acquisitions() -> None:
         for method in ("ternary", "golden-section")
         for number in (8, 12, 16, 20)
     )
-    assert compared(many) == [(0, 4), (1, 5), (2, 6), (3, 7)]
-    assert len(compared(many[:6])) == 15
+    assert compared_pairs(many) == [(0, 4), (1, 5), (2, 6), (3, 7)]
+    assert len(compared_pairs(many[:6])) == 15

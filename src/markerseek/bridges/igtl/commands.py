@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from markerseek.bridges.request import OPTIONS, AskedSearch
+from markerseek.bridges.request import OPTIONS, SearchRequest
 from markerseek.core import ConfigError
 from markerseek.wire import igtl
 
@@ -85,7 +85,7 @@ def answer_message(asked: igtl.Message, answer: CommandAnswer, *, time_s: float)
     return igtl.Message(device=device, content=content, time_s=time_s, metadata=metadata, version=asked.version)
 
 
-def search_request(values: Mapping[str, str]) -> AskedSearch:
+def search_request(values: Mapping[str, str]) -> SearchRequest:
     """The search that is asked for."""
     asked: dict[str, Any] = {}
     for name, text in values.items():
@@ -95,7 +95,7 @@ def search_request(values: Mapping[str, str]) -> AskedSearch:
                 "bridge runs"
             )
         asked[_NAMES[name]] = OPTIONS[_NAMES[name]].read(text)
-    return AskedSearch().changed(**asked)
+    return SearchRequest().changed(**asked)
 
 
 _NAMES = {name.title().replace("_", ""): name for name in OPTIONS}

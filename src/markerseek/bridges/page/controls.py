@@ -11,17 +11,17 @@ from nicegui import ui
 
 from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
-from markerseek.bridges.request import AnyAsked, AskedSearch, AskedSession
+from markerseek.bridges.request import AnyRequest, SearchRequest, SessionRequest
 from markerseek.core import ConfigError, Option, SceneOptions, SimulationOptions, as_text
 from markerseek.registration import SessionPlan
 from markerseek.search import METHODS
 from markerseek.show import with_minus
 from markerseek.sim import TISSUES
 
-USUAL = AskedSearch(simulation=SimulationOptions(seed=1, pace=0.05))
+USUAL = SearchRequest(simulation=SimulationOptions(seed=1, pace=0.05))
 """What the page begins with: a search of two minutes is shown in six seconds."""
 
-USUAL_REGISTRATION = AskedSession(plan=SessionPlan(sweep=True), simulation=SceneOptions(seed=1, pace=0.5))
+USUAL_REGISTRATION = SessionRequest(plan=SessionPlan(sweep=True), simulation=SceneOptions(seed=1, pace=0.5))
 """The same for a session: sweeps of half a minute are shown in a quarter."""
 
 _SIMULATED = ("tissue", "snr_db", "readout_s", "seed", "pace")
@@ -54,12 +54,12 @@ class Settings:
     ``prefix``: path in front of all paths of the page.
     """
 
-    def __init__(self, usual: AnyAsked, query: Mapping[str, str], *, simulated: bool, prefix: str) -> None:
+    def __init__(self, usual: AnyRequest, query: Mapping[str, str], *, simulated: bool, prefix: str) -> None:
         linked, problems = usual.with_query(query)
         self._usual = usual
         self._options = usual.options
         self._values = linked.values
-        self._path = prefix + ("/search" if isinstance(usual, AskedSearch) else "/")
+        self._path = prefix + ("/search" if isinstance(usual, SearchRequest) else "/")
         self._fields: dict[str, Any] = {}
         self.linked = bool(query)
         """Whether the link had settings of its own."""
@@ -71,18 +71,18 @@ class Settings:
             with ui.element("summary"):
                 self._summary = ui.label("")
             with ui.element("div").classes("ms-controls"):
-                for name in _SEARCH if isinstance(usual, AskedSearch) else _REGISTRATION:
+                for name in _SEARCH if isinstance(usual, SearchRequest) else _REGISTRATION:
                     if name != "seed" and (simulated or name not in _SIMULATED):
                         self._add(name)
         self._problem = ui.label("").classes("ms-problem").props('role="alert"')
         self._say("; ".join(f"link: {each}; it is left out" for each in problems))
 
     @property
-    def asked(self) -> AnyAsked:
+    def asked(self) -> AnyRequest:
         """What the fields show."""
         return self._usual.changed(**{name: self._read(name) for name in self._values})
 
-    def follow(self, asked: AnyAsked) -> None:
+    def follow(self, asked: AnyRequest) -> None:
         """Show the settings of a run that was started, here or elsewhere."""
         self._values = asked.values
         for name, field in self._fields.items():
@@ -164,7 +164,7 @@ class Settings:
 class RunControls:
     """Start, Go on and the settings of the search, or of the registration, of a page."""
 
-    def __init__(self, shell: PageShell, usual: AnyAsked, query: Mapping[str, str]) -> None:
+    def __init__(self, shell: PageShell, usual: AnyRequest, query: Mapping[str, str]) -> None:
         self._searches = shell.searches
         self._shown: ChildSearch | None = None
         with ui.element("div").classes("ms-controls"):
@@ -174,7 +174,7 @@ class RunControls:
                 each.props("dense padding='6px 10px'")
             simulated = self._searches.rig.simulated
             self._settings = Settings(usual, query, simulated=simulated, prefix=shell.prefix)
-            other = "registration" if isinstance(usual, AskedSearch) else "search"
+            other = "registration" if isinstance(usual, SearchRequest) else "search"
             self._elsewhere = ui.label(f"a {other} runs on the other page").classes("ms-note")
         shell.on_click(self._start, lambda: self._searches.start(self._settings.asked, asked_by=shell.viewer))
         shell.on_click(self._go_on, lambda: self._searches.go_on(self._shown, asked_by=shell.viewer))

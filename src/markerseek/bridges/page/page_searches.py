@@ -21,12 +21,12 @@ import msgspec
 from markerseek.bridges.child import ChildRun, EndedRun, FollowedChild, Outcome
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.session_display import session_verdict
-from markerseek.bridges.request import AnyAsked, AskedSearch, AskedSession
+from markerseek.bridges.request import AnyRequest, SearchRequest, SessionRequest
 from markerseek.bridges.run_images import PicturedItem, with_images, without_images
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.files import MIB, data_folder, read_input, replace_file
-from markerseek.records.journal import Configuration, RunView, default_journal, follow, make_folder
+from markerseek.records.journal import Configuration, RunView, default_journal, follow_journal, make_folder
 from markerseek.registration import (
     CAMERA_IMAGES,
     SPOT_IS_SET,
@@ -61,7 +61,7 @@ class ChildSearch:
         self,
         child: ChildRun,
         *,
-        asked: AnyAsked,
+        asked: AnyRequest,
         journal: Path,
         goes_on: Sequence[str] = (),
         simulated: bool = True,
@@ -234,7 +234,7 @@ class ChildRegistration(ChildSearch):
             self.view = next_view(self.view, step)
             if isinstance(step, SpotSeen) and step.journal is not None:
                 self.run = None
-                search = follow(folder / step.journal, is_over=is_searched, wait=child.wait)
+                search = follow_journal(folder / step.journal, is_over=is_searched, wait=child.wait)
                 self._add(without_images(child.beating(search)))
 
 
@@ -285,11 +285,11 @@ class PageRig:
         """Whether the rig can register: the distance of the array from the axis, and the endoscope, are known."""
         return self.simulated or (self.settings.probe.face_radius_m is not None and self.images is not None)
 
-    def command(self, asked: AnyAsked) -> list[str]:
+    def command(self, asked: AnyRequest) -> list[str]:
         """The command that this becomes on the rig."""
         rig = [] if self.file is None else ["--rig", str(self.file)]
         options = asked.arguments(simulated=self.simulated)
-        if isinstance(asked, AskedSearch):
+        if isinstance(asked, SearchRequest):
             return ["search", *rig, *options]
         if self.images is not None:
             rig += [*(text for path in self.cameras for text in ("--cameras", str(path))), "--images", self.images]
@@ -316,14 +316,14 @@ class PageSearches:
         """Whether anything runs."""
         return bool(self._running)
 
-    def start(self, asked: AnyAsked, *, asked_by: str) -> None:
+    def start(self, asked: AnyRequest, *, asked_by: str) -> None:
         """Start a search or a session; a rig of devices asks in the terminal, with the name of who asked for a search.
 
         Raises `SearchError` if anything runs, or the rig cannot register. Raises `OSError` if the folder of journals
         cannot be made.
         """
         with self._idle():
-            if isinstance(asked, AskedSearch):
+            if isinstance(asked, SearchRequest):
                 journal = default_journal(method=asked.plan.method)
                 make_folder(journal.parent)
                 # Armed at once: nothing here emits light.
@@ -335,7 +335,7 @@ class PageSearches:
             else:
                 command = self.rig.command(asked)
                 folder = default_folder()
-                settings = asked.query(usual=AskedSession())
+                settings = asked.query(usual=SessionRequest())
                 _keep(BegunSession(folder=str(folder), command=command, settings=settings))
                 begin = [*command, "--record", str(folder), f"--asked-by={asked_by}"]
                 self._begin(ChildRegistration, begin, asked, folder, _continuing(command, folder))
@@ -360,7 +360,7 @@ class PageSearches:
         except (OSError, RecordError, msgspec.MsgspecError):
             # There was none, or nothing can be continued of it.
             return
-        asked, problems = AskedSession().with_query(dict(parse_qsl(begun.settings)))
+        asked, problems = SessionRequest().with_query(dict(parse_qsl(begun.settings)))
         if problems or self.rig.command(asked) != begun.command or not self.rig.registers:
             return
         self.registration = ChildRegistration(
@@ -401,7 +401,7 @@ class PageSearches:
             yield
 
     def _begin(
-        self, kind: type[ChildSearch], command: Sequence[str], asked: AnyAsked, journal: Path, goes_on: Sequence[str]
+        self, kind: type[ChildSearch], command: Sequence[str], asked: AnyRequest, journal: Path, goes_on: Sequence[str]
     ) -> None:
         child = kind(
             self._launch(command, journal=journal),

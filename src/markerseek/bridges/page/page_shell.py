@@ -48,7 +48,7 @@ class ImageView(Drawn, component="static/image.js"):
     """The photoacoustic image."""
 
 
-class Beat(Drawn, component="static/beat.js"):
+class LifeSign(Drawn, component="static/beat.js"):
     """Reports to the browser that the program lives; if no beat comes for a second, the browser says so."""
 
 
@@ -87,7 +87,7 @@ class PageShell:
         ui.page_title(f"markerseek: {PAGES[path]}")
         ui.add_css(_STYLE)
         self._dark = ui.dark_mode(value=None)
-        self._beat = Beat()
+        self._beat = LifeSign()
         self._beat.show(beat=0)
         with ui.element("header").classes("ms-head"):
             Heading("markerseek", level=1).classes("ms-name")

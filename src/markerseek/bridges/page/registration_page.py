@@ -10,8 +10,8 @@ from markerseek.bridges.page.controls import USUAL_REGISTRATION, RunControls
 from markerseek.bridges.page.page_searches import ChildRegistration, PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import RunCharts, VerdictPanel, add_legend, panel, show_hints
-from markerseek.bridges.page.session_display import Side, session_chart, session_marks, session_table
-from markerseek.core import Interval
+from markerseek.bridges.page.session_display import session_chart, session_marks, session_table
+from markerseek.core import Interval, Side
 from markerseek.registration import REGISTRATION_FILE, SessionView
 from markerseek.show import Verdict
 

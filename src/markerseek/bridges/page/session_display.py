@@ -6,12 +6,11 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 from html import escape
-from typing import Literal, TypeAlias
 
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, counted
+from markerseek.core import ConfigError, Side, counted
 from markerseek.registration import (
     RegistrationReport,
     SessionView,
@@ -21,8 +20,6 @@ from markerseek.registration import (
     target_pixels,
 )
 from markerseek.show import Verdict, VerdictKind, errors_svg, with_minus
-
-Side: TypeAlias = Literal["left", "right"]
 
 _CHI95 = 5.991
 """95 % quantile of chi squared with two degrees of freedom."""

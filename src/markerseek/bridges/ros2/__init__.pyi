@@ -1,7 +1,7 @@
 from .acquisition_node import AcquisitionNode
 from .sample_topics import RegistrationTopics
 from .search_node import SearchNode
-from .serving import MessagePump, Served, Serving, StepEnded, serve
+from .serving import MessagePump, Served, Serving, StepEnded, serve_nodes
 from .stage_node import StageNode
 
 __all__ = [
@@ -13,5 +13,5 @@ __all__ = [
     "Serving",
     "StageNode",
     "StepEnded",
-    "serve",
+    "serve_nodes",
 ]

@@ -79,12 +79,12 @@ class SampleTopics:
         if self._publishes_angle:
             node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
         # A stage node publishes itself how the probe is turned: then only the place of the image is left.
-        frames = [messages.turned(time_s=time_s, angle_deg=angle_deg)] if self._publishes_angle else []
+        frames = [messages.turned_probe(time_s=time_s, angle_deg=angle_deg)] if self._publishes_angle else []
         if image is not None and (radius_m := view.facts.face_radius_m) is not None:
             frames.append(messages.mounted(image.geometry, time_s=time_s, face_radius_m=radius_m))
         publish_frames(node, topics.FRAMES, frames)
         if image is not None:
-            node.publish(topics.ENVELOPE, messages.envelope(image, time_s=time_s))
+            node.publish(topics.ENVELOPE, messages.envelope_image(image, time_s=time_s))
             levels = grey_levels(image.envelope, brightest=item.brightest)
             node.publish(topics.PICTURE, messages.picture(levels, time_s=time_s))
         said = {

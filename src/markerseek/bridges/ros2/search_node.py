@@ -6,7 +6,7 @@ import queue
 from typing import Any
 
 from markerseek.bridges.child import Outcome, Searches, SearchOptions
-from markerseek.bridges.request import AskedSearch
+from markerseek.bridges.request import SearchRequest
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import SearchError
@@ -22,7 +22,7 @@ class SearchNode:
     """
 
     def __init__(
-        self, *, node: RosNode, options: SearchOptions, asked: AskedSearch, publishes_angle: bool = True
+        self, *, node: RosNode, options: SearchOptions, asked: SearchRequest, publishes_angle: bool = True
     ) -> None:
         self.node = node
         self._asked = asked

@@ -101,7 +101,7 @@ class MessagePump:
             each.beat()
 
 
-def serve(served: Sequence[Served], *, until: Callable[[], bool]) -> None:
+def serve_nodes(served: Sequence[Served], *, until: Callable[[], bool]) -> None:
     """Serve nodes that share a network, until a function says so.
 
     ``until``: asked between two steps, at least every 20 ms unless a device works.

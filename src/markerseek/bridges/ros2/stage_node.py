@@ -158,7 +158,7 @@ class StageNode(Served):
     def _publish_seen(self, angle_deg: float, *, time_s: float) -> None:
         node = self.node
         node.publish(topics.MEASURED_JS, messages.joint_state(time_s=time_s, angle_deg=angle_deg))
-        publish_frames(node, topics.FRAMES, [messages.turned(time_s=time_s, angle_deg=angle_deg)])
+        publish_frames(node, topics.FRAMES, [messages.turned_probe(time_s=time_s, angle_deg=angle_deg)])
 
     def _publish_setpoint(self, angle_deg: float) -> None:
         self._setpoint_deg = angle_deg

@@ -1,19 +1,19 @@
 """Journals: all events of a run in one file that only grows, each on the disk before the search acts on it.
 
-`Journal` writes, `read_journal` reads and checks, `salvage` names damage, `follow` reads while a run goes on, and
-`RunView` is the state of a run after each of its events. Numbers are stored exactly.
+`Journal` writes, `read_journal` reads and checks, `salvage` names damage, `follow_journal` reads while a run goes on,
+and `RunView` is the state of a run after each of its events. Numbers are stored exactly.
 """
 
 from markerseek.records.journal.entries import (
     Checked,
     Configuration,
-    Entry,
     Interrupted,
+    JournalEntry,
     JournalEvent,
     RecordedError,
     Resuming,
-    decode,
-    encode,
+    decode_entry,
+    encode_entry,
     escaped,
     versions,
 )
@@ -33,37 +33,37 @@ from markerseek.records.journal.lines import LineReader, line_of
 from markerseek.records.journal.reader import (
     JournalItem,
     RecordedRun,
-    follow,
+    follow_journal,
     has_begun,
     read_journal,
     salvage,
     since_started,
 )
-from markerseek.records.journal.run_view import Phase, Point, RunView
+from markerseek.records.journal.run_view import LitAcquisition, RunPhase, RunView
 from markerseek.records.journal.writer import Journal
 
 __all__ = [
     "MAGIC",
     "Checked",
     "Configuration",
-    "Entry",
     "Interrupted",
     "Journal",
+    "JournalEntry",
     "JournalEvent",
     "JournalItem",
     "LineFile",
     "LineReader",
-    "Phase",
-    "Point",
+    "LitAcquisition",
     "RecordedError",
     "RecordedRun",
     "Resuming",
+    "RunPhase",
     "RunView",
-    "decode",
+    "decode_entry",
     "default_journal",
-    "encode",
+    "encode_entry",
     "escaped",
-    "follow",
+    "follow_journal",
     "has_begun",
     "is_journal",
     "is_written",

@@ -109,7 +109,7 @@ class RecordedError(Exception):
         self.kind = kind
 
 
-class Entry(msgspec.Struct, frozen=True, kw_only=True):
+class JournalEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One committed event."""
 
     number: int
@@ -145,11 +145,11 @@ _STORED = "<i2"
 """How the counts of a frame are stored: as little-endian int16."""
 
 
-class Line(msgspec.Struct, frozen=True, kw_only=True):
+class StoredEntry(msgspec.Struct, frozen=True, kw_only=True):
     """An entry as it is stored: a line of JSON, behind which the samples of its frame stand."""
 
     number: int = 0
-    """As of `Entry`; 0 in files of version 1, whose lines have it elsewhere."""
+    """As of `JournalEntry`; 0 in files of version 1, whose lines have it elsewhere."""
     block: int = 0
     """Bytes of the samples behind the line."""
     block_crc: str = ""
@@ -158,12 +158,12 @@ class Line(msgspec.Struct, frozen=True, kw_only=True):
     """Name of the event's class in lower case."""
     written: str = ""
     clock_s: float = 0.0
-    """``written`` and ``clock_s``: as of `Entry`."""
+    """``written`` and ``clock_s``: as of `JournalEntry`."""
     body: msgspec.Raw = msgspec.Raw(b"null")
     """Fields of the event, JSON."""
 
 
-def encode(entry: Entry) -> tuple[Line, bytes | memoryview]:
+def encode_entry(entry: JournalEntry) -> tuple[StoredEntry, bytes | memoryview]:
     """Return an entry as it is stored, and the samples of its frame: row after row, as little-endian int16.
 
     Raises `RecordError` if JSON cannot hold the event exactly: a number in it is not finite.
@@ -178,9 +178,9 @@ def encode(entry: Entry) -> tuple[Line, bytes | memoryview]:
         if not isinstance(event, Refused) or event.frame is None:
             raise
         # Such a frame may have been refused because a number in it is not finite; the reason names that number.
-        return encode(replace(entry, event=replace(event, frame=None)))
+        return encode_entry(replace(entry, event=replace(event, frame=None)))
     samples = counts[0] if counts else b""
-    line = Line(
+    line = StoredEntry(
         number=entry.number,
         block=len(samples),
         block_crc=f"{zlib.crc32(samples):08x}",
@@ -192,17 +192,17 @@ def encode(entry: Entry) -> tuple[Line, bytes | memoryview]:
     return line, samples
 
 
-def decode(line: Line, samples: bytes | memoryview, *, confirmation: Sample | None) -> JournalEvent:
+def decode_entry(line: StoredEntry, samples: bytes | memoryview, *, confirmation: Sample | None) -> JournalEvent:
     """Return the event of an entry that was stored.
 
     ``confirmation``: the confirming acquisition that was read before, to which `Finished` refers. Raises `RecordError`
-    if it cannot have been written by `encode`.
+    if it cannot have been written by `encode_entry`.
     """
     if line.kind not in _KINDS:
         raise RecordError(f"an entry of the unknown kind {line.kind[:40]!r}")
     blob = _Blob(samples)
     try:
-        # Any of these errors means that `encode` did not write it.
+        # Any of these errors means that `encode_entry` did not write it.
         event = msgspec.json.decode(line.body, type=_KINDS[line.kind], dec_hook=blob.decoded)
         blob.require_end()
         if isinstance(event, Measured):

@@ -144,7 +144,7 @@ def flush(descriptor: int) -> None:
 
 
 @contextmanager
-def as_record_error(path: Path, *, verb: str) -> Iterator[None]:
+def as_journal_error(path: Path, *, verb: str) -> Iterator[None]:
     """Turn errors of the file system into a `RecordError` that names the file and the cure.
 
     ``verb``: what could not be done: "read", "written" or "closed".

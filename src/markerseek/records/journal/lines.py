@@ -17,7 +17,14 @@ from typing import TypeVar
 import msgspec
 
 from markerseek.core import Measured, RecordError, Sample
-from markerseek.records.journal.entries import Configuration, Entry, Line, as_json, decode, encode
+from markerseek.records.journal.entries import (
+    Configuration,
+    JournalEntry,
+    StoredEntry,
+    as_json,
+    decode_entry,
+    encode_entry,
+)
 from markerseek.records.journal.file import MAGIC, MAGIC_1
 
 FORMAT_VERSION = 2
@@ -70,7 +77,7 @@ class FirstLine(msgspec.Struct, frozen=True, kw_only=True):
     """Version of the format in files of version 1."""
 
 
-_Kind = TypeVar("_Kind", Line, FirstLine)
+_Kind = TypeVar("_Kind", StoredEntry, FirstLine)
 
 
 def first_line(configuration: Configuration) -> bytes:
@@ -84,9 +91,9 @@ def first_line(configuration: Configuration) -> bytes:
     return line_of({"record": FORMAT_VERSION, "configuration": msgspec.Raw(encoded)})
 
 
-def entry_line(entry: Entry) -> bytes:
+def entry_line(entry: JournalEntry) -> bytes:
     """Bytes of an entry; `RecordError` if JSON cannot hold it exactly."""
-    line, samples = encode(entry)
+    line, samples = encode_entry(entry)
     if line.block > MAX_FRAME_BYTES:
         raise RecordError(
             f"entry {entry.number}: a frame of {line.block} bytes, at most {MAX_FRAME_BYTES} are recorded"
@@ -143,12 +150,12 @@ class LineReader:
             return None
         return line
 
-    def _next_line(self) -> tuple[Line, bytes] | None:
+    def _next_line(self) -> tuple[StoredEntry, bytes] | None:
         """Return the next entry and its samples, once both agree with their checksums; None if they are missing."""
         line = self._next_bytes()
         if line is None:
             return None
-        found = self._decoded(line[_PREFIX_BYTES:], Line)
+        found = self._decoded(line[_PREFIX_BYTES:], StoredEntry)
         if not 0 <= found.block <= MAX_FRAME_BYTES:
             raise RecordError(f"{self._here} has a frame of {found.block} bytes; it is foreign")
         size = found.block + (found.block > 0)
@@ -198,7 +205,7 @@ class EntryReader(LineReader):
         self._confirmation: Sample | None = None
         self.configuration = self._configuration()
 
-    def next(self) -> Entry | None:
+    def next(self) -> JournalEntry | None:
         """The next entry; None if the file ends, or holds an entry that was never finished."""
         found = self._next_line_1() if self.version == 1 else self._next_line()
         if found is None:
@@ -206,7 +213,7 @@ class EntryReader(LineReader):
         line, frame = found
         number = self._number
         try:
-            event = decode(line, frame, confirmation=self._confirmation)
+            event = decode_entry(line, frame, confirmation=self._confirmation)
         except RecordError as problem:
             raise RecordError(f"{self.path}: entry {number} is {problem}") from problem
         if self.version > 1 and line.number != number:
@@ -215,7 +222,7 @@ class EntryReader(LineReader):
             # `Finished` is stored without its confirmation, which is this sample.
             self._confirmation = event.sample
         self._number += 1
-        return Entry(number=number, written=line.written, clock_s=line.clock_s, event=event)
+        return JournalEntry(number=number, written=line.written, clock_s=line.clock_s, event=event)
 
     def _configuration(self) -> Configuration:
         head = os.pread(self.descriptor, len(MAGIC_1), 0)
@@ -255,10 +262,10 @@ class EntryReader(LineReader):
         self._number = 1
         return configuration
 
-    def _next_line_1(self) -> tuple[Line, bytes] | None:
+    def _next_line_1(self) -> tuple[StoredEntry, bytes] | None:
         """`_next_line` of a file of version 1."""
         found = self._next_bytes_1()
-        return None if found is None else (self._decoded(found[0], Line), found[1])
+        return None if found is None else (self._decoded(found[0], StoredEntry), found[1])
 
     def _next_first_1(self) -> FirstLine | None:
         """`_next_first` of a file of version 1."""

@@ -1,7 +1,7 @@
 """Reads a journal and checks every entry; a run that died has all entries that were committed.
 
-`read_journal` refuses a damaged journal, `salvage` reads its undamaged beginning and names the damage, and `follow`
-reads a journal while it is written.
+`read_journal` refuses a damaged journal, `salvage` reads its undamaged beginning and names the damage, and
+`follow_journal` reads a journal while it is written.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import TypeAlias
 from msgspec.structs import replace
 
 from markerseek.core import RecordError, Started
-from markerseek.records.journal.entries import Configuration, Entry, without_frame
-from markerseek.records.journal.file import as_record_error, is_written, open_for_reading
+from markerseek.records.journal.entries import Configuration, JournalEntry, without_frame
+from markerseek.records.journal.file import as_journal_error, is_written, open_for_reading
 from markerseek.records.journal.lines import EntryReader, UnfinishedError
 
-JournalItem: TypeAlias = Configuration | Entry
+JournalItem: TypeAlias = Configuration | JournalEntry
 """What a journal holds: the configuration first, then the entries."""
 
 
@@ -31,7 +31,7 @@ class RecordedRun:
     path: Path
     configuration: Configuration
     """Plan, rig and versions of the run."""
-    entries: tuple[Entry, ...]
+    entries: tuple[JournalEntry, ...]
     """The entries, in order."""
     is_written: bool = False
     """Whether a program was writing it."""
@@ -51,14 +51,14 @@ def read_journal(path: Path, *, frames: bool = True) -> RecordedRun:
 
 
 def salvage(
-    path: Path, *, frames: bool = True, on_entry: Callable[[Entry], object] | None = None
+    path: Path, *, frames: bool = True, on_entry: Callable[[JournalEntry], object] | None = None
 ) -> tuple[RecordedRun, RecordError | None]:
     """Read the undamaged beginning of a journal; returns it with the error of the first damaged entry, or None.
 
     ``on_entry``: called with each entry as it is read, with its frame. Raises `RecordError` if not even the
     configuration can be read, or a newer program wrote it.
     """
-    entries: list[Entry] = []
+    entries: list[JournalEntry] = []
     damage: RecordError | None = None
     with _opened(path) as reader:
         while True:
@@ -95,7 +95,7 @@ def has_begun(path: Path) -> bool:
         return False
 
 
-def follow(
+def follow_journal(
     path: Path, *, is_over: Callable[[], bool] | None = None, wait: Callable[[], object]
 ) -> Iterator[JournalItem]:
     """Configuration and entries of a journal, each as soon as it is written, to the last one.
@@ -121,7 +121,7 @@ def follow(
             wait()
 
 
-def since_started(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+def since_started(entries: Sequence[JournalEntry]) -> tuple[JournalEntry, ...]:
     """The entries since the search last began; it begins again if a check finds that the rig has changed."""
     begun = [index for index, entry in enumerate(entries) if isinstance(entry.event, Started)]
     return tuple(entries[begun[-1] :]) if begun else ()
@@ -129,7 +129,7 @@ def since_started(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[EntryReader]:
-    with as_record_error(path, verb="read"):
+    with as_journal_error(path, verb="read"):
         descriptor = open_for_reading(path)
         try:
             yield EntryReader(path, descriptor)

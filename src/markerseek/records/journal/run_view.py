@@ -29,15 +29,15 @@ from markerseek.core import (
 from markerseek.records.journal.entries import (
     Checked,
     Configuration,
-    Entry,
     Interrupted,
+    JournalEntry,
     JournalEvent,
     Resuming,
     without_frame,
 )
 from markerseek.records.journal.reader import RecordedRun
 
-Phase: TypeAlias = Literal[
+RunPhase: TypeAlias = Literal[
     "ready",
     "dark",
     "moving",
@@ -55,7 +55,7 @@ Phase: TypeAlias = Literal[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Point:
+class LitAcquisition:
     """One acquisition with light.
 
     Attributes
@@ -147,7 +147,7 @@ class RunView:
     plan: SearchPlan
     facts: RigFacts
     number: int = 0
-    phase: Phase = "ready"
+    phase: RunPhase = "ready"
     start_deg: float = math.nan
     probe_deg: float | None = None
     seen_deg: float | None = None
@@ -155,7 +155,7 @@ class RunView:
     asked_deg: float | None = None
     role: Role | None = None
     index: int = 0
-    points: tuple[Point, ...] = ()
+    points: tuple[LitAcquisition, ...] = ()
     belief: AngleBelief | None = None
     finished: Finished | None = None
     travel_deg: float = 0.0
@@ -231,7 +231,7 @@ class RunView:
         """Whether the run has ended in any way."""
         return self.phase in {"finished", "fault", "stopped", "cut off"}
 
-    def add_entry(self, entry: Entry) -> RunView:
+    def add_entry(self, entry: JournalEntry) -> RunView:
         """The view after one more entry of the journal."""
         return self.add(entry.event, clock_s=entry.clock_s)
 
@@ -328,10 +328,10 @@ def _asked(view: RunView, event: Asked) -> RunView:
 def _measured(view: RunView, event: Measured) -> RunView:
     sample = event.sample
     view = replace(view, role=event.role, index=event.index, seen_deg=sample.angle_deg)
-    phase: Phase = "measured" if sample.sweep is None else "sweeping"
+    phase: RunPhase = "measured" if sample.sweep is None else "sweeping"
     if sample.dark:
         return replace(view, phase=phase, probe_deg=sample.angle_deg)
-    point = Point(role=event.role, number=event.index, sample=sample)
+    point = LitAcquisition(role=event.role, number=event.index, sample=sample)
     known = [each for each in (view.snr_db, _snr_db(sample)) if each is not None]
     moved = _moved(view, sample.angle_deg)
     return replace(moved, phase=phase, points=(*view.points, point), snr_db=max(known, default=None))

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Self
 
 from markerseek.core import Failed, Finished, RecordError
-from markerseek.records.journal.entries import Configuration, Entry, Interrupted, JournalEvent, without_frame
-from markerseek.records.journal.file import as_record_error, exists_error, open_for_reading
+from markerseek.records.journal.entries import Configuration, Interrupted, JournalEntry, JournalEvent, without_frame
+from markerseek.records.journal.file import as_journal_error, exists_error, open_for_reading
 from markerseek.records.journal.line_file import LineFile
 from markerseek.records.journal.lines import FORMAT_VERSION, EntryReader, entry_line, first_line
 from markerseek.records.journal.reader import RecordedRun
@@ -20,7 +20,7 @@ from markerseek.records.journal.reader import RecordedRun
 class Journal:
     """The journal of one run, open for writing; made by `create` or `reopen`."""
 
-    def __init__(self, lines: LineFile, configuration: Configuration, last: Entry | None) -> None:
+    def __init__(self, lines: LineFile, configuration: Configuration, last: JournalEntry | None) -> None:
         self.path = lines.path
         self.configuration = configuration
         self.before_entry: Callable[[int, JournalEvent], None] | None = None
@@ -40,7 +40,7 @@ class Journal:
             line = first_line(configuration)
         except RecordError as problem:
             raise RecordError(f"{path}: {problem}") from problem
-        with as_record_error(path, verb="written"):
+        with as_journal_error(path, verb="written"):
             if path.exists() or path.is_symlink():
                 raise exists_error(path)
             return cls(LineFile.create(path, line, kept=kept), configuration, None)
@@ -51,7 +51,7 @@ class Journal:
 
         An entry that was never finished, because its process died, is cut off.
         """
-        entries: list[Entry] = []
+        entries: list[JournalEntry] = []
 
         def read(descriptor: int) -> EntryReader:
             reader = EntryReader(path, descriptor)
@@ -64,7 +64,7 @@ class Journal:
                 entries.append(entry)
             return reader
 
-        with as_record_error(path, verb="written"):
+        with as_journal_error(path, verb="written"):
             os.close(open_for_reading(path))
             lines, reader = LineFile.reopen(path, read)
         recorded = RecordedRun(path=path, configuration=reader.configuration, entries=tuple(entries))
@@ -75,7 +75,7 @@ class Journal:
         """Whether it outlives the run."""
         return self._lines.kept
 
-    def commit(self, event: JournalEvent, *, clock_s: float) -> Entry:
+    def commit(self, event: JournalEvent, *, clock_s: float) -> JournalEntry:
         """Write an event to disk; once this returns, it survives the death of the process.
 
         Raises `RecordError` if it cannot be written, or the file was changed or deleted; earlier entries are not
@@ -85,7 +85,7 @@ class Journal:
         number = 1 if self._last is None else self._last.number + 1
         if self.before_entry is not None:
             self.before_entry(number, event)
-        entry = Entry(
+        entry = JournalEntry(
             number=number,
             written=datetime.now(UTC).isoformat(),
             clock_s=clock_s,
@@ -94,7 +94,7 @@ class Journal:
         data = entry_line(entry)
         end = self._lines.end
         try:
-            with as_record_error(self.path, verb="written"):
+            with as_journal_error(self.path, verb="written"):
                 self._lines.append(data)
         finally:
             # A signal can arrive when all of it is written: then it stays.
@@ -104,7 +104,7 @@ class Journal:
 
     def _require_present(self) -> None:
         """Raise a `RecordError` if the file was changed or deleted."""
-        with as_record_error(self.path, verb="written"):
+        with as_journal_error(self.path, verb="written"):
             self._lost = self._lines.is_changed()
         if self._lost:
             raise RecordError(
@@ -143,7 +143,7 @@ class Journal:
             if not self._lost:
                 self._require_present()
         finally:
-            with as_record_error(self.path, verb="closed"):
+            with as_journal_error(self.path, verb="closed"):
                 self._lines.close()
 
     def __enter__(self) -> Self:

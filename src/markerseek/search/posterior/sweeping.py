@@ -56,7 +56,7 @@ LEAST_FLANK = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Way:
+class SweepCentre:
     """The centre of the curve by the pulses of one direction, and its standard deviation, in degrees."""
 
     centre_deg: float
@@ -123,7 +123,7 @@ def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], 
     )
 
 
-def way_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Way | None:
+def way_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> SweepCentre | None:
     """Return the centre by the pulses of one direction; None unless it lies between two of them.
 
     ``samples``: samples of sweeps in one direction. ``centre_of``: see `delay_of`.
@@ -139,7 +139,7 @@ def way_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Ce
     near = [sample for sample in alone if abs(sample.angle_deg - mean_deg) <= fwhm_deg] or alone[:1]
     speed = float(np.mean([abs(sample.sweep.speed_deg_s) for sample in near if sample.sweep is not None]))
     flank_deg = LEAST_FLANK * fwhm_deg
-    return Way(
+    return SweepCentre(
         centre_deg=mean_deg,
         sigma_deg=sigma_deg,
         speed_deg_s=speed,

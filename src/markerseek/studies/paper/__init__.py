@@ -8,9 +8,9 @@ from markerseek.studies.paper.methods import RunOptions
 from markerseek.studies.paper.offline import own_bank
 from markerseek.studies.paper.report import (
     SECTIONS,
+    cell_text,
     comparison_table,
     make_sections,
-    shown,
     write_report,
     write_section,
 )
@@ -20,10 +20,10 @@ __all__ = [
     "SECTIONS",
     "RunOptions",
     "Section",
+    "cell_text",
     "comparison_table",
     "make_sections",
     "own_bank",
-    "shown",
     "write_report",
     "write_section",
 ]

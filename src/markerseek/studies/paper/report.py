@@ -103,7 +103,7 @@ def write_report(
         + (f", seed {options.seed}, {options.markers} markers" if own_bank is None else ""),
         sections=sections,
         numbers=PAPER_NUMBERS.values(),
-        shown=shown,
+        shown=cell_text,
         comparison_table=comparison_table,
         file_names=_file_names,
         png_data_uri=png_data_uri,
@@ -128,7 +128,7 @@ def comparison_table(section: Section) -> Table:
     )  # fmt: skip
 
 
-def shown(cell: TableCell) -> str:
+def cell_text(cell: TableCell) -> str:
     """One cell as people read it: three significant digits, and nothing for None."""
     if cell is None:
         return ""

@@ -16,7 +16,7 @@ from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import ChildRegistration, ChildSearch, PageRig, PageSearches
 from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
-from markerseek.records.journal import Entry, Interrupted
+from markerseek.records.journal import Interrupted, JournalEntry
 from markerseek.registration import SPOT_IS_SET, Ended, MovedMarker, SessionRecord, Spot, SpotSeen, Waiting
 from markerseek.rigs import read_rig_file
 from markerseek.runs import new_run, plan_on
@@ -83,7 +83,7 @@ def stream():
     search = new_run(rig, plan_on(rig, SearchPlan(method="ternary", acquisitions=8, start_deg=0.0)))
     items = [search.configuration]
     for number, event in enumerate(search.events(), start=1):
-        items.append(Entry(number=number, written="", clock_s=rig.scanner.clock.now_s(), event=event))
+        items.append(JournalEntry(number=number, written="", clock_s=rig.scanner.clock.now_s(), event=event))
     return items
 
 
@@ -126,7 +126,7 @@ def test_search_that_is_killed_says_what_laser_and_stage_do(stream, followed, si
 
 
 def entry(event):
-    return Entry(number=9, written="", clock_s=9.0, event=event)
+    return JournalEntry(number=9, written="", clock_s=9.0, event=event)
 
 
 LAST = {

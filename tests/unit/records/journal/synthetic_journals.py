@@ -46,14 +46,14 @@ from markerseek.core import (
 from markerseek.records.journal import (
     Checked,
     Configuration,
-    Entry,
     Interrupted,
     Journal,
+    JournalEntry,
     JournalEvent,
     Resuming,
-    encode,
+    encode_entry,
 )
-from markerseek.records.journal.entries import Line
+from markerseek.records.journal.entries import StoredEntry
 from markerseek.records.journal.lines import entry_line
 from markerseek.rigs import Rig
 from markerseek.sim import ReceiverSettings, SimulatedSettings
@@ -211,7 +211,7 @@ def died_in_commit(path: Path, write_to: Callable[[Journal], object]) -> None:
         try:
             journal = Journal.create(path, configuration())
             write_to(journal)
-            data = entry_line(Entry(number=journal._last.number + 1, written="", clock_s=9.0, event=measured(9)))
+            data = entry_line(JournalEntry(number=journal._last.number + 1, written="", clock_s=9.0, event=measured(9)))
             os.pwrite(journal._lines._descriptor, data[: len(data) // 2], journal._lines.end)
             os.kill(os.getpid(), signal.SIGKILL)
         finally:
@@ -298,6 +298,6 @@ def reading_sample(sequence: int, *, angle_deg: float) -> Sample:
 REFUSED = Refused(angle_deg=1 / 3, reason='channel 7 says "nothing", 5 % off', frame=frame(2))
 
 
-def stored(event: JournalEvent) -> tuple[Line, bytes | memoryview]:
+def stored(event: JournalEvent) -> tuple[StoredEntry, bytes | memoryview]:
     """The event as the first entry of a journal."""
-    return encode(Entry(number=1, written="", clock_s=0.0, event=event))
+    return encode_entry(JournalEntry(number=1, written="", clock_s=0.0, event=event))

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from markerseek.core import Asked, ChannelFrame, Measured, RecordError, Refused, Sample
-from markerseek.records.journal import Journal, JournalEvent, decode, read_journal
-from markerseek.records.journal.entries import Line
+from markerseek.records.journal import Journal, JournalEvent, decode_entry, read_journal
+from markerseek.records.journal.entries import StoredEntry
 from tests.unit.records.journal.synthetic_journals import (
     EVENTS,
     FULL_READING,
@@ -65,7 +65,7 @@ def test_samples_lie_in_the_file_as_little_endian_integers_that_any_program_can_
 def test_any_bytes_are_a_row_or_a_record_error(body: bytes) -> None:
     for kind in ("started", "asked", "measured", "refused", "finished", "failed", "resuming", "checked", "other"):
         try:
-            event = decode(Line(kind=kind, body=msgspec.Raw(body)), b"", confirmation=None)
+            event = decode_entry(StoredEntry(kind=kind, body=msgspec.Raw(body)), b"", confirmation=None)
         except RecordError:
             continue
         assert stored(event)[0].kind == kind
@@ -91,7 +91,7 @@ def test_a_refused_frame_whose_numbers_are_why_it_was_refused_is_left_out() -> N
     whole = frame(1)
     broken = structs.replace(whole, header=structs.replace(whole.header, angle_before_deg=math.nan))
     line, samples = stored(Refused(angle_deg=1.0, reason="not finite", frame=broken))
-    assert decode(line, samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
+    assert decode_entry(line, samples, confirmation=None) == Refused(angle_deg=1.0, reason="not finite")
     assert samples == b""
 
 

@@ -17,9 +17,9 @@ from msgspec.structs import replace
 from markerseek.core import ChannelFrame, Failed, Measured, RecordError, Refused
 from markerseek.records.journal import (
     Checked,
-    Entry,
     Interrupted,
     Journal,
+    JournalEntry,
     JournalEvent,
     RecordedError,
     RecordedRun,
@@ -69,7 +69,7 @@ def ends(whole: bytes) -> list[int]:
 
 
 def of(held: RecordedRun) -> list[tuple[object, ...]]:
-    def row(entry: Entry) -> tuple[object, ...]:
+    def row(entry: JournalEntry) -> tuple[object, ...]:
         return entry.number, entry.event, entry.clock_s
 
     return [row(entry) for entry in held.entries]

@@ -18,10 +18,10 @@ from markerseek.core import Asked, Finished, Measured, RecordError, Refused, Sta
 from markerseek.records.journal import (
     Checked,
     Configuration,
-    Entry,
     Journal,
+    JournalEntry,
     JournalItem,
-    follow,
+    follow_journal,
     read_journal,
     salvage,
 )
@@ -81,7 +81,7 @@ def test_all_but_the_frames_is_the_same(tmp_path: Path) -> None:
     with Journal.create(path, configuration()) as journal:
         for event in journal_events():
             journal.commit(event, clock_s=0.5)
-    seen: list[Entry] = []
+    seen: list[JournalEntry] = []
     held, damage = salvage(path, frames=False, on_entry=seen.append)
     assert damage is None
     whole = read_journal(path)
@@ -106,7 +106,7 @@ def nap() -> None:
 
 def entries_of(items: list[JournalItem]) -> list[tuple[object, ...]]:
     assert isinstance(items[0], Configuration)
-    return [(each.number, each.event, each.clock_s) for each in items[1:] if isinstance(each, Entry)]
+    return [(each.number, each.event, each.clock_s) for each in items[1:] if isinstance(each, JournalEntry)]
 
 
 def test_two_followers_get_all_of_it_and_one_that_stands_still_holds_nobody_up(tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_two_followers_get_all_of_it_and_one_that_stands_still_holds_nobody_up(t
     released = threading.Event()
 
     def read(number: int) -> None:
-        for item in follow(path, is_over=over.is_set, wait=nap):
+        for item in follow_journal(path, is_over=over.is_set, wait=nap):
             received[number].append(item)
             if number == 1:
                 released.wait(60)
@@ -144,7 +144,7 @@ def test_a_follower_sees_a_run_die_and_go_on(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     died_in_commit(path, lambda journal: journal.commit(Started(start_deg=0.0, limits=RANGE), clock_s=0.0))
     over = threading.Event()
-    with closing(follow(path, is_over=over.is_set, wait=nap)) as items:
+    with closing(follow_journal(path, is_over=over.is_set, wait=nap)) as items:
         assert isinstance(next(items), Configuration)
         assert isinstance(next(items).event, Started)
         journal, _ = Journal.reopen(path)
@@ -164,7 +164,7 @@ def test_damage_ends_it_with_an_error(tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[-3] ^= 1
     path.write_bytes(data)
-    items = follow(path, wait=nap)
+    items = follow_journal(path, wait=nap)
     assert sum(1 for _ in zip(range(6), items, strict=False)) == 6
     with pytest.raises(RecordError, match="entry 6: its line does not agree with its checksum; it is damaged"):
         next(items)
