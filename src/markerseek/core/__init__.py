@@ -123,6 +123,13 @@ from markerseek.core.sweep import (
     Sweep,
     SweepTiming,
 )
+from markerseek.core.undisplaced import (
+    USUAL_FACE_RADIUS_M,
+    USUAL_SOUND_SPEED_M_S,
+    DisplacementSigmas,
+    displacement_sigmas,
+    undisplaced,
+)
 
 __all__ = [
     "FALSE_FOUND",
@@ -137,7 +144,9 @@ __all__ = [
     "NO_HEADER",
     "PAPER_RANGE",
     "SWEEP_READING_S",
+    "USUAL_FACE_RADIUS_M",
     "USUAL_SEED",
+    "USUAL_SOUND_SPEED_M_S",
     "AcquisitionError",
     "Ambiguous",
     "AngleBelief",
@@ -156,6 +165,7 @@ __all__ = [
     "DeviceError",
     "DeviceTimeoutError",
     "Displacement",
+    "DisplacementSigmas",
     "Doubt",
     "Estimate",
     "Event",
@@ -244,6 +254,7 @@ __all__ = [
     "as_text",
     "counted",
     "described",
+    "displacement_sigmas",
     "estimate_of",
     "extra_install",
     "is_absent",
@@ -259,4 +270,5 @@ __all__ = [
     "require_pace",
     "require_range",
     "rig_in_words",
+    "undisplaced",
 ]

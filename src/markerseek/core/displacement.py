@@ -9,7 +9,7 @@ import msgspec
 from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
 
-_Row: TypeAlias = tuple[float, float, float]
+TrusVector: TypeAlias = tuple[float, float, float]
 """Three numbers for the axes x, y and z of the TRUS frame."""
 
 
@@ -29,8 +29,8 @@ class Displacement(msgspec.Struct, frozen=True, kw_only=True):
         If a number is not finite, or a variance is negative.
     """
 
-    mm: _Row
-    covariance_mm2: tuple[_Row, _Row, _Row]
+    mm: TrusVector
+    covariance_mm2: tuple[TrusVector, TrusVector, TrusVector]
 
     def __post_init__(self) -> None:
         if not all(is_finite(each) for row in (self.mm, *self.covariance_mm2) for each in row):

@@ -71,11 +71,18 @@ class MarkerMotion(msgspec.Struct, frozen=True, kw_only=True):
     turn_sigma_mm
         Standard deviation of the displacement along the turn that the interval has room for, in mm. That displacement
         does not show in a frame.
+    cameras_mm
+        Amplitude of the displacements of the samples that cameras saw, in mm: half of the way; they are taken out. None
+        where no camera followed the tissue.
+    left_mm
+        Standard deviation along the turn of what the cameras leave open of the displacement of a sample, in mm.
     """
 
     lateral_mm: float | None = None
     depth_mm: float | None = None
     turn_sigma_mm: float = 0.0
+    cameras_mm: float | None = None
+    left_mm: float = 0.0
 
     @property
     def is_seen(self) -> bool:

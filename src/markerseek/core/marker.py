@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import msgspec
+from msgspec.structs import replace
 
 from markerseek.core.estimate import Ambiguous, Estimate, Found, Unsure
 from markerseek.core.plan import RigFacts
 from markerseek.core.reading import Sample
 from markerseek.core.shapes import CHECKED, Float64
+from markerseek.core.undisplaced import DisplacementSigmas, displacement_sigmas, undisplaced
 
 if TYPE_CHECKING or CHECKED:
     import numpy as np
@@ -177,8 +179,11 @@ def marker_position(estimate: Estimate, samples: Sequence[Sample], facts: RigFac
     if estimate.sigma_deg is None:
         return None
     face_m = facts.face_radius_m
-    positions = [at for sample in samples if (at := _position_of(sample, facts.sound_speed_m_s)) is not None]
-    if face_m is None or not positions:
+    if face_m is None:
+        return None
+    rested = undisplaced(samples, face_radius_m=face_m)
+    positions = [at for sample in rested if (at := _position_of(sample, facts.sound_speed_m_s)) is not None]
+    if not positions:
         return None
     strongest = max(positions, key=lambda at: at.intensity)
     strong = [at for at in positions if _same_source(at, strongest)]
@@ -187,7 +192,13 @@ def marker_position(estimate: Estimate, samples: Sequence[Sample], facts: RigFac
     lateral_m = _mean([at.lateral_m for at in strong], weights)
     radius_m = _mean(radii_m, weights)
     coherence = _mean([at.coherence for at in strong], weights)
-    return _placed(estimate.mean_deg, estimate.sigma_deg, lateral_m, radius_m, coherence)
+    placed = _placed(estimate.mean_deg, estimate.sigma_deg, lateral_m, radius_m, coherence)
+    turn_m, lateral_sigma_m, depth_sigma_m = placed.sigma_m
+    # What cameras leave open of the tissue's displacement is in the angle already.
+    lateral_left_m = _mean([at.left.lateral_m for at in strong], weights)
+    depth_left_m = _mean([at.left.depth_m for at in strong], weights)
+    sigma_m = (turn_m, math.hypot(lateral_sigma_m, lateral_left_m), math.hypot(depth_sigma_m, depth_left_m))
+    return replace(placed, sigma_m=sigma_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,6 +210,8 @@ class _SourcePosition:
     lateral_m: float
     depth_m: float
     coherence: float
+    left: DisplacementSigmas
+    """What cameras leave open of the tissue's displacement."""
 
 
 def _position_of(sample: Sample, sound_speed_m_s: float | None) -> _SourcePosition | None:
@@ -221,6 +234,7 @@ def _position_of(sample: Sample, sound_speed_m_s: float | None) -> _SourcePositi
         depth_m=depth_m,
         # Never quite 1, so that no marker is taken for exact.
         coherence=min(_UNKNOWN_COHERENCE if reading.coherence is None else reading.coherence, 0.99),
+        left=displacement_sigmas(sample),
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from markerseek.core import Arrival, Estimate, Found, Reading, Sample
+from markerseek.core import Arrival, Estimate, Found, Reading, Sample, undisplaced
 
 _SHARE = 0.8
 """Least share of the strongest sample's intensity. On simulated materials at 20 to 40 dB it was 0.91 or more after a
@@ -54,6 +54,7 @@ def confirmation_failure(found: Found, confirmation: Sample, samples: Sequence[S
     """
     if not samples:
         return None
+    *samples, confirmation = undisplaced([*samples, confirmation])
     strongest = max(samples, key=lambda sample: sample.reading.intensity).reading
     now = confirmation.reading
     expected = strongest.intensity

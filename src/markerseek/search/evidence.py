@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from msgspec.structs import replace
 
-from markerseek.core import Found, Interval, Sample, Tolerance
+from markerseek.core import USUAL_FACE_RADIUS_M, Found, Interval, Sample, Tolerance
 from markerseek.search.background import FLAT_SHARE
 from markerseek.search.curve import curve_of
 from markerseek.search.floor import SearchNoise
@@ -169,9 +169,6 @@ def inconsistency(
     )
 
 
-FACE_RADIUS_M = 10e-3
-"""Middle of the distances R of the face from the axis in the physics table, in metres."""
-
 KNOWN_SIGMA_DEG = 0.25
 """Standard deviation at which the centre of a curve counts as known while a search decides what to do next, in degrees.
 
@@ -181,7 +178,7 @@ What the user tolerates has nothing to do with it: beside a centre that is known
 def marker_radius_m(lit: Sequence[Sample]) -> float | None:
     """Distance of the marker from the axis in metres, by the depth of the strongest sample; None if it has none."""
     depth_m = max(lit, key=lambda sample: sample.reading.intensity).reading.depth_m
-    return None if depth_m is None else FACE_RADIUS_M + depth_m
+    return None if depth_m is None else USUAL_FACE_RADIUS_M + depth_m
 
 
 def half_width_deg(found: Found) -> float:

@@ -216,6 +216,11 @@ def motion_rows(motion: MarkerMotion | None) -> list[tuple[str, str]]:
         text = f"± {motion.depth_mm:.2g} mm in depth, ± {motion.lateral_mm:.2g} mm along the array"
     else:
         text = "none seen in depth and along the array; along the turn frames do not show it"
+    if motion.cameras_mm is not None:
+        text = (
+            f"seen by the cameras: ± {motion.cameras_mm:.2g} mm at the samples, taken out; ± {motion.left_mm:.2g} mm "
+            "along the turn left"
+        )
     if motion.turn_sigma_mm >= 0.01:
         text += f"; the interval has room for ± {motion.turn_sigma_mm:.2g} mm along the turn"
     return [("motion", text)]

@@ -25,6 +25,7 @@ from markerseek.core import (
     MIN_INTENSITY,
     Ambiguous,
     AtBound,
+    Displacement,
     Estimate,
     Float64,
     Found,
@@ -34,6 +35,8 @@ from markerseek.core import (
     NotFound,
     Sample,
     Tolerance,
+    displacement_sigmas,
+    undisplaced,
 )
 from markerseek.search.curve import log_curve
 from markerseek.search.evidence import (
@@ -46,8 +49,8 @@ from markerseek.search.evidence import (
     with_half_width,
 )
 from markerseek.search.floor import MAX_CELLS, SearchNoise, above_background, noise_above_background
-from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg, radius_m
-from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR
+from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
+from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR, displaced_sigma_deg, radius_m
 from markerseek.search.posterior.sources import (
     BESIDE_DEG,
     RIVAL_DB,
@@ -138,7 +141,8 @@ class Analysis:
         single: bool,
         expected: ExpectedAngle | None = None,
     ) -> None:
-        self._measured = lit
+        self._displacements = [sample.displacement for sample in lit if sample.displacement is not None]
+        self._measured = undisplaced(lit)
         self.limits = limits
         self._dark = dark
         self._inference = inference
@@ -296,6 +300,8 @@ class Analysis:
             lateral_mm=None if motion is None or motion.lateral_m is None else 1e3 * motion.lateral_m,
             depth_mm=None if motion is None or motion.depth_m is None else 1e3 * motion.depth_m,
             turn_sigma_mm=1e3 * from_axis_m * math.radians(sigma_deg),
+            cameras_mm=_amplitude_mm(self._displacements) if self._displacements else None,
+            left_mm=_left_mm(first.samples),
         )
 
     @property
@@ -347,6 +353,25 @@ class Analysis:
             level=self.noise.level_or_zero,
         )
         return None if hump is None else gap_angle_deg(hump.angle_deg, self.measured_deg)
+
+
+def _amplitude_mm(displacements: Sequence[Displacement]) -> float:
+    """Return half of the way of displacements: along the line on which most of it lies."""
+    place_mm = np.array([each.mm for each in displacements])
+    if not place_mm.any():
+        # Their direction is not known: that the tissue was at rest in one of them is assumed.
+        return 0.5 * math.sqrt(max(float(np.trace(each.covariance_mm2)) for each in displacements))
+    away_mm = place_mm - place_mm.mean(axis=0)
+    # The eigenvector of the largest eigenvalue.
+    line = np.linalg.eigh(away_mm.T @ away_mm)[1][:, -1]
+    return 0.5 * float(np.ptp(away_mm @ line))
+
+
+def _left_mm(samples: Sequence[Sample]) -> float:
+    """Return what cameras leave open along the turn, a standard deviation: the mean, the strongest samples most."""
+    weight = np.array([sample.reading.intensity**2 for sample in samples])
+    left_mm = np.array([1e3 * displacement_sigmas(sample).turn_m for sample in samples])
+    return float(weight @ left_mm / weight.sum()) if weight.any() else 0.0
 
 
 def height_of(sample: Sample, posterior: AnglePosterior) -> float:
@@ -431,8 +456,11 @@ def _moved(
     posterior: AnglePosterior, samples: Sequence[Sample], *, mean: Float64[np.ndarray, " samples"]
 ) -> Float64[np.ndarray, " samples"]:
     """Return the standard deviation of ln of the prediction by the motion of the marker."""
-    sigma_deg = posterior.moved_sigma_deg
-    if sigma_deg <= 0:
+    strongest = max(samples, key=lambda sample: sample.reading.intensity)
+    from_axis_m = radius_m(strongest.reading.depth_m)
+    left_deg = np.array([displaced_sigma_deg(sample, radius_m=from_axis_m) for sample in samples])
+    sigma_deg = np.hypot(posterior.moved_sigma_deg, left_deg)
+    if not sigma_deg.any():
         return np.zeros(len(samples))
     angles_deg = np.array([sample.angle_deg for sample in samples])
     sides = [posterior.log_heights(angles_deg + side * sigma_deg).mean(axis=0) for side in (-1, 1)]

@@ -25,12 +25,8 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from markerseek.core import Float64, Sample
-from markerseek.search.evidence import FACE_RADIUS_M
+from markerseek.core import USUAL_FACE_RADIUS_M, USUAL_SOUND_SPEED_M_S, Float64, Sample
 from markerseek.search.posterior.likelihood import CLEAR_SNR, Scale
-
-SOUND_SPEED_M_S = 1525.0
-"""Middle of the speeds of sound that studies draw (`studies.unknowns`), in m/s."""
 
 DELAY_SHARE = 0.16
 """Standard deviation of k: R of 8 to 12 mm and the speed of sound."""
@@ -173,7 +169,7 @@ def off_plane(
     radius_m = face_radius_m + depth_m
     turned = np.radians(distance_deg)
     range_m = np.sqrt(face_radius_m**2 + radius_m**2 - 2 * face_radius_m * radius_m * np.cos(turned))
-    return (range_m - depth_m) / SOUND_SPEED_M_S, radius_m * np.sin(turned) / range_m
+    return (range_m - depth_m) / USUAL_SOUND_SPEED_M_S, radius_m * np.sin(turned) / range_m
 
 
 def log_likelihood(
@@ -193,7 +189,7 @@ def log_likelihood(
     reference_s = float(centroid_s[np.argmax(snr)])
     # A trigger offset of some µs changes the depth by some mm, and D of (4) by little: τ₀ and k absorb the offset.
     off_deg = measured_deg - angles_deg[:, None]
-    late_s, sine = off_plane(off_deg, FACE_RADIUS_M, max(SOUND_SPEED_M_S * reference_s, 5e-3))
+    late_s, sine = off_plane(off_deg, USUAL_FACE_RADIUS_M, max(USUAL_SOUND_SPEED_M_S * reference_s, 5e-3))
     log = _centroid_log_likelihood(centroid_s - reference_s, late_s, np.abs(off_deg) / LOBE_DEG, snr)
     return np.asarray(WEIGHT * (log + _spread_log_likelihood(spread_s, sine, snr)))
 
@@ -222,8 +218,8 @@ def _spread_log_likelihood(
     """Return ln of the likelihood of (6); ``sine``: sin φ(t)."""
     # Less the mean over the heights of elements: what is left of b has the prior 0 ± 1.
     height_m2, height_sd_m2 = HEIGHT_M2
-    unit_s2 = height_m2 * (UNIT_SINE / (2 * SOUND_SPEED_M_S)) ** 2
-    edges = (sine / (2 * SOUND_SPEED_M_S)) ** 2 / unit_s2
+    unit_s2 = height_m2 * (UNIT_SINE / (2 * USUAL_SOUND_SPEED_M_S)) ** 2
+    edges = (sine / (2 * USUAL_SOUND_SPEED_M_S)) ** 2 / unit_s2
     design = np.stack([np.ones_like(edges), height_sd_m2 * edges], axis=-1)
     variance = spread_s**2 / unit_s2
     scale = np.hypot(VARIANCE_FACE + VARIANCE_EDGE * height_m2 * edges, VARIANCE_NOISE / snr * variance)

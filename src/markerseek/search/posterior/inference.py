@@ -43,11 +43,10 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from markerseek.core import Float64, Int64, Interval, MarkerCurve, Sample
-from markerseek.search.evidence import FACE_RADIUS_M
 from markerseek.search.floor import SearchNoise, above_background, noise_above_background
 from markerseek.search.posterior.arrival import arrival_likelihood
 from markerseek.search.posterior.grid import Grid, Marginals, Particles, finer, mean_and_sigma
-from markerseek.search.posterior.likelihood import Observation, Scale, scale_of
+from markerseek.search.posterior.likelihood import Observation, Scale, radius_m, scale_of
 from markerseek.search.posterior.motion import SIGMAS_M, TurnMotion, motion_of
 from markerseek.search.posterior.shapes import STEP_DEG, Shapes, family, log_amplitude_prior, shapes_with
 from markerseek.search.posterior.symmetry import (
@@ -239,7 +238,7 @@ class Inference:
         # Uniform inside, and a little beyond: without it a marker beyond an end would seem certain to be at that end.
         self._log_prior = np.where(inside, 0.0, math.log(BEYOND_SHARE))
         self._grid: Grid | None = None
-        self._scale = Scale(unit=0.0, sigma=1.0, marker_m=None, cells=1)
+        self._scale = Scale(unit=0.0, sigma=1.0, marker_m=None, cells=1, radius_m=radius_m(None))
         self._observations: list[Observation] = []
         self._added: list[tuple[float, float, int | None]] = []
         self._swept = False
@@ -284,13 +283,19 @@ class Inference:
         observations = self._observations if "intensity" in self.cues else []
         centre = refine(self._shapes, coarse, known, observations, log_prior, particles=particles)
         mean_deg = float(centre.probability @ centre.angles_deg)
-        motion = motion_of(lit, mean_deg=mean_deg, sigma=self._scale.sigma, stated_m=self._motion_m)
+        # What the rig states of the motion is in the displacements that cameras saw.
+        seen = all(sample.displacement is not None for sample in lit)
+        stated_m = None if seen else self._motion_m
+        motion = motion_of(lit, mean_deg=mean_deg, sigma=self._scale.sigma, stated_m=stated_m)
         if "intensity" in self.cues:
             strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
             from_axis_m = radius_m(strongest.depth_m)
             centre = with_motion(centre, motion, from_axis_m=from_axis_m, particles=particles)
-        if self.order_sigma_deg > 0:
-            wider = blurred(centre.angles_deg, centre.probability, sigma_deg=self.order_sigma_deg)
+        sigma_deg = math.hypot(
+            self.order_sigma_deg, shared_displacement_deg(self._observations, fwhm_deg=centre.fwhm_deg)
+        )
+        if sigma_deg > 0:
+            wider = blurred(centre.angles_deg, centre.probability, sigma_deg=sigma_deg)
             centre = replace(centre, angles_deg=wider[0], probability=wider[1])
         angle_deg, probability = self._with_asymmetry(lit, centre, log_arrival)
         scale = self._scale
@@ -721,6 +726,26 @@ def delay_sigma_deg(observations: Sequence[Observation]) -> float:
     return abs(shift_deg) / sum(weight for weight, _ in swept)
 
 
+def shared_displacement_deg(observations: Sequence[Observation], *, fwhm_deg: float) -> float:
+    """By how much the angle may be shifted by what is not known of the tissue's displacement during sweeps.
+
+    All samples of one way of a sweep share it. The likelihood takes it for an error of each sample by itself, which
+    weighs the ways. ``fwhm_deg``: full width of the curve at half maximum.
+    """
+    strong = [each for each in observations if each.strong]
+    # On its flank, at half maximum, ln S of a Gaussian falls by 4 ln 2 in a full width.
+    by_shift = [4 * math.log(2) * each.displaced_sigma_deg / fwhm_deg for each in strong]
+    weight = [
+        (each.noise**2 + USUAL_PULSE_ERROR**2 + shift**2) ** -1 for each, shift in zip(strong, by_shift, strict=True)
+    ]
+    by_way: dict[tuple[int, bool], float] = {}
+    for each, own in zip(strong, weight, strict=True):
+        if each.sweep is not None:
+            way = (each.sweep.number, each.sweep.speed_deg_s > 0)
+            by_way[way] = by_way.get(way, 0.0) + own * each.displaced_sigma_deg
+    return math.hypot(*by_way.values()) / sum(weight) if by_way else 0.0
+
+
 def blurred(
     angles_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"], *, sigma_deg: float
 ) -> tuple[Float64[np.ndarray, " wider"], Float64[np.ndarray, " wider"]]:
@@ -748,9 +773,6 @@ USUAL_WIDTH_M = 5e-3
 
 USUAL_SHIFT_M = 0.2e-3
 """a in metres if the frames do not tell C and s: the value of all 1,039 spots, whatever their width."""
-
-USUAL_RADIUS_M = 55e-3
-"""Distance of the marker from the axis in metres, if the frames do not tell it."""
 
 POINT_SIGMA = 0.005
 NOISE_SIGMA = 0.5
@@ -832,14 +854,6 @@ def shift_scale_m(coherence: MeanCoherence | None, *, width_m: float) -> float:
         return USUAL_SHIFT_M
     narrow_m = SHIFT_M + INCOHERENT_SHIFT_M * (1 - coherence.mean) + SCATTER_SHIFT_M * coherence.scatter
     return narrow_m * math.sqrt(width_m / USUAL_WIDTH_M)
-
-
-def radius_m(depth_m: float | None) -> float:
-    """Distance of the marker from the axis, in metres.
-
-    ``depth_m``: its distance from the array's face; None if unknown.
-    """
-    return USUAL_RADIUS_M if depth_m is None else FACE_RADIUS_M + depth_m
 
 
 def shifted_density(

@@ -27,7 +27,14 @@ import numpy as np
 from msgspec.structs import replace
 
 from markerseek._compiled import compiled
-from markerseek.core import MIN_INTENSITY, Float64, Sample, SweepTiming
+from markerseek.core import (
+    MIN_INTENSITY,
+    USUAL_FACE_RADIUS_M,
+    Float64,
+    Sample,
+    SweepTiming,
+    displacement_sigmas,
+)
 from markerseek.search.floor import MAX_CELLS, SearchNoise, noise_factor
 
 TABLE_LOW = -6.0
@@ -97,6 +104,8 @@ class Observation:
     """What its angle shares with those of its sweep; None if the probe was at rest."""
     angle_sigma_deg: float = 0.0
     """Standard deviation of the error of its angle by itself."""
+    displaced_sigma_deg: float = 0.0
+    """Standard deviation of its angle by what is not known of the displacement of the tissue."""
     energy_share: float = 1.0
     """What the laser's energy adds to it, over the `Hypotheses.sample_error` of a search."""
     number: int = -1
@@ -123,6 +132,8 @@ class Scale:
     """Lateral position of the marker; None while no sample is clear of the noise."""
     cells: int
     """Envelope cells of samples whose reading does not state them."""
+    radius_m: float
+    """Distance of the marker from the axis."""
 
     def replaces(self, former: Scale, *, stated: bool) -> bool:
         """Whether a grid of the former scale must be computed again; ``stated``: all readings state noise and cells."""
@@ -161,6 +172,7 @@ class Scale:
             else (math.log(reading.spot.amplitude) - math.log(self.unit), reading.spot.relative_sigma),
             sweep=sample.sweep,
             angle_sigma_deg=sample.angle_sigma_deg,
+            displaced_sigma_deg=displaced_sigma_deg(sample, radius_m=self.radius_m),
             energy_share=AT_REST if swept and sample.sweep is None else 1.0,
             number=number,
         )
@@ -187,7 +199,25 @@ def scale_of(lit: Sequence[Sample], noise: SearchNoise) -> Scale:
         sigma=sigma,
         marker_m=strongest.reading.lateral_m if clear else None,
         cells=math.ceil(math.exp(min((smallest / sigma) ** 2 / 2, most))),
+        radius_m=radius_m(strongest.reading.depth_m),
     )
+
+
+_USUAL_RADIUS_M = 55e-3
+"""Distance of the marker from the axis in metres, if the frames do not tell it."""
+
+
+def radius_m(depth_m: float | None) -> float:
+    """Distance of the marker from the axis, in metres.
+
+    ``depth_m``: its distance from the array's face; None if unknown.
+    """
+    return _USUAL_RADIUS_M if depth_m is None else USUAL_FACE_RADIUS_M + depth_m
+
+
+def displaced_sigma_deg(sample: Sample, *, radius_m: float) -> float:
+    """Standard deviation of the angle of a sample by what is not known of the displacement of the tissue."""
+    return math.degrees(displacement_sigmas(sample).turn_m / radius_m)
 
 
 def lateral_ratio(lateral_m: float | None, *, marker_m: float | None) -> float:

@@ -27,9 +27,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from markerseek.core import Float64, Sample
-from markerseek.search.evidence import FACE_RADIUS_M
-from markerseek.search.posterior.arrival import LOBE_DEG, SOUND_SPEED_M_S, off_plane
+from markerseek.core import USUAL_FACE_RADIUS_M, USUAL_SOUND_SPEED_M_S, Float64, Sample, displacement_sigmas
+from markerseek.search.posterior.arrival import LOBE_DEG, off_plane
 
 SIGMAS_M = 1e-3 * np.array([0.0, 0.05, 0.1, 0.17, 0.3, 0.5, 0.85, 1.5, 2.6])
 """σ_t that are considered: at rest, and moving."""
@@ -333,7 +332,11 @@ def _moment(
     weight = noise_m**-2.0
     lateral, depth = ((weight * places_m).sum(axis=0) / weight.sum(axis=0)).tolist()
     # What two pulses beside one another have in common does not shrink with their number.
-    lateral_noise, depth_noise = np.hypot(weight.sum(axis=0) ** -0.5, math.hypot(POSITION_M, grains_m)).tolist()
+    # What cameras saw of the motion is taken out already; what they may be off by is not.
+    left = [displacement_sigmas(sample) for _, sample, _ in counted]
+    left_m = np.mean([(each.lateral_m, each.depth_m) for each in left], axis=0)
+    own_m = np.hypot(weight.sum(axis=0) ** -0.5, math.hypot(POSITION_M, grains_m))
+    lateral_noise, depth_noise = np.hypot(own_m, left_m).tolist()
     return _Moment(
         samples=tuple(number for number, _, _ in together),
         place_m=(lateral, depth),
@@ -350,5 +353,5 @@ def _place(sample: Sample, *, mean_deg: float, depth_m: float) -> tuple[float, f
     if reading.spot is not None:
         lateral_m = reading.spot.lateral_m
         slant_m = reading.spot.depth_m
-    late_s, _ = off_plane(np.array([sample.angle_deg - mean_deg]), FACE_RADIUS_M, max(depth_m, 5e-3))
-    return lateral_m, slant_m - SOUND_SPEED_M_S * float(late_s[0])
+    late_s, _ = off_plane(np.array([sample.angle_deg - mean_deg]), USUAL_FACE_RADIUS_M, max(depth_m, 5e-3))
+    return lateral_m, slant_m - USUAL_SOUND_SPEED_M_S * float(late_s[0])

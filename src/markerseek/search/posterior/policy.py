@@ -22,6 +22,7 @@ from markerseek.core import (
     Tolerance,
     Unsure,
     require_range,
+    undisplaced,
 )
 from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
 from markerseek.search.floor import above_background
@@ -311,7 +312,8 @@ class Posterior(SearchPolicy):
         if not isinstance(self.estimate(), Found):
             raise SearchError("posterior: nothing is found that a sample could confirm; tell it as any other")
         first = self._decisive.first
-        (above,) = above_background([sample], self._analysis.noise.background)
+        *_, undisplaced_sample = undisplaced([*self._lit, sample])
+        (above,) = above_background([undisplaced_sample], self._analysis.noise.background)
         self._confirmation_taken = True
         self._confirmation_failure = weaker_than_predicted(first, above)
         self._lit.append(sample)

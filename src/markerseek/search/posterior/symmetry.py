@@ -277,7 +277,7 @@ def symmetric_log_likelihood(
         PEAK_NOISE * np.array([each.noise for each in strong]),
         np.repeat(np.arange(len(observations.strong)), [len(group) for group in observations.strong]),
         np.array([each.energy_share for each in strong]),
-        np.hypot([each.angle_sigma_deg for each in strong], own_deg),
+        np.hypot([math.hypot(each.angle_sigma_deg, each.displaced_sigma_deg) for each in strong], own_deg),
         np.concatenate([shift_sigmas_deg(strong), ways_deg], axis=1),
         hypotheses.sample_error,
         TEMPLATE_LOG_LEVELS,

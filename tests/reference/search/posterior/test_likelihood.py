@@ -13,9 +13,9 @@ from scipy.stats import expon, halfnorm, norm, rice, uniform
 from scipy.stats import t as student
 
 from markerseek.acoustics import Absorber, AcousticModel, GaussianAbsorber, Probe
-from markerseek.core import Reading, Sample
+from markerseek.core import USUAL_SOUND_SPEED_M_S, Reading, Sample
 from markerseek.search.curve import KNEES, log_curve
-from markerseek.search.posterior.arrival import SOUND_SPEED_M_S, _bending, _spline, off_plane, student_log_likelihood
+from markerseek.search.posterior.arrival import _bending, _spline, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
 from markerseek.search.posterior.grid import Grid
 from markerseek.search.posterior.inference import (
@@ -199,7 +199,7 @@ def test_range_is_linear_in_cosine_and_sine():
     """r² = A − C cos θ − S sin θ, fitted by least squares to the delays, gives the angle back."""
     theta, depth_m = 12.0, 50e-3
     probe_deg = np.linspace(-35, 35, 15)
-    range_m = off_plane(probe_deg - theta, face_radius_m=10e-3, depth_m=depth_m)[0] * SOUND_SPEED_M_S + depth_m
+    range_m = off_plane(probe_deg - theta, face_radius_m=10e-3, depth_m=depth_m)[0] * USUAL_SOUND_SPEED_M_S + depth_m
     turned = np.radians(probe_deg)
     design = np.column_stack([np.ones(15), -np.cos(turned), -np.sin(turned)])
     _, c, s = np.linalg.lstsq(design, range_m**2, rcond=None)[0]
@@ -208,7 +208,7 @@ def test_range_is_linear_in_cosine_and_sine():
 
 def moments_of(theta, measured_deg, *, height_m=5e-3, radius_m=11e-3):
     late_s, sine = off_plane(measured_deg - theta, face_radius_m=radius_m, depth_m=50e-3)
-    spread_s = np.hypot(0.2e-6, height_m * sine / (2 * SOUND_SPEED_M_S))
+    spread_s = np.hypot(0.2e-6, height_m * sine / (2 * USUAL_SOUND_SPEED_M_S))
     return np.column_stack([33e-6 + 0.7e-6 + late_s, spread_s])
 
 
