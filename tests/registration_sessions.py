@@ -16,10 +16,12 @@ from markerseek.registration import (
     Registered,
     SessionRecord,
     Spot,
+    StereoSettings,
     TakenMarker,
     Waiting,
     register_pairs,
 )
+from markerseek.sim import endoscope
 
 CAMERA_M = np.array([[0.0, 0.0, 0.1], [0.02, 0.0, 0.11], [0.0, 0.03, 0.1], [0.02, 0.03, 0.13], [0.01, 0.02, 0.12]])
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
@@ -28,6 +30,12 @@ TRANSLATION_M = np.array([0.01, -0.02, 0.05])
 TRUS_M = (
     CAMERA_M @ ROTATION.T + TRANSLATION_M + 1e-4 * np.array([[1, 0, 0], [0, -1, 0], [0, 0, 1], [-1, 0, 0], [0] * 3])
 )
+
+
+def stereo() -> StereoSettings:
+    """A calibration with which marks are drawn."""
+    return StereoSettings.of(endoscope(), calibration_sigma_px=0.2)
+
 
 BEGUN = Begun(
     rig="r",

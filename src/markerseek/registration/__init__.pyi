@@ -1,6 +1,6 @@
 from .endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, SeenEndoscope
 from .kept_sessions import REPORTS, KeptSession, as_it_runs, delete_session, kept_sessions, kept_view
-from .plan import REGISTRATION_TOLERANCE_MM, SessionPlan
+from .plan import MOST_MARKERS, REGISTRATION_TOLERANCE_MM, SessionPlan
 from .points import point_pairs, spot_pairs
 from .record import (
     CAMERA_IMAGES,
@@ -54,6 +54,7 @@ from .view import ExpectedError, Phase, SessionView
 
 __all__ = [
     "CAMERA_IMAGES",
+    "MOST_MARKERS",
     "REGISTRATION_FILE",
     "REGISTRATION_TOLERANCE_MM",
     "REPORTS",

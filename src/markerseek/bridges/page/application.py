@@ -23,6 +23,7 @@ from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PAGES
 from markerseek.bridges.page.registration_page import build_registration_page
 from markerseek.bridges.page.search_page import build_search_page
+from markerseek.bridges.page.sessions_page import build_sessions_page
 
 WATCH_S = 0.5
 """Time between two looks whether anybody watches, and who has connected, in seconds."""
@@ -214,6 +215,13 @@ def page_application(searches: PageSearches, *, connections: Listener, **gate: A
         if not searches.rig.registers:
             return RedirectResponse(f"{request.scope['root_path']}/search")
         build_registration_page(searches, request.query_params)
+        return None
+
+    @ui.page("/sessions")
+    def sessions(request: Request) -> Response | None:
+        if not searches.rig.registers:
+            return RedirectResponse(f"{request.scope['root_path']}/search")
+        build_sessions_page(searches, request.query_params)
         return None
 
     @ui.page("/search")

@@ -14,9 +14,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal, TypeAlias
 from urllib.parse import parse_qsl
 
 import msgspec
+from msgspec import structs
 
 from markerseek.bridges.child import ChildRun, EndedRun, FollowedChild, Outcome
 from markerseek.bridges.page.run_history import RunHistory
@@ -29,14 +31,19 @@ from markerseek.files import MIB, data_folder, read_input, replace_file
 from markerseek.records.journal import Configuration, RunView, default_journal, follow_journal, make_folder
 from markerseek.registration import (
     CAMERA_IMAGES,
+    MOST_MARKERS,
     SPOT_IS_SET,
+    KeptSession,
     SessionView,
     SpotSeen,
     default_folder,
+    delete_session,
     follow_session,
     is_running,
+    kept_sessions,
     next_view,
     read_session,
+    sessions_folder,
     view_of,
 )
 from markerseek.show import STOPPED, Verdict, verdict_of
@@ -44,6 +51,10 @@ from markerseek.sim import SimulatedSettings
 
 SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
 """What laser and stage do if the search was killed, and could not see to them itself."""
+
+
+Further: TypeAlias = Literal["go on", "one more marker", "check"]
+"""For what a session that is kept is continued."""
 
 
 class ChildSearch:
@@ -306,6 +317,7 @@ class PageSearches:
         self._launch = launch
         # Held while something starts, so that STOP waits for what it would otherwise miss.
         self._lock = threading.Lock()
+        self._kept: tuple[object, list[KeptSession]] = (None, [])
 
     @property
     def _running(self) -> list[ChildSearch]:
@@ -348,6 +360,51 @@ class PageSearches:
             # A search that can go on here has no devices, and nobody is asked.
             asks = [f"--asked-by={asked_by}"] if isinstance(before, ChildRegistration) else []
             self._begin(type(before), [*before.goes_on, *asks], before.asked, before.journal, before.goes_on)
+
+    def kept_sessions(self) -> list[KeptSession]:
+        """Return the sessions in the user's data folder, the newest first; read again only if a record has changed."""
+        place = sessions_folder()
+        found = {each: each.stat().st_mtime_ns for each in place.glob("*/*.jsonl")}
+        key = tuple(sorted(found.items())), self.busy
+        if key != self._kept[0]:
+            self._kept = key, kept_sessions(place) if place.exists() else []
+        return self._kept[1]
+
+    def show_session(self, folder: Path, *, usual: SessionRequest) -> None:
+        """Show a session that is kept; arguments and errors as of `continue_session`."""
+        with self._idle():
+            asked = _asked_again(folder, "go on", usual)
+            self.registration = ChildRegistration(
+                EndedRun(),
+                asked=asked,
+                journal=folder,
+                goes_on=_continuing(self.rig.command(asked), folder),
+                simulated=self.rig.simulated,
+                because="the program that ran this session has ended",
+            )
+
+    def continue_session(self, folder: Path, further: Further, *, usual: SessionRequest, asked_by: str) -> None:
+        """Go on with a session that is kept.
+
+        ``further``: for what. ``usual``: settings that its record does not hold. ``asked_by`` and errors as of `start`;
+        `RecordError` if its record cannot be read. The command refuses another rig.
+        """
+        with self._idle():
+            if not self.rig.registers:
+                raise SearchError("this rig cannot register: start the page with --cameras and --images")
+            asked = _asked_again(folder, further, usual)
+            command = self.rig.command(asked)
+            _keep(BegunSession(folder=str(folder), command=command, settings=asked.query(usual=SessionRequest())))
+            goes_on = _continuing(command, folder)
+            self._begin(ChildRegistration, [*goes_on, f"--asked-by={asked_by}"], asked, folder, goes_on)
+
+    def delete_session(self, folder: Path) -> list[str]:
+        """Delete a session that is kept; returns the names of other files in its folder. Errors as of the function."""
+        with self._idle():
+            left = delete_session(folder)
+            if self.registration is not None and self.registration.journal == folder:
+                self.registration = None
+            return left
 
     def offer_interrupted(self) -> None:
         """Offer the session that a page of this rig began last, if its record says that it has not ended."""
@@ -414,6 +471,25 @@ class PageSearches:
             self.registration = child
         else:
             self.search = child
+
+
+def _asked_again(folder: Path, further: Further, usual: SessionRequest) -> SessionRequest:
+    """Return what continues a session: its seed, how its markers were searched, and for what."""
+    view = view_of(read_session(folder), folder)
+    plan = usual.plan
+    first = next((each.journal for each in view.markers if each.journal is not None), None)
+    if first is not None:
+        configuration = next(follow_journal(folder / first, is_over=lambda: True, wait=lambda: None))
+        if isinstance(configuration, Configuration):
+            plan = structs.replace(plan, sweep=configuration.plan.sweep, no_frames=not configuration.frames)
+    used = 0 if view.report is None else len(view.report.points)
+    if further == "one more marker":
+        plan = structs.replace(plan, markers=min(max(used + 1, 3), MOST_MARKERS))
+    if further == "check":
+        # No marker more: the registration that is there is checked.
+        plan = structs.replace(plan, check=True, markers=min(max(used, 3), MOST_MARKERS))
+    seed = usual.simulation.seed if view.begun is None else view.begun.seed
+    return structs.replace(usual, plan=plan, simulation=structs.replace(usual.simulation, seed=seed))
 
 
 def _continuing(command: Sequence[str], folder: Path) -> list[str]:

@@ -69,7 +69,7 @@ _BANNERS = {
 
 _STYLE = (Path(__file__).parent / "static" / "page.css").read_text(encoding="utf-8")
 
-PAGES = {"/": "register", "/search": "search"}
+PAGES = {"/": "register", "/sessions": "sessions", "/search": "search"}
 """Paths of the pages, and their names."""
 
 
@@ -93,7 +93,7 @@ class PageShell:
             Heading("markerseek", level=1).classes("ms-name")
             with ui.element("nav").props('aria-label="pages"'):
                 for target, name in PAGES.items():
-                    if target == "/" and not searches.rig.registers:
+                    if target != "/search" and not searches.rig.registers:
                         continue
                     ui.link(name, target).props('aria-current="page"' if target == path else "")
             ui.button("◐", on_click=self._toggle_dark).props('flat dense aria-label="dark or light"')

@@ -10,6 +10,8 @@ from markerseek.bridges.page.controls import USUAL_REGISTRATION, RunControls
 from markerseek.bridges.page.page_searches import ChildRegistration, PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import RunCharts, VerdictPanel, add_legend, panel, show_hints
+from markerseek.bridges.page.report_buttons import report_button
+from markerseek.bridges.page.reports import make_session_report
 from markerseek.bridges.page.session_display import session_chart, session_marks, session_table
 from markerseek.core import Interval, Side
 from markerseek.registration import REGISTRATION_FILE, SessionView
@@ -17,7 +19,13 @@ from markerseek.show import Verdict
 
 _SIDES: tuple[Side, Side] = ("left", "right")
 
-MARKS = (("spot", "spot"), ("place", "next spot"), ("target", "target, 95 %"), ("marker", "markers"))
+MARKS = (
+    ("spot", "spot"),
+    ("place", "next spot"),
+    ("target", "target, 95 %"),
+    ("marker", "markers"),
+    ("check", "checks"),
+)
 """What is drawn over the images: its key, and its meaning."""
 
 _FIRST = Verdict(next_step="press Start: light spots where the page says, until the error is small enough")
@@ -72,6 +80,10 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
     panels = RegistrationPanels(searches.rig.search, prefix=shell.prefix)
     with ui.element("div").classes("ms-foot"):
         save = ui.button("registration JSON", icon="download").props("flat dense")
+        reports = [
+            report_button(f"report {form.upper()}", f"report.{form}", lambda: _make_report(searches.registration))
+            for form in ("html", "pdf")
+        ]
     save.on_click(lambda: _download(searches.registration))
 
     def update() -> None:
@@ -81,6 +93,8 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
         panels.show(live)
         spot_is_set.set_visibility(live is not None and live.asks_whether_set)
         save.set_visibility(live is not None and live.view.registration is not None)
+        for each in reports:
+            each.set_visibility(live is not None and live.view.ended is not None)
         shell.show_emulated(live.run if live else None)
 
     shell.run(update)
@@ -90,6 +104,10 @@ def _say_set(live: ChildRegistration | None) -> None:
     """Say that the spot is set: the laser fires some pulses for the cameras."""
     if live is not None:
         live.say_spot_is_set()
+
+
+def _make_report(live: ChildRegistration | None) -> dict[str, bytes] | None:
+    return None if live is None else make_session_report(live.journal)
 
 
 def _download(live: ChildRegistration | None) -> None:

@@ -2,53 +2,24 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import tempfile
 from collections.abc import Mapping
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import msgspec
-from nicegui import run, ui
+from nicegui import ui
 
-from markerseek.bridges.child import Outcome
 from markerseek.bridges.page.controls import USUAL, RunControls
 from markerseek.bridges.page.page_searches import ChildSearch, PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import SearchPanels, Timeline, VerdictPanel
-from markerseek.core import MarkerseekError, SearchError
+from markerseek.bridges.page.report_buttons import report_button
+from markerseek.bridges.page.reports import make_search_report
 from markerseek.show import Verdict
-
-REPORT_S = 120.0
-"""Longest time to draw a report, in seconds."""
 
 
 def is_claimed(answer: Mapping[str, Any]) -> bool:
     """Whether a search claims its angle; the paper's form of a method answers always and claims nothing."""
     return bool(answer["answer"] == "found" and not answer["as_published"])
-
-
-@lru_cache(maxsize=1)
-def make_report(journal: Path) -> dict[str, bytes]:
-    """Picture and page of a finished search by the ordinary command, as file names and contents.
-
-    Raises `OSError` or `TimeoutExpired` if the command cannot be run, or not to its end.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        # -P: a file in the current folder must not replace a module.
-        done = subprocess.run(  # noqa: S603  no shell; the journal is one that this page keeps
-            [sys.executable, "-P", "-m", "markerseek", "resume", str(journal), "--plot", "--out", folder, "--json"],
-            capture_output=True,
-            timeout=REPORT_S,
-            check=False,
-            stdin=subprocess.DEVNULL,
-        )
-        made = {f"search{path.suffix}": path.read_bytes() for path in sorted(Path(folder).iterdir())}
-        if not made:
-            raise SearchError(Outcome.of(done.returncode, done.stdout).message)
-        return made
 
 
 class ResultRow:
@@ -58,7 +29,7 @@ class ResultRow:
         self._live: ChildSearch | None = None
         with ui.element("div").classes("ms-foot") as self._bar:
             for name in ("search.html", "search.png"):
-                _button(f"report {name[7:].upper()}", "download").on_click(lambda name=name: self._give(name))
+                report_button(f"report {name[7:].upper()}", name, self._make)
             _button("report JSON", "download").on_click(self._give_json)
             self._copy_button = _button("copy the angle", "content_copy").on_click(self._copy)
 
@@ -79,18 +50,8 @@ class ResultRow:
     def _give_json(self) -> None:
         ui.download.content(msgspec.json.format(msgspec.json.encode(self._answer), indent=2), "search.json")
 
-    async def _give(self, name: str) -> None:
-        if self._live is None:
-            return
-        ui.notify("the report is being drawn, which takes some seconds", position="bottom-right")
-        try:
-            made = await run.io_bound(make_report, self._live.journal)
-        except (MarkerseekError, OSError, subprocess.TimeoutExpired) as problem:
-            ui.notify(str(problem), type="negative", multi_line=True)
-            return
-        # None while the program ends.
-        if made is not None:
-            ui.download.content(made[name], name)
+    def _make(self) -> dict[str, bytes] | None:
+        return None if self._live is None else make_search_report(self._live.journal)
 
     def _copy(self) -> None:
         ui.clipboard.write(f"{self._answer['angle_deg']:.4f}")

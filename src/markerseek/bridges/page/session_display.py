@@ -14,6 +14,7 @@ from markerseek.core import ConfigError, Side, counted
 from markerseek.registration import (
     RegistrationReport,
     SessionView,
+    SpotCheck,
     StereoSettings,
     TakenMarker,
     station_names,
@@ -82,7 +83,9 @@ def session_marks(view: SessionView, side: Side) -> str:
         parts.append(_circle("out" if view.use_of(marker) != "used" else "marker", x, y, width / 80))
         place = f'x="{x + width / 60:.1f}" y="{y - width / 60:.1f}" font-size="{width // 22}"'
         parts.append(f"<text {place}>{marker.name}</text>")
-    parts.append(_target(_report(view), stereo, side))
+    report = _report(view)
+    parts += [_check(each, stereo, side, width) for each in (() if report is None else report.checks)]
+    parts.append(_target(report, stereo, side))
     if view.waiting is not None and view.waiting.place is not None:
         parts.append(_circle("place", *_pixel(view.waiting.place, side), width / 18))
     if view.searched is not None:
@@ -115,6 +118,17 @@ def _in_view(view: SessionView) -> list[TakenMarker]:
 def _calibration(text: str) -> StereoSettings:
     """Return a calibration from the text in which a session holds it."""
     return msgspec.json.decode(text, type=StereoSettings)
+
+
+def _check(check: SpotCheck, stereo: StereoSettings, side: Side, width: int) -> str:
+    """Draw a spot that checked the registration; empty if the record puts it behind the camera."""
+    try:
+        x, y = stereo.cameras.project(np.array(check.camera_m)[None])[side == "right"][0].tolist()
+    except ConfigError:
+        return ""
+    half = width / 100
+    place = f'x="{x - half:.1f}" y="{y - half:.1f}" width="{2 * half:.1f}" height="{2 * half:.1f}"'
+    return f'<rect class="ms-mark-check" {place}><title>{escape(check.name)}</title></rect>'
 
 
 def _target(report: RegistrationReport | None, stereo: StereoSettings, side: Side) -> str:

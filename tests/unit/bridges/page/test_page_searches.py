@@ -16,14 +16,14 @@ from markerseek.bridges.child import ChildRun, Outcome
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import ChildRegistration, ChildSearch, PageRig, PageSearches
 from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
-from markerseek.records.journal import Interrupted, JournalEntry
+from markerseek.records.journal import Interrupted, Journal, JournalEntry
 from markerseek.registration import SPOT_IS_SET, Ended, MovedMarker, SessionRecord, Spot, SpotSeen, Waiting
 from markerseek.rigs import read_rig_file
 from markerseek.runs import new_run, plan_on
 from markerseek.show import STOPPED as STOPPED_LINE
 from markerseek.show import event_line
 from markerseek.sim import GaussianCurve
-from tests.registration_sessions import BEGUN, begin
+from tests.registration_sessions import BEGUN, begin, taken
 
 SPOT = Spot(left_px=(600.0, 500.0), right_px=(560.0, 500.0), sigma_px=0.1)
 BROWSER = "a browser at 127.0.0.1"
@@ -496,3 +496,65 @@ def test_the_page_says_that_the_spot_is_set_only_while_the_session_waits_in_the_
     live.stop()
     live.end(30)
     record.close()
+
+
+def kept_session(tmp_path, monkeypatch, *, ended=True):
+    """The folder of a session of four markers in the user's data folder."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    record = begin(tmp_path / "markerseek" / "registrations" / "a", markers=4)
+    if ended:
+        record.add(Ended(registered=True, said="over", rig_s=1.0))
+    record.close()
+    return record.folder
+
+
+@pytest.mark.parametrize(
+    ("further", "options"),
+    [("go on", []), ("one more marker", ["--markers=5"]), ("check", ["--markers=4", "--check"])],
+)
+def test_a_session_that_is_kept_is_continued_as_its_record_says(tmp_path, monkeypatch, further, options):
+    folder = kept_session(tmp_path, monkeypatch)
+    shared, asked = searches([ScriptedChild(endless=True)], tmp_path, monkeypatch)
+    shared.continue_session(folder, further, usual=USUAL_REGISTRATION, asked_by=BROWSER)
+    [command] = asked
+    assert command[:2] == ["register", "--simulate"]
+    assert command[-3:] == ["--continue", str(folder), f"--asked-by={BROWSER}"]
+    assert sorted(each for each in command if each in {"--check"} or each.startswith("--markers")) == sorted(options)
+    assert shared.registration.journal == folder
+    # Nothing else while it runs.
+    for another in (
+        lambda: shared.delete_session(folder),
+        lambda: shared.show_session(folder, usual=USUAL_REGISTRATION),
+    ):
+        with pytest.raises(SearchError, match="a search or a registration runs"):
+            another()
+    assert folder.exists()
+    shared.stop()
+
+
+def test_a_session_that_is_kept_is_shown_and_deleted(tmp_path, monkeypatch):
+    folder = kept_session(tmp_path, monkeypatch)
+    shared, asked = searches([], tmp_path, monkeypatch)
+    [kept] = shared.kept_sessions()
+    assert (kept.folder, kept.state) == (str(folder), "registered above the goal")
+    shared.show_session(folder, usual=USUAL_REGISTRATION)
+    shared.registration.end(10)
+    assert shared.registration.said.word == "REGISTERED ABOVE GOAL"
+    assert not shared.busy
+    assert shared.delete_session(folder) == []
+    assert (shared.registration, shared.kept_sessions(), asked) == (None, [], [])
+    assert not folder.exists()
+
+
+def test_a_session_of_sweeps_is_continued_by_sweeps(tmp_path, monkeypatch):
+    folder = kept_session(tmp_path, monkeypatch, ended=False)
+    for sweep in (False, True):
+        rig = rigs.simulated(seed=1)
+        search = new_run(rig, plan_on(rig, SearchPlan(sweep=sweep)))
+        Journal.create(folder / f"{sweep}.journal", search.configuration).close()
+        with contextlib.closing(SessionRecord.reopen(folder)) as record:
+            record.add(taken(str(1 + len(record.view.markers)), journal=f"{sweep}.journal"))
+    # The first search says how.
+    shared, asked = searches([ScriptedChild()], tmp_path, monkeypatch)
+    shared.continue_session(folder, "go on", usual=USUAL_REGISTRATION, asked_by=BROWSER)
+    assert "--sweep" not in asked[0]
