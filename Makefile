@@ -11,7 +11,7 @@ TESTS ?= tests
 # themselves, as have tests that are named; the others mostly wait, and share it: the longest come first.
 ALL := $(filter tests,$(TESTS))
 REAL_TIME := $(if $(ALL),$(sort $(shell grep -rl --include='test_*.py' --exclude-dir=ros2 real_time tests)),$(TESTS))
-WATCHED := $(if $(ALL),$(foreach each,system page igtl bridges field,$(filter tests/$(each)/%,$(REAL_TIME))))
+WATCHED := $(if $(ALL),$(foreach each,system page igtl bridges,$(filter tests/$(each)/%,$(REAL_TIME))))
 BENCH ?=
 
 # Commands and tests start Python hundreds of times. An environment that forbids bytecode (as images of containers do)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from markerseek.records.journal import read_journal
+
 WORLD = """kind = "simulated"
 [marker]
 angle_deg = 6.4
@@ -104,3 +106,16 @@ def fixed_bench(folder: Path, *, seed: int) -> Iterator[Emulation]:
     with emulation(folder, seed=seed) as devices:
         devices.rig.write_text(devices.rig.read_text().replace('frames = "triggered"', 'frames = "fixed"'))
         yield devices
+
+
+def exit_code_of(process: subprocess.Popen[bytes]) -> int:
+    """Exit code of a process once it has ended; it is killed after two minutes."""
+    try:
+        return process.wait(timeout=120)
+    finally:
+        process.kill()
+
+
+def last_event(journal: Path) -> object:
+    """The last event of a record."""
+    return read_journal(journal).entries[-1].event

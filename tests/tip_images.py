@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pydicom
-from pydicom.dataset import FileDataset, FileMetaDataset
+from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.uid import ExplicitVRLittleEndian, UltrasoundMultiFrameImageStorage, generate_uid
 
 from markerseek.acoustics import Probe
@@ -61,3 +62,22 @@ def dicom(path: Path, pixels: npt.NDArray[Any], **tags: object) -> Path:
     file.PixelData = pixels.tobytes()
     pydicom.dcmwrite(path, file, enforce_file_format=True)
     return path
+
+
+@cache
+def eleven_tip_images() -> npt.NDArray[np.uint8]:
+    """Eleven images, a degree apart, away from a tip in the first."""
+    return images_of_a_tip(range(11))
+
+
+def region(
+    first: tuple[int, int], last: tuple[int, int], pixel_mm: float, *, units: int = 3, spatial_format: int = 1
+) -> Dataset:
+    """A region between two pixels (row, column)."""
+    item = Dataset()
+    item.RegionSpatialFormat, item.RegionDataType, item.RegionFlags = spatial_format, 1, 0
+    item.RegionLocationMinY0, item.RegionLocationMinX0 = first
+    item.RegionLocationMaxY1, item.RegionLocationMaxX1 = last
+    item.PhysicalUnitsXDirection, item.PhysicalUnitsYDirection = units, 3
+    item.PhysicalDeltaX = item.PhysicalDeltaY = pixel_mm / 10
+    return item

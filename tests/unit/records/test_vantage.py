@@ -286,3 +286,20 @@ def test_a_buffer_of_one_frame_holds_the_scan_in_its_acquisitions(tmp_path, save
     assert bank.angles_deg == (-4.0, -2.0, 0.0, 2.0, 4.0, 6.0)
     expected = rows[np.array(CONNECTOR) - 1, 60:420].reshape(ELEMENTS, 6, 60).transpose(1, 0, 2)
     np.testing.assert_array_equal(frames_of(bank), expected)
+
+
+def test_the_lens_of_a_vantage_delays_the_sound(tmp_path):
+    """Once: the light does not cross it. 5 wavelengths of 5 MHz are 1 µs, 40 samples."""
+
+    def with_lens(workspace):
+        workspace.value(workspace.file["Trans"], "lensCorrection", 5.0)
+
+    frames = np.random.default_rng(3).integers(-500, 500, (12, 128, 400)).astype(np.int16)
+    found = []
+    for name, change in (("thin", None), ("thick", with_lens)):
+        path = tmp_path / f"{name}.mat"
+        connector = tuple(range(1, frames.shape[1] + 1))
+        write_workspace(path, frames, connector=connector, spacing_mm=0.43, last_saved=True, change=change)
+        bank = read_arrays(path, table=TableFormat(first_and_step_deg=(7.0, 1.0)))
+        found.append(bank.frame(6).samples)
+    np.testing.assert_array_equal(found[1], found[0][:, 40:])

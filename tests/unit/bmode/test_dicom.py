@@ -1,14 +1,9 @@
-"""Field reports A13 and A14: names in natural order, and B-mode images as machines write them in DICOM."""
+"""B-mode images as machines write them in DICOM: palettes, regions, order and size of pixels."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
-from functools import cache
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -16,131 +11,15 @@ from pydicom.dataset import Dataset
 
 from markerseek.bmode import ImageSeries, read_images
 from markerseek.core import RecordError
-from markerseek.files import natural
 from tests.notes import noted
-from tests.tip_images import dicom, images_of_a_tip
+from tests.tip_images import dicom, eleven_tip_images, region
 
-pytestmark = pytest.mark.usefixtures("no_child")
-
-Shell = Callable[..., tuple[int, str, str]]
 Grey = npt.NDArray[np.uint8]
-
-HALF_DEG = pytest.approx(4.41, abs=0.05)
-"""Half range of the simulated tip with pixels of 0.15 mm."""
-
-PIXEL_MM = 0.15
-
-
-@cache
-def tip_images() -> Grey:
-    """Eleven images, a degree apart, away from a tip in the first."""
-    return images_of_a_tip(range(11))
-
-
-def folder_of(path: Path, names: Sequence[str], images: Grey | None = None) -> Path:
-    path.mkdir()
-    for name, image in zip(names, tip_images() if images is None else images, strict=True):
-        cv2.imwrite(str(path / f"{name}.png"), image)
-    return path
-
-
-def answer(shell: Shell, *words: object) -> dict[str, Any]:
-    code, out, err = shell("tooltip", *words, "--json")
-    assert code == 0, err
-    found: dict[str, Any] = json.loads(out)
-    return found
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        [f"frame{number}" for number in range(1, 12)],
-        [f"{number}" for number in range(95, 106)],
-        [f"img-{number}" for number in range(11)],
-    ],
-    ids=lambda names: names[0],
-)
-def test_a13_images_are_counted_by_their_numbers(shell: Shell, tmp_path: Path, names: list[str]) -> None:
-    report = answer(shell, folder_of(tmp_path / "scan", names), "--pixel-mm", PIXEL_MM)
-    assert (report["reference_deg"], report["half_range_deg"]) == (0, HALF_DEG)
-    assert [each["image"] for each in report["images"]] == [f"{name}.png" for name in names]
-
-
-@pytest.mark.parametrize(
-    ("pattern", "step_deg", "first_deg"),
-    [("{:.1f}", 1, -5), ("angle_{:g}", 2.5, -12.5), ("{:g}deg", 1, 3), ("img_{:+.2f}", 0.25, -1)],
-)
-def test_a13_names_that_are_angles_are_the_angles(
-    shell: Shell, tmp_path: Path, pattern: str, step_deg: float, first_deg: float
-) -> None:
-    angles_deg = [first_deg + step_deg * number for number in range(11)]
-    scan = folder_of(tmp_path / "scan", [pattern.format(angle_deg) for angle_deg in angles_deg])
-    report = answer(shell, scan, "--pixel-mm", PIXEL_MM)
-    assert [each["angle_deg"] for each in report["images"]] == angles_deg
-    assert report["reference_deg"] == first_deg
-    assert report["half_range_deg"] == pytest.approx(4.41 * step_deg, abs=0.05 * step_deg)
-    code, _, err = shell("tooltip", scan, "--step-deg", 2 * step_deg)
-    assert (code, "the names of the images are angles" in err) == (2, True), err
-
-
-@pytest.mark.parametrize(
-    "names", [["img-1.5", "img-0.5", "img0.5"], ["img-0.5", "img-1.5", "img-2.5"], ["−1", "0", "1"]]
-)
-def test_a13_a_hyphen_that_may_be_a_minus_is_not_guessed(shell: Shell, tmp_path: Path, names: list[str]) -> None:
-    scan = folder_of(tmp_path / "scan", names, tip_images()[[0, 3, 7]])
-    code, _, err = shell("tooltip", scan)
-    assert (code, "its hyphen may be a minus or not" in err) == (2, True), err
-    angles = tmp_path / "angles.csv"
-    angles.write_text("".join(f"{name}.png,{number}\n" for number, name in enumerate(names)), encoding="utf-8")
-    assert answer(shell, scan, "--angles", angles, "--pixel-mm", PIXEL_MM)["reference_deg"] == 0
-
-
-def test_a2_an_image_keeps_its_number_where_others_are_missing(shell: Shell, tmp_path: Path) -> None:
-    kept = [0, 1, 3, 4, 5, 7, 8, 9, 10]
-    names = [f"frame{number + 1}" for number in kept]
-    scan = folder_of(tmp_path / "scan", names, tip_images()[kept])
-    code, out, err = shell("tooltip", scan, "--first-deg", 2, "--step-deg", 0.5, "--pixel-mm", PIXEL_MM, "--json")
-    assert code == 0
-    assert "the images numbered 3, 7 are missing; the others keep their angles" in " ".join(err.split())
-    report = json.loads(out)
-    assert [each["angle_deg"] for each in report["images"]] == [2 + 0.5 * number for number in kept]
-    # Every tenth number is another way to count, not nine missing images each time.
-    tens = folder_of(tmp_path / "tens", [f"frame{10 * number}" for number in range(11)])
-    assert answer(shell, tens, "--pixel-mm", PIXEL_MM)["half_range_deg"] == HALF_DEG
-
-
-def test_a13_natural_order() -> None:
-    for names in (
-        ["frame1", "frame2", "frame10"],
-        ["-10.0", "-2.5", "0", "2.25", "2.5", "10.0"],
-        ["a_-10", "a_-9", "a_1"],
-        ["img-2.5", "img-10"],
-        ["2024-05-03 scan 2 of 11", "2024-05-03 scan 11 of 11"],
-        ["Frame_099", "frame_100", "Frame_1000"],
-        ["1.2.840.9.1", "1.2.840.10.1"],
-        ["", "7", "007a", "7b", "x"],
-        ["detection_element_9", "detection_element_10", "detection_element_0127"],
-        ["n" + "8" * 5000, "n" + "9" * 5000],
-    ):
-        assert sorted(sorted(names, reverse=True), key=natural) == names
-
-
-def region(
-    first: tuple[int, int], last: tuple[int, int], pixel_mm: float, *, units: int = 3, spatial_format: int = 1
-) -> Dataset:
-    """A region between two pixels (row, column)."""
-    item = Dataset()
-    item.RegionSpatialFormat, item.RegionDataType, item.RegionFlags = spatial_format, 1, 0
-    item.RegionLocationMinY0, item.RegionLocationMinX0 = first
-    item.RegionLocationMaxY1, item.RegionLocationMaxX1 = last
-    item.PhysicalUnitsXDirection, item.PhysicalUnitsYDirection = units, 3
-    item.PhysicalDeltaX = item.PhysicalDeltaY = pixel_mm / 10
-    return item
 
 
 @pytest.mark.parametrize("entry", [np.uint8, np.uint16])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a14_the_palette_is_applied(tmp_path: Path, entry: type[np.uint8 | np.uint16], seed: int) -> None:
+def test_the_palette_is_applied(tmp_path: Path, entry: type[np.uint8 | np.uint16], seed: int) -> None:
     """A palette that is not monotonic: the brightest number may be black."""
     number_of = np.random.default_rng(seed).permutation(256).astype(np.uint8)
     palette = np.empty(256, entry)
@@ -149,7 +28,7 @@ def test_a14_the_palette_is_applied(tmp_path: Path, entry: type[np.uint8 | np.ui
     for colour in ("Red", "Green", "Blue"):
         tags[f"{colour}PaletteColorLookupTableDescriptor"] = [256, 0, 8 * palette.itemsize]
         tags[f"{colour}PaletteColorLookupTableData"] = palette.tobytes()
-    images = tip_images()[:2]
+    images = eleven_tip_images()[:2]
     series = read_images(dicom(tmp_path / "scan.dcm", number_of[images], **tags))
     # Where a grey value of 255 is not reached, 16 bits are scaled to it.
     scale = 1 if entry is np.uint8 else 255 / images.max()
@@ -157,22 +36,22 @@ def test_a14_the_palette_is_applied(tmp_path: Path, entry: type[np.uint8 | np.ui
         np.testing.assert_allclose(image, np.rint(expected * scale), atol=1)
 
 
-def test_a14_a_coloured_palette_becomes_grey(tmp_path: Path) -> None:
+def test_a_coloured_palette_becomes_grey(tmp_path: Path) -> None:
     """Sepia: the brightest colour counts, as in images of three colours."""
     grey = np.arange(256, dtype=np.uint8)
     tags: dict[str, object] = {"PhotometricInterpretation": "PALETTE COLOR"}
     for colour, share in (("Red", 1.0), ("Green", 0.8), ("Blue", 0.5)):
         tags[f"{colour}PaletteColorLookupTableDescriptor"] = [256, 0, 8]
         tags[f"{colour}PaletteColorLookupTableData"] = (grey * share).astype(np.uint8).tobytes()
-    series = read_images(dicom(tmp_path / "scan.dcm", tip_images()[:1], **tags))
-    np.testing.assert_array_equal(series.images[0], tip_images()[0])
+    series = read_images(dicom(tmp_path / "scan.dcm", eleven_tip_images()[:1], **tags))
+    np.testing.assert_array_equal(series.images[0], eleven_tip_images()[0])
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
-def test_a14_monochrome1_is_inverted_alike_in_all_files(tmp_path: Path, bits: int) -> None:
+def test_monochrome1_is_inverted_alike_in_all_files(tmp_path: Path, bits: int) -> None:
     """Files of a folder have different maxima; equal tissue stays equally bright."""
     kind, factor = (np.uint8, 1) if bits == 8 else (np.uint16, (2**bits - 1) // 255)
-    images = [np.clip(tip_images()[0], 0, most) for most in (255, 120, 60)]
+    images = [np.clip(eleven_tip_images()[0], 0, most) for most in (255, 120, 60)]
     tags = {"PhotometricInterpretation": "MONOCHROME1", "BitsStored": bits, "HighBit": bits - 1}
     (tmp_path / "scan").mkdir()
     for number, image in enumerate(images):
@@ -184,39 +63,12 @@ def test_a14_monochrome1_is_inverted_alike_in_all_files(tmp_path: Path, bits: in
         np.testing.assert_allclose(image, expected * scale, atol=1)
 
 
-def two_regions(*, tip_right: bool) -> tuple[Grey, list[Dataset], str]:
-    """The images beside another image region of 1 mm pixels; the regions, and a rectangle around the tip."""
-    images = tip_images()
-    _, rows, columns = images.shape
-    other = np.full_like(images, 40)
-    offset = columns if tip_right else 0
-    first, second = ((0, 0), (rows - 1, columns - 1)), ((0, columns), (rows - 1, 2 * columns - 1))
-    scales = (1.0, PIXEL_MM) if tip_right else (PIXEL_MM, 1.0)
-    regions = [region(*place, scale) for place, scale in zip((first, second), scales, strict=True)]
-    pair = (other, images) if tip_right else (images, other)
-    return np.concatenate(pair, axis=2), regions, f"125,{111 + offset},57,72"
-
-
-@pytest.mark.parametrize("tip_right", [True, False])
-def test_a14_the_region_that_holds_the_rectangle_gives_the_scale(shell: Shell, tmp_path: Path, tip_right: bool) -> None:
-    images, regions, roi = two_regions(tip_right=tip_right)
-    path = dicom(tmp_path / "scan.dcm", images, SequenceOfUltrasoundRegions=regions, PixelSpacing=[1, 1])
-    report = answer(shell, path, "--roi", roi)
-    assert (report["half_range_deg"], report["pixel_mm"]) == (HALF_DEG, pytest.approx([PIXEL_MM, PIXEL_MM]))
-    code, _, err = shell("tooltip", path)
-    assert code == 2
-    assert "image regions of several scales" in err
-    assert "name a rectangle that lies in one of them" in err
-    report = answer(shell, path, "--pixel-mm", PIXEL_MM)
-    assert (report["half_range_deg"], report["pixel_size"]) == (HALF_DEG, "as given")
-
-
 def size_mm(path: Path, **options: tuple[int, int, int, int]) -> tuple[float, float] | None:
     found = read_images(path, **options).pixel_m
     return None if found is None else (round(1e3 * found[0], 6), round(1e3 * found[1], 6))
 
 
-def test_a14_a_region_outweighs_the_spacing_and_other_kinds_of_regions(tmp_path: Path) -> None:
+def test_a_region_outweighs_the_spacing_and_other_kinds_of_regions(tmp_path: Path) -> None:
     images = np.zeros((1, 60, 100), np.uint8)
     image = region((10, 10), (49, 49), 0.2)
     m_mode = region((10, 50), (49, 99), 3.0, units=4, spatial_format=2)
@@ -233,7 +85,7 @@ def test_a14_a_region_outweighs_the_spacing_and_other_kinds_of_regions(tmp_path:
     assert size_mm(dicom(tmp_path / "scan.dcm", images, SequenceOfUltrasoundRegions=[m_mode])) is None
 
 
-def test_a14_a_rectangle_in_no_region_or_in_two_that_differ_decides_nothing(tmp_path: Path) -> None:
+def test_a_rectangle_in_no_region_or_in_two_that_differ_decides_nothing(tmp_path: Path) -> None:
     images = np.zeros((1, 60, 100), np.uint8)
     regions = [region((0, 0), (59, 49), 0.2), region((0, 50), (59, 99), 0.4), region((10, 10), (20, 20), 0.1)]
     path = dicom(tmp_path / "scan.dcm", images, SequenceOfUltrasoundRegions=regions)

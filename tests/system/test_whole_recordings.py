@@ -1,4 +1,4 @@
-"""Section D of the field reports: the answer to a recording is from all its angles, wherever it is asked for."""
+"""The answer to a recording is from all its angles, wherever it is asked for."""
 
 from __future__ import annotations
 
@@ -18,10 +18,13 @@ from markerseek.core import MAX_ACQUISITIONS
 from markerseek.figures import search_figure
 from markerseek.runs import read_marker
 from markerseek.show import flat_answer, with_minus
-from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
+from tests.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
 
 Shell = Callable[..., tuple[int, str, str]]
+
+
 Array = npt.NDArray[np.float64]
+
 
 COMPARED = ("answer", "reason", "angle_deg", "sigma_deg", "interval95_deg", "interval_kind")
 """Keys of an answer, wherever it is printed."""
@@ -79,7 +82,7 @@ def frames_bank(shell: Shell, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("kind", RECORDINGS)
-def test_d_a_replay_answers_from_all_angles_whatever_the_method(shell: Shell, tmp_path: Path, kind: str) -> None:
+def test_a_replay_answers_from_all_angles_whatever_the_method(shell: Shell, tmp_path: Path, kind: str) -> None:
     make, answer = RECORDINGS[kind]
     path = make(tmp_path / "mine.csv")
     results = {}
@@ -99,7 +102,7 @@ def test_d_a_replay_answers_from_all_angles_whatever_the_method(shell: Shell, tm
 
 
 @pytest.mark.parametrize("kind", RECORDINGS)
-def test_d_text_python_and_bank_info_say_the_same(shell: Shell, tmp_path: Path, kind: str) -> None:
+def test_text_python_and_bank_info_say_the_same(shell: Shell, tmp_path: Path, kind: str) -> None:
     path = RECORDINGS[kind][0](tmp_path / "mine.csv")
     result = replayed(shell, path)[1]
     found = markerseek.find_marker(markerseek.replayed(path))
@@ -120,7 +123,7 @@ def test_d_text_python_and_bank_info_say_the_same(shell: Shell, tmp_path: Path, 
 
 @pytest.mark.parametrize("distance_deg", [8, 9, 12])
 @pytest.mark.parametrize("weaker", [0.8, 0.95])
-def test_d_a_search_that_found_the_wrong_hump_does_not_contradict(
+def test_a_search_that_found_the_wrong_hump_does_not_contradict(
     shell: Shell, tmp_path: Path, distance_deg: float, weaker: float
 ) -> None:
     path = humps(tmp_path / "mine.csv", (10.0 - distance_deg, 1.0), (10.0, weaker))
@@ -134,7 +137,7 @@ def test_d_a_search_that_found_the_wrong_hump_does_not_contradict(
     assert "; all angles together say ambiguous" in said
 
 
-def test_d_a_scan_of_more_angles_than_a_search_may_take_is_answered_from_all(shell: Shell, tmp_path: Path) -> None:
+def test_a_scan_of_more_angles_than_a_search_may_take_is_answered_from_all(shell: Shell, tmp_path: Path) -> None:
     angles = MAX_ACQUISITIONS + 61
     path = humps(tmp_path / "mine.csv", (12.34, 1.0), angles=angles)
     journal = tmp_path / "mine.journal"
@@ -147,7 +150,7 @@ def test_d_a_scan_of_more_angles_than_a_search_may_take_is_answered_from_all(she
     assert kept["recorded"] == kept["from_the_samples"] == kept["from_the_frames"]
 
 
-def test_d_as_published_the_method_itself_answers(shell: Shell, tmp_path: Path) -> None:
+def test_as_published_the_method_itself_answers(shell: Shell, tmp_path: Path) -> None:
     path = humps(tmp_path / "mine.csv", (-20.0, 1.0), (10.0, 0.3))
     code, result = replayed(shell, path, "--method", "golden-section", "--as-published")
     assert (code, result["method"], result["acquisitions"], result["search"]) == (0, "golden-section", 28, None)
@@ -157,7 +160,7 @@ def test_d_as_published_the_method_itself_answers(shell: Shell, tmp_path: Path) 
     assert "a search would have said" not in said
 
 
-def test_d_a_single_source_may_be_stated_whatever_the_method(shell: Shell, tmp_path: Path) -> None:
+def test_a_single_source_may_be_stated_whatever_the_method(shell: Shell, tmp_path: Path) -> None:
     results = [replayed(shell, coarse(tmp_path / "mine.csv"), "--single", "--method", method)[1] for method in METHODS]
     assert [(each["answer"], each["search"]["method"]) for each in results] == [("found", each) for each in METHODS]
     assert len({each["angle_deg"] for each in results}) == 1
@@ -166,7 +169,7 @@ def test_d_a_single_source_may_be_stated_whatever_the_method(shell: Shell, tmp_p
 METHODS = ("posterior", "ternary", "exhaustive")
 
 
-def test_d_the_journal_of_a_replay_has_the_answer_from_all_angles(shell: Shell, tmp_path: Path) -> None:
+def test_the_journal_of_a_replay_has_the_answer_from_all_angles(shell: Shell, tmp_path: Path) -> None:
     path = humps(tmp_path / "mine.csv", (1.0, 1.0), (10.0, 0.9))
     journal = tmp_path / "mine.journal"
     code, result = replayed(shell, path, "--method", "ternary", "--journal", journal)
@@ -180,7 +183,7 @@ def test_d_the_journal_of_a_replay_has_the_answer_from_all_angles(shell: Shell, 
     assert shell("journal", "verify", journal)[0] == 0
 
 
-def test_d_a_registration_takes_the_marker_from_all_angles(shell: Shell, tmp_path: Path) -> None:
+def test_a_registration_takes_the_marker_from_all_angles(shell: Shell, tmp_path: Path) -> None:
     bank = frames_bank(shell, tmp_path)
     # Four acquisitions are too few, and none is at the marker.
     words = (bank, "--method", "golden-section", "--acquisitions", 4)
@@ -196,7 +199,7 @@ def test_d_a_registration_takes_the_marker_from_all_angles(shell: Shell, tmp_pat
     assert [info[key] for key in COMPARED] == [result[key] for key in COMPARED]
 
 
-def test_d_the_picture_has_the_recorded_curve_and_the_answer_from_all_angles(shell: Shell, tmp_path: Path) -> None:
+def test_the_picture_has_the_recorded_curve_and_the_answer_from_all_angles(shell: Shell, tmp_path: Path) -> None:
     path = humps(tmp_path / "mine.csv", (-20.0, 1.0), (10.0, 0.3))
     out = tmp_path / "out"
     assert shell("replay", path, "--method", "golden-section", "--plot", "--out", out)[0] == 0

@@ -12,33 +12,33 @@ from markerseek import replayed
 from markerseek.core import Ambiguous, Estimate, Found, Reading, Sample, SearchPlan, Unsure
 from markerseek.search import build
 from markerseek.show import answer_reason
-from tests.field.independent_scans import ANGLES_DEG, HUMPS_ANGLES_DEG, humps_of, scan_of
-from tests.field.whole_scans import bank_of, counted_humps, counted_scans, whole
+from tests.reference.search.independent_scans import ANGLES_DEG, HUMPS_ANGLES_DEG, humps_of, scan_of
+from tests.reference.search.whole_scans import bank_of, counted_humps, counted_scans, whole
 
 
 @pytest.mark.long
-def test_d_one_marker_among_clutter_is_found_from_all_angles_also_as_a_single_source(tmp_path: Path) -> None:
+def test_one_marker_among_clutter_is_found_from_all_angles_also_as_a_single_source(tmp_path: Path) -> None:
     usual, single = counted_scans(range(5), tmp_path)
     for count in (usual, single):
         assert dict(count.names) == {"found": 5}
         assert (count.wrong, count.covered) == (0, 5)
 
 
-def test_d_with_little_clutter_too(tmp_path: Path) -> None:
+def test_with_little_clutter_too(tmp_path: Path) -> None:
     scan = scan_of(1001, clutter=1)
     answer = whole(bank_of(scan, tmp_path))
     assert isinstance(answer, Found)
     assert answer.interval95_deg.low_deg < scan.marker_deg < answer.interval95_deg.high_deg
 
 
-def test_a3_two_humps_are_ambiguous_from_all_angles(tmp_path: Path) -> None:
+def test_two_humps_are_ambiguous_from_all_angles(tmp_path: Path) -> None:
     count = counted_humps(range(8), tmp_path)
     assert dict(count.names) == {"ambiguous": 8}
     assert count.covered == 8
 
 
 @pytest.mark.parametrize(("apart_deg", "relative"), [(6.0, 0.8), (8.0, 1.0), (12.0, 0.8), (25.0, 0.9)])
-def test_a3_the_answer_names_both_humps_and_how_loud_the_weaker_is(
+def test_the_answer_names_both_humps_and_how_loud_the_weaker_is(
     tmp_path: Path, apart_deg: float, relative: float
 ) -> None:
     humps = humps_of(7, apart_deg=apart_deg, relative=relative)
@@ -54,7 +54,7 @@ def test_a3_the_answer_names_both_humps_and_how_loud_the_weaker_is(
     assert "equally" not in reason
 
 
-def test_a3_a_single_source_is_the_louder_hump_and_never_ambiguous(tmp_path: Path) -> None:
+def test_a_single_source_is_the_louder_hump_and_never_ambiguous(tmp_path: Path) -> None:
     humps = humps_of(3, apart_deg=11.0, relative=0.8)
     humps.write(tmp_path / "humps.csv")
     answer = whole(tmp_path / "humps.csv", others=0.0)
@@ -85,7 +85,7 @@ def _require_measured(taken: list[float], answer: Estimate) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("others", [0.0, None])
 @pytest.mark.parametrize("seed", [2, 5, 43])
-def test_d_a_search_among_clutter_names_what_it_has_measured_and_finds_the_loudest(
+def test_a_search_among_clutter_names_what_it_has_measured_and_finds_the_loudest(
     tmp_path: Path, seed: int, others: float | None
 ) -> None:
     """By an earlier state these were ambiguous between places 10 to 17° from the marker, or named weaker ones first."""
@@ -100,7 +100,7 @@ def test_d_a_search_among_clutter_names_what_it_has_measured_and_finds_the_loude
 
 
 @pytest.mark.parametrize("others", [0.0, None])
-def test_d_a_search_of_two_humps_names_what_it_has_measured(others: float | None) -> None:
+def test_a_search_of_two_humps_names_what_it_has_measured(others: float | None) -> None:
     humps = humps_of(5)
     at = {
         float(angle_deg): Sample(angle_deg=float(angle_deg), reading=Reading(intensity=float(height)))

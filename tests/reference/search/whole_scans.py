@@ -1,7 +1,7 @@
 """Answers from all angles of recordings that the package did not simulate, counted.
 
-``python -m tests.field.whole_scans --scans 200 --humps 200`` prints how often one marker among clutter is found, and
-two humps are ambiguous. `independent_scans` makes both.
+``python -m tests.reference.search.whole_scans --scans 200 --humps 200`` prints how often one marker among clutter is
+found, and two humps are ambiguous. `independent_scans` makes both.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from markerseek.cli import main
 from markerseek.core import Estimate, Found, NotFound, SearchPlan
 from markerseek.runs import answer_from_all
 from markerseek.show import answer_name
-from tests.field.independent_scans import Scan, humps_of, scan_of
+from tests.reference.search.independent_scans import Scan, humps_of, scan_of
 
 WRONG_DEG = 1.0
 """Farther off than this, an answer is of another place."""

@@ -1,4 +1,4 @@
-"""Channel data as arrays: offsets, pick-up, glitches, other types of numbers, and records that begin late."""
+"""`bank import` of channel data as arrays: offsets, pick-up, types of numbers, records that begin late, energies."""
 
 from __future__ import annotations
 
@@ -12,26 +12,25 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from tests.field.base_scan import MARKER_DEG, SAMPLING_HZ, base_scan
+from tests.base_scan import MARKER_DEG, SAMPLING_HZ
 
 Shell = Callable[..., tuple[int, str, str]]
-pytestmark = pytest.mark.usefixtures("no_child", "notes_allowed")
+
+
+pytestmark = pytest.mark.usefixtures("notes_allowed")
+
 
 STRONGEST = 7
 """Number of the frame at 13°, counted from 1."""
+
+
 LATE = 400
 """Samples before the record that begins late: 10 µs."""
 
 
 @pytest.fixture(scope="module")
-def angles_deg() -> np.ndarray:
-    """Some angles about the marker are enough, and quick: 7° to 18°."""
-    return base_scan().angles_deg[42:54]
-
-
-@pytest.fixture(scope="module")
-def counts() -> np.ndarray:
-    return base_scan().frames[42:54].astype(np.int64)
+def counts(frames: np.ndarray) -> np.ndarray:
+    return frames.astype(np.int64)
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +86,8 @@ def found_at_the_marker(shell: Shell, bank: Path, *words: object) -> None:
 
 
 RANDOM = np.random.default_rng(45)
+
+
 OFFSETS_V = {
     "1.65 V": 1.65,
     "-0.3 V": -0.3,
@@ -96,7 +97,7 @@ OFFSETS_V = {
 
 
 @pytest.mark.parametrize("offset", OFFSETS_V)
-def test_a6_volts_with_an_offset_are_read_as_those_without(
+def test_volts_with_an_offset_are_read_as_those_without(
     shell: Shell, save: Callable[..., Path], volts: np.ndarray, offset: str
 ) -> None:
     kind, suffix = (np.float32, ".mat") if offset == "1.65 V" else (np.float64, ".npz")
@@ -108,7 +109,7 @@ def test_a6_volts_with_an_offset_are_read_as_those_without(
     assert strongest(shell, bank, "--number", STRONGEST)["peak_snr_db"] == pytest.approx(39.46, abs=0.3)
 
 
-def test_a6_noise_below_a_count_is_said(shell: Shell, save: Callable[..., Path], volts: np.ndarray) -> None:
+def test_noise_below_a_count_is_said(shell: Shell, save: Callable[..., Path], volts: np.ndarray) -> None:
     """Something of 5 V in a quarter of the channels, where it is imaged: it may be sound, and is kept."""
     loud = volts.copy()
     loud[:, ::4, 1900] = 5.0
@@ -117,7 +118,7 @@ def test_a6_noise_below_a_count_is_said(shell: Shell, save: Callable[..., Path],
 
 
 @pytest.mark.parametrize("marker_mv", [0.3, 0.1])
-def test_a7_a_pick_up_of_a_volt_is_passed_over(
+def test_a_pick_up_of_a_volt_is_passed_over(
     shell: Shell, save: Callable[..., Path], volts: np.ndarray, marker_mv: float
 ) -> None:
     frames = marker_mv * volts
@@ -128,7 +129,7 @@ def test_a7_a_pick_up_of_a_volt_is_passed_over(
     found_at_the_marker(shell, bank)
 
 
-def test_a7_what_a_probe_of_ones_own_blanks_is_passed_over(
+def test_what_a_probe_of_ones_own_blanks_is_passed_over(
     shell: Shell, volts: np.ndarray, angles_deg: np.ndarray, tmp_path: Path
 ) -> None:
     """A pick-up of 9 µs, in a third of the channels; a folder of frames, and one of them."""
@@ -170,9 +171,7 @@ TYPES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 @pytest.mark.parametrize("kind", TYPES)
-def test_a8_numbers_of_any_type_are_read(
-    shell: Shell, save: Callable[..., Path], counts: np.ndarray, kind: str
-) -> None:
+def test_numbers_of_any_type_are_read(shell: Shell, save: Callable[..., Path], counts: np.ndarray, kind: str) -> None:
     bank, _ = imported(shell, save(TYPES[kind](counts)))
     assert centre_deg(shell, bank) == pytest.approx(12.495, abs=0.03)
     found = strongest(shell, bank, "--number", STRONGEST)
@@ -191,7 +190,7 @@ LIMITED: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 
 
 @pytest.mark.parametrize("kind", LIMITED)
-def test_a8_saturation_is_seen_at_the_limit_of_the_data(
+def test_saturation_is_seen_at_the_limit_of_the_data(
     shell: Shell, tmp_path: Path, counts: np.ndarray, kind: str
 ) -> None:
     np.save(tmp_path / "frame.npy", LIMITED[kind](counts[STRONGEST - 1]))
@@ -209,7 +208,7 @@ STARTS: dict[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
 
 
 @pytest.mark.parametrize("kind", STARTS)
-def test_a9_a_record_that_begins_late_is_imaged_from_there(
+def test_a_record_that_begins_late_is_imaged_from_there(
     shell: Shell, save: Callable[..., Path], counts: np.ndarray, kind: str
 ) -> None:
     late, as_kind = STARTS[kind]
@@ -228,7 +227,7 @@ def save_npy(beside: Path, counts: np.ndarray) -> Path:
     return beside.with_name("whole.npy")
 
 
-def test_a9_a_record_that_begins_before_the_trigger_is_cut(
+def test_a_record_that_begins_before_the_trigger_is_cut(
     shell: Shell, save: Callable[..., Path], counts: np.ndarray
 ) -> None:
     early = np.pad(counts, ((0, 0), (0, 0), (80, 0))) + 2048
@@ -237,7 +236,7 @@ def test_a9_a_record_that_begins_before_the_trigger_is_cut(
     assert strongest(shell, bank, "--number", STRONGEST)["depth_m"] == pytest.approx(0.0504, abs=0.1e-3)
 
 
-def test_a9_initial_times_of_zea(shell: Shell, counts: np.ndarray, angles_deg: np.ndarray, tmp_path: Path) -> None:
+def test_initial_times_of_zea(shell: Shell, counts: np.ndarray, angles_deg: np.ndarray, tmp_path: Path) -> None:
     late = (counts + 32768).astype(np.uint16)[:, :, LATE:]
     with h5py.File(path := tmp_path / "scan.zea.hdf5", "w") as file:
         file["tracks/track_0/data/raw_data"] = late.transpose(0, 2, 1)[:, None, :, :, None]
@@ -255,9 +254,7 @@ def test_a9_initial_times_of_zea(shell: Shell, counts: np.ndarray, angles_deg: n
         assert file["tracks/track_0/scan/initial_times"][0] == pytest.approx(10e-6)
 
 
-def test_a10_a_window_may_begin_later_than_it_is_long(
-    shell: Shell, save: Callable[..., Path], volts: np.ndarray
-) -> None:
+def test_a_window_may_begin_later_than_it_is_long(shell: Shell, save: Callable[..., Path], volts: np.ndarray) -> None:
     bank, _ = imported(shell, save(1.65 + volts[:, :, 1000:1900], first_sample_s=25e-6))
     found_at_the_marker(shell, bank)
     found = strongest(shell, bank, "--number", STRONGEST)
@@ -272,7 +269,7 @@ def test_a10_a_window_may_begin_later_than_it_is_long(
         (-60e-6, "the first sample is 60 µs before the trigger, and the 2080 samples of a frame end before it"),
     ],
 )
-def test_a10_a_first_sample_that_cannot_be_is_refused(
+def test_a_first_sample_that_cannot_be_is_refused(
     shell: Shell, save: Callable[..., Path], counts: np.ndarray, first_sample_s: float, message: str
 ) -> None:
     path = save(counts.astype(np.int16), first_sample_s=first_sample_s)
@@ -282,7 +279,7 @@ def test_a10_a_first_sample_that_cannot_be_is_refused(
     assert "correct it, in seconds" in " ".join(err.split())
 
 
-def test_a11_an_energy_of_each_angle_takes_the_laser_out_of_the_intensities(
+def test_an_energy_of_each_angle_takes_the_laser_out_of_the_intensities(
     shell: Shell, counts: np.ndarray, angles_deg: np.ndarray, tmp_path: Path
 ) -> None:
     energy_mj = 20 * RANDOM.uniform(0.5, 1.5, len(counts))

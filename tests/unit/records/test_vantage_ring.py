@@ -1,4 +1,4 @@
-"""Field reports A1 and A2: a Vantage's ring of frames, gone round, and with frames that never came."""
+"""The ring of frames of a Vantage: gone round, not full, and with frames that never came."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from markerseek.records.banks.arrays import ArrayBank, read_arrays
 from tests.notes import noted
 from tests.unit.records.vantage_workspaces import write_workspace
 
-pytestmark = pytest.mark.usefixtures("no_child")
-
-
 FRAMES = np.random.default_rng(7).integers(-2000, 2000, (12, 8, 40)).astype(np.int16)
+
+
 FIRST_DEG, STEP_DEG = -35.0, 2.5
 
 
@@ -46,7 +45,7 @@ def read(path: Path, **options: int) -> ArrayBank:
 
 
 @pytest.mark.parametrize("turned", [0, 1, 5, 11])
-def test_a1_a_ring_of_unknown_start_is_refused_until_a_person_says_where_it_begins(tmp_path: Path, turned: int) -> None:
+def test_a_ring_of_unknown_start_is_refused_until_a_person_says_where_it_begins(tmp_path: Path, turned: int) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES, last=turned, last_saved=False)
     with pytest.raises(RecordError, match=r"lastFrame is missing.*save Resource.*--first-frame 1 if the ring has not"):
         read(path)
@@ -54,17 +53,17 @@ def test_a1_a_ring_of_unknown_start_is_refused_until_a_person_says_where_it_begi
 
 
 @pytest.mark.parametrize("turned", [0, 1, 5, 11])
-def test_a1_a_ring_whose_last_frame_is_known_needs_no_word(tmp_path: Path, turned: int) -> None:
+def test_a_ring_whose_last_frame_is_known_needs_no_word(tmp_path: Path, turned: int) -> None:
     require_true_angles(read(write_workspace(tmp_path / "run.mat", FRAMES, last=turned)), list(range(12)))
 
 
-def test_a1_a_person_outweighs_the_file(tmp_path: Path) -> None:
+def test_a_person_outweighs_the_file(tmp_path: Path) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES, last=4)
     first = read(path, first_frame=1).frame(0).samples
     assert place_of(first) == 8
 
 
-def test_a1_a_frame_that_is_not_in_the_ring_is_no_first_one(tmp_path: Path) -> None:
+def test_a_frame_that_is_not_in_the_ring_is_no_first_one(tmp_path: Path) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES)
     with pytest.raises(ConfigError, match=r"--first-frame is 13, the buffer has 1 to 12"):
         read(path, first_frame=13)
@@ -73,7 +72,7 @@ def test_a1_a_frame_that_is_not_in_the_ring_is_no_first_one(tmp_path: Path) -> N
         read(tmp_path / "scan.npz", first_frame=1)
 
 
-def test_a1_the_axes_of_a_workspace_are_not_exchanged(tmp_path: Path) -> None:
+def test_the_axes_of_a_workspace_are_not_exchanged(tmp_path: Path) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES)
     with pytest.raises(ConfigError, match="leave --axes out"):
         read_arrays(
@@ -124,7 +123,7 @@ def angles_beside(angles_deg: np.ndarray):
 
 
 @pytest.mark.parametrize("saved", [True, False])
-def test_a1_a_ring_that_is_not_full_begins_with_its_first_frame(tmp_path: Path, saved: bool) -> None:
+def test_a_ring_that_is_not_full_begins_with_its_first_frame(tmp_path: Path, saved: bool) -> None:
     path = write_workspace(tmp_path / "run.mat", with_gaps(7, 8, 9, 10, 11), last_saved=False)
     if saved:
         path = write_workspace(tmp_path / "last.mat", with_gaps(7, 8, 9, 10, 11), change=last_frame(7))
@@ -132,7 +131,7 @@ def test_a1_a_ring_that_is_not_full_begins_with_its_first_frame(tmp_path: Path, 
         require_true_angles(read(path), list(range(7)))
 
 
-def test_a1_intensities_beside_the_ring_need_no_place(tmp_path: Path) -> None:
+def test_intensities_beside_the_ring_need_no_place(tmp_path: Path) -> None:
     def change(held):
         held.value(held.file, "angle_deg", np.arange(4.0))
         held.value(held.file, "intensity", np.array([1.0, 2.0, 4.0, 2.0]))
@@ -152,7 +151,7 @@ def last_frame(number: int):
 
 @pytest.mark.parametrize("turned", [0, 3, 9])
 @pytest.mark.parametrize("lost", [(2, 5, 6), (0,), (0, 1, 11), (11,)])
-def test_a2_frames_that_never_came_leave_the_others_at_their_angles(
+def test_frames_that_never_came_leave_the_others_at_their_angles(
     tmp_path: Path, turned: int, lost: tuple[int, ...]
 ) -> None:
     path = write_workspace(tmp_path / "run.mat", with_gaps(*lost), last=turned)
@@ -161,13 +160,13 @@ def test_a2_frames_that_never_came_leave_the_others_at_their_angles(
         require_true_angles(read(path), [place for place in range(12) if place not in lost])
 
 
-def test_a2_frames_lost_in_a_ring_that_is_not_full_keep_their_places(tmp_path: Path) -> None:
+def test_frames_lost_in_a_ring_that_is_not_full_keep_their_places(tmp_path: Path) -> None:
     path = write_workspace(tmp_path / "run.mat", with_gaps(2, 5, 8, 9, 10, 11), last_saved=False)
     with noted("6 frames hold zeros only, and are left out: 3, 6, 9, 10, 11 …"):
         require_true_angles(read(path), [0, 1, 3, 4, 6, 7])
 
 
-def test_a2_one_empty_frame_behind_the_last_is_either_lost_or_not_yet_filled(tmp_path: Path) -> None:
+def test_one_empty_frame_behind_the_last_is_either_lost_or_not_yet_filled(tmp_path: Path) -> None:
     """Of 12 frames the third never came, and frame 12 is empty: the oldest, lost, or the next to be filled."""
     path = write_workspace(tmp_path / "run.mat", with_gaps(2, 11), change=last_frame(11))
     with pytest.raises(RecordError, match=r"all frames behind the last, 11, hold zeros, and so do others.*first-frame"):
@@ -177,7 +176,7 @@ def test_a2_one_empty_frame_behind_the_last_is_either_lost_or_not_yet_filled(tmp
 
 
 @pytest.mark.parametrize(("numbers", "left_out"), [(12, "4 frames"), (9, "1 frames")])
-def test_a2_a_variable_of_angles_counts_the_lost_frames(tmp_path: Path, numbers: int, left_out: str) -> None:
+def test_a_variable_of_angles_counts_the_lost_frames(tmp_path: Path, numbers: int, left_out: str) -> None:
     """With a number for each frame of the buffer, or for those up to the last, behind which no frame has an angle."""
     angles_deg = FIRST_DEG + STEP_DEG * np.arange(numbers)
     frames = with_gaps(3, 9, 10, 11)
