@@ -15,7 +15,7 @@ from sphinx.pycode import ModuleAnalyzer
 
 from markerseek.core import ConfigError, SpotToSource, options_of
 from markerseek.drivers import BenchProbe, BenchSettings, BenchSupervisor, BenchTissue
-from markerseek.drivers.entry import DRIVERS, entry_named
+from markerseek.drivers.entry import PARTS, driver_names, entry_named
 from markerseek.guard import FiringLimits, Limits
 from markerseek.sim import SimulatedSettings
 from markerseek.studies import Study, study_policy
@@ -186,8 +186,8 @@ def simulated_rig() -> str:
 def bench_rig() -> str:
     """Keys of a rig file of kind "bench": those of each driver, then those of the other tables."""
     parts = []
-    for part, drivers in DRIVERS.items():
-        for driver in drivers:
+    for part in PARTS:
+        for driver in driver_names(part):
             table = tables_of(_example(entry_named(part, driver).settings))
             parts.append(f'### `[{part}]` `driver = "{driver}"`\n\n{table}')
     trace = '| key | value | default | meaning |\n|---|---|---|---|\n| `trace` | text | `"none"` | ' + (

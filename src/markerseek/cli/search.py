@@ -73,15 +73,15 @@ def command(
     markerseek search --method ternary --acquisitions 16 --as-published
     markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
     markerseek search --compare posterior,golden-section,ternary --plot
+    markerseek search --method my_method:MyMethod
     markerseek search --rig examples/rigs/bench.toml --arm
     """
     from markerseek.cli.searching import conclude, require_journal_options, run_anew
-    from markerseek.search import require_plan
 
     # The folder for pictures is tested now: a search on tissue is not repeated for a picture.
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     plan = replace(single_source(plan, single=single), prior=None if prior is None else runs.former_curve(prior))
-    require_plan(plan)
+    runs.require_possible(plan)
     if compare is not None:
         if plan.sweep:
             raise ConfigError("--compare names methods that stop for each acquisition; leave --sweep out")
@@ -118,12 +118,11 @@ def _compare(
     ``methods``: names of the methods, with commas between them.
     """
     from markerseek.cli.searching import FOUND, OTHER_ANSWER, run_to_end
-    from markerseek.search import method_named
     from markerseek.show import flat_result
 
     names = [name.strip() for name in methods.split(",")]
     for name in names:
-        method_named(name)
+        runs.require_possible(SearchPlan(method=name))
     if len(names) < 2 or len(set(names)) < len(names):
         raise ConfigError(f"--compare is {methods!r}, two or more different methods are needed: ternary,posterior")
     # Not once its devices are open.

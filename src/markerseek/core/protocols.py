@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Protocol, TypeAlias, runtime_checkable
 
+import msgspec
+import numpy as np
+
 from markerseek.core.displacement import Displacement
 from markerseek.core.errors import SearchError
 from markerseek.core.estimate import Ambiguous, AtBound, Estimate, Found, NotFound, Unsure
@@ -65,12 +68,27 @@ def estimate_of(policy: AnyPolicy) -> Estimate:
     """Return the present answer of a policy; `SearchError` if it returns none, for example without ``return``."""
     estimate: object = policy.estimate()
     if isinstance(estimate, Found | NotFound | Ambiguous | AtBound | Unsure):
-        return estimate
+        return _with_plain_numbers(estimate)
     kind = type(policy)
     raise SearchError(
         f"policy {kind.__module__}.{kind.__qualname__}: estimate() returned {estimate!r:.80}, it must return a Found, "
         "NotFound, Ambiguous, AtBound or Unsure of markerseek.core, also before the first sample"
     )
+
+
+def _with_plain_numbers(estimate: Estimate) -> Estimate:
+    """The answer with Python's numbers instead of NumPy's, which a policy of the user's own may have put there."""
+    try:
+        msgspec.json.encode(estimate)
+    except TypeError:
+        return msgspec.convert(msgspec.to_builtins(estimate, enc_hook=_plain_number), type(estimate))
+    return estimate
+
+
+def _plain_number(value: object) -> object:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r:.80} is no number")
 
 
 @runtime_checkable

@@ -2,7 +2,6 @@ from ._stage_move import StageLogic, StageRules, StageStatus
 from .clock import SystemClock
 from .energy_meter import EnergyMeter, metered
 from .entry import (
-    DRIVERS,
     PARTS,
     DeviceKeys,
     LaserKeys,
@@ -19,8 +18,8 @@ from .kdc101 import Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus
+from .ros2 import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings
 from .ros2_images import RosImages
-from .ros2_nodes import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings
 from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, BenchTissue, bench_settings_from
 from .simulated import SimulatedLaserSettings, SimulatedReceiverSettings, SimulatedStageSettings
@@ -35,7 +34,6 @@ from .video_images import VideoImages
 from .ximc import XimcSettings, XimcStage
 
 __all__ = [
-    "DRIVERS",
     "PARTS",
     "BenchProbe",
     "BenchSettings",

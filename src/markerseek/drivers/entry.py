@@ -1,8 +1,9 @@
-"""Entry of a driver: its settings, how to open the device, and what a rig must know of it; and the table of drivers.
+"""Entry of a driver: its settings, how to open the device, and what a rig must know of it; and how it is found.
 
-A driver of this package is one line in `DRIVERS` and one file, which ends with its ``ENTRY``. A rig looks it up by the
-key ``driver`` of its file, and treats all drivers alike. A name ``module:Class``, or that of an entry point, is a
-foreign driver (`markerseek.drivers.foreign`).
+A driver of this package is a file beside this one that has its name, and ends with its ``ENTRY``; a file of drivers for
+several parts ends with ``STAGE_ENTRY``, ``LASER_ENTRY`` or ``RECEIVER_ENTRY``. A rig looks it up by the key ``driver``
+of its file, and treats all drivers alike. A name ``module:Class``, or that of an entry point, is a foreign driver
+(`markerseek.drivers.foreign`).
 """
 
 from __future__ import annotations
@@ -10,14 +11,16 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import math
+import pkgutil
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, TypeAlias, TypeVar
 
 import msgspec
 
-from markerseek.core import ByHand, Clock, ConfigError, Receiver, Within, require_fields
+from markerseek.core import ByHand, Clock, ConfigError, Receiver, Within, is_absent, require_fields
 from markerseek.files import Line
 from markerseek.guard import Limits
 from markerseek.wire import Port
@@ -224,36 +227,8 @@ def is_emulated(device: object) -> bool:
     return bool(getattr(device, "emulated", False))
 
 
-DRIVERS: dict[Part, dict[str, str]] = {
-    "stage": {
-        "kdc101": "kdc101:ENTRY",
-        "ros2": "ros2_nodes:STAGE_ENTRY",
-        "guided": "guided:ENTRY",
-        "ximc": "ximc:ENTRY",
-        "simulated": "simulated:STAGE_ENTRY",
-    },
-    "laser": {
-        "laserbox": "laserbox:ENTRY",
-        "picolas": "picolas:ENTRY",
-        "ros2": "ros2_nodes:LASER_ENTRY",
-        "simulated": "simulated:LASER_ENTRY",
-    },
-    "receiver": {
-        "sonixdaq": "sonixdaq:ENTRY",
-        "plus": "plus:ENTRY",
-        "vantage": "vantage:ENTRY",
-        "ros2": "ros2_nodes:RECEIVER_ENTRY",
-        "simulated": "simulated:RECEIVER_ENTRY",
-    },
-}
-"""File and name of each entry; the first of a part is the default."""
-
-_FOREIGN: dict[Part, str] = {
-    "stage": "foreign:STAGE_ENTRY",
-    "laser": "foreign:LASER_ENTRY",
-    "receiver": "foreign:RECEIVER_ENTRY",
-}
-
+DEFAULTS: dict[Part, str] = {"stage": "kdc101", "laser": "laserbox", "receiver": "sonixdaq"}
+"""Driver of a table that names none."""
 
 GROUP = "markerseek.drivers"
 """Entry points of installed drivers: a name, and ``module:Class``."""
@@ -264,27 +239,51 @@ def installed_drivers() -> dict[str, str]:
     return {each.name: each.value for each in importlib.metadata.entry_points(group=GROUP)}
 
 
+def driver_names(part: Part) -> tuple[str, ...]:
+    """Return the names of this package's drivers of a part, the default first: those of the files with its entry."""
+    names = sorted(each.name for each in pkgutil.iter_modules([str(Path(__file__).parent)]))
+    return tuple(sorted((each for each in names if _entry(part, each)), key=lambda each: each != DEFAULTS[part]))
+
+
 def entry_named(part: Part, driver: object = None) -> AnyEntry:
-    """Entry of a driver by its name, of the default one without a name; only its file is imported."""
-    known = DRIVERS[part]
-    driver = next(iter(known)) if driver is None else driver
-    if not isinstance(driver, str) or (driver not in known and ":" not in driver):
-        installed = installed_drivers()
-        if isinstance(driver, str) and driver in installed:
-            return _entry(_FOREIGN[part])
-        raise ConfigError(
-            f"{part}.driver is {driver!r}, it must be one of: {', '.join((*known, *installed))}, or a class of "
-            'your own as "module:Class"'
-        )
-    return _entry(known.get(driver, _FOREIGN[part]))
+    """Return the entry of a driver by its name, of the default one without a name; only its file is imported."""
+    driver = DEFAULTS[part] if driver is None else driver
+    if isinstance(driver, str):
+        if ":" in driver:
+            return _foreign(part)
+        if (entry := _entry(part, driver)) is not None:
+            return entry
+    installed = installed_drivers()
+    if isinstance(driver, str) and driver in installed:
+        return _foreign(part)
+    names = ", ".join((*driver_names(part), *installed))
+    raise ConfigError(
+        f'{part}.driver is {driver!r}, it must be one of: {names}, or a class of your own as "module:Class"'
+    )
 
 
 def entry_of(settings: DeviceKeys) -> AnyEntry:
-    """Entry of the driver that has these settings."""
+    """Return the entry of the driver that has these settings."""
     return entry_named(settings.part, settings.driver)
 
 
-def _entry(place: str) -> AnyEntry:
-    module, _, name = place.partition(":")
-    entry: AnyEntry = getattr(importlib.import_module(f"markerseek.drivers.{module}"), name)
-    return entry
+def _entry(part: Part, driver: str) -> AnyEntry | None:
+    """The entry in the file of that name; None if there is no such file, or it has none of this part."""
+    if not driver.isidentifier() or driver.startswith("_"):
+        return None
+    name = f"markerseek.drivers.{driver}"
+    try:
+        module = importlib.import_module(name)
+    except ModuleNotFoundError as problem:
+        if is_absent(name, problem):
+            return None
+        raise
+    entry = getattr(module, f"{part.upper()}_ENTRY", getattr(module, "ENTRY", None))
+    return entry if isinstance(entry, Entry) and entry.settings.part == part else None
+
+
+def _foreign(part: Part) -> AnyEntry:
+    """The entry of a driver that is a class of the user's own."""
+    from markerseek.drivers.foreign import FOREIGN
+
+    return FOREIGN[part]

@@ -9,17 +9,13 @@ holds.
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import inspect
 import sys
 import typing
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
-from functools import cache
 from numbers import Integral
-from pathlib import Path
 from typing import Any, ClassVar
 
 import msgspec
@@ -37,11 +33,11 @@ from markerseek.core import (
     MoveError,
     NotConnectedError,
     described,
-    is_absent,
     is_finite,
 )
 from markerseek.drivers._stage_move import StageRules, StageStatus
 from markerseek.drivers.entry import (
+    AnyEntry,
     DeviceKeys,
     Entry,
     LaserKeys,
@@ -54,7 +50,7 @@ from markerseek.drivers.entry import (
 from markerseek.drivers.standard_laser import StandardLaser
 from markerseek.drivers.standard_receiver import StandardReceiver, mean_counts
 from markerseek.drivers.standard_stage import StandardStage, require_approach
-from markerseek.files import Line, nearest_key, setting_from
+from markerseek.files import Line, is_class_name, nearest_key, own_module, setting_from
 from markerseek.wire import Port
 
 _METHODS: dict[Part, tuple[str, ...]] = {
@@ -128,16 +124,16 @@ def class_of(settings: Foreign) -> type:
     driver = settings.driver
     beside = settings.beside
     name = _driver_key(settings)
-    module_name, _, class_name = installed_drivers().get(driver, driver).partition(":")
-    named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
-    if not named or module_name.endswith(".py"):
+    class_path = installed_drivers().get(driver, driver)
+    if not is_class_name(class_path):
         raise ConfigError(
             f'{name}: it must be "module:Class", as in "my_stage:Stage": the name of the file without its folder and '
             ".py, a colon, and that of the class"
         )
     if not beside:
         raise ConfigError(f"{name}: a foreign driver is only imported for a rig file; name the rig file")
-    module = _module(module_name, beside if ":" in driver else "", name=name)
+    module_name, _, class_name = class_path.partition(":")
+    module = own_module(module_name, beside if ":" in driver else "", named_by=name, place="beside the rig file")
     made = getattr(module, class_name, None)
     if not isinstance(made, type):
         there = [
@@ -156,49 +152,6 @@ def class_of(settings: Foreign) -> type:
             "(docs/how-to/bring-your-own-stage.md)"
         )
     return made
-
-
-def _module(module_name: str, beside: str, *, name: str) -> Any:
-    """The module, imported.
-
-    ``beside``: folder of the rig file; empty: only an installed one is meant. ``name``: for messages.
-    """
-    file = Path(beside) / f"{module_name}.py"
-    if beside and beside not in sys.path:
-        # After all that is installed: what lies there replaces no library.
-        sys.path.append(beside)
-    try:
-        is_beside = bool(beside) and file.is_file()
-        return _from_file(module_name, str(file)) if is_beside else importlib.import_module(module_name)
-    except ModuleNotFoundError as problem:
-        if not is_absent(module_name, problem):
-            raise ConfigError(f"{name}: importing {module_name} failed: {problem}; install what it needs") from problem
-        raise ConfigError(
-            f"{name}: there is no file {file}, and no module {module_name} is installed; correct the name, or put the "
-            "file beside the rig file"
-        ) from problem
-    except MarkerseekError:
-        raise
-    # Code of the user: any error in it is reported under its name, and not as one of this program.
-    except (Exception, SystemExit) as problem:
-        raise ConfigError(f"{name}: importing {module_name} failed: {described(problem)}; correct it") from problem
-
-
-@cache
-def _from_file(name: str, path: str) -> Any:
-    """Module of a file beside the rig file; an installed one of that name does not take its place."""
-    # A name of its own: another rig file's module may have the same.
-    spec = importlib.util.spec_from_file_location(f"markerseek_rig.{abs(hash(path)):x}.{name}", path)
-    assert spec is not None  # noqa: S101  a path that ends with .py has a loader
-    assert spec.loader is not None  # noqa: S101
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[spec.name]
-        raise
-    return module
 
 
 def class_arguments(made: type, settings: Foreign, offered: Mapping[str, object]) -> dict[str, object]:
@@ -521,25 +474,28 @@ def _open_receiver(settings: ForeignReceiver, opening: Opening) -> StandardRecei
     )
 
 
-STAGE_ENTRY: Entry[ForeignStage, StandardStage[OwnStage]] = Entry(
-    settings=ForeignStage,
-    open=_open_stage,
-    describe=lambda _settings, stage: f"stage {stage.logic.description}",
-    line=_line,
-    same=("",),
-)
-LASER_ENTRY: Entry[ForeignLaser, StandardLaser[OwnLaser]] = Entry(
-    settings=ForeignLaser,
-    open=_open_laser,
-    describe=lambda _settings, laser: f"laser {laser.logic.description}",
-    line=_line,
-    same=("",),
-    without_supervisor="a foreign driver's laser may have no lease of its own",
-)
-RECEIVER_ENTRY: Entry[ForeignReceiver, StandardReceiver[OwnMessages]] = Entry(
-    settings=ForeignReceiver,
-    open=_open_receiver,
-    describe=lambda _settings, receiver: f"receiver {receiver.messages.description}",
-    line=_line,
-    same=("",),
-)
+FOREIGN: dict[Part, AnyEntry] = {
+    "stage": Entry(
+        settings=ForeignStage,
+        open=_open_stage,
+        describe=lambda _settings, stage: f"stage {stage.logic.description}",
+        line=_line,
+        same=("",),
+    ),
+    "laser": Entry(
+        settings=ForeignLaser,
+        open=_open_laser,
+        describe=lambda _settings, laser: f"laser {laser.logic.description}",
+        line=_line,
+        same=("",),
+        without_supervisor="a foreign driver's laser may have no lease of its own",
+    ),
+    "receiver": Entry(
+        settings=ForeignReceiver,
+        open=_open_receiver,
+        describe=lambda _settings, receiver: f"receiver {receiver.messages.description}",
+        line=_line,
+        same=("",),
+    ),
+}
+"""Entry of each part for a class of the user's own."""

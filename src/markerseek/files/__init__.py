@@ -5,7 +5,7 @@ and `csv_rows` read what is in it; `as_read_error` turns errors of reading into 
 sorts names by their numbers, `angle_in` reads an angle from a name, and `unit_in` the unit of one. `new_file` and
 `replace_file` write a file under a temporary name and rename it when it is complete; `create_atomically` is the step
 that `new_file` adds checks to. `open_for_writing` and `overwrite` write a file in place. None of them writes through a
-link.
+link. `own_module` imports Python of the user.
 """
 
 from markerseek.files.angle_units import DEG_PER, DEGREES, AngleUnit, unit_in
@@ -31,6 +31,7 @@ from markerseek.files.inputs import (
     require_input,
 )
 from markerseek.files.names import NamedAngle, angle_in, data_folder, endings, in_natural_order, natural, series_indices
+from markerseek.files.own_code import is_class_name, own_lines, own_module
 from markerseek.files.serial_line import SERIAL_ERRORS, Line, Parity, open_serial, pyserial
 from markerseek.files.settings import (
     nearest_key,
@@ -59,6 +60,7 @@ __all__ = [
     "data_folder",
     "endings",
     "in_natural_order",
+    "is_class_name",
     "is_number",
     "may_be_number",
     "natural",
@@ -69,6 +71,8 @@ __all__ = [
     "open_serial",
     "os_reason",
     "overwrite",
+    "own_lines",
+    "own_module",
     "pyserial",
     "quoted",
     "read_input",

@@ -13,6 +13,7 @@ from .delay import DelayRun, MeasuredDelay
 from .former_runs import JournalSummary, former_curve, journal_summary, read_marker
 from .image_ring import ImageRing, hand_images_on
 from .journalled import configuration_of
+from .own_method import own_errors, own_method, require_own
 from .rebuild import (
     answer_again,
     rebuild_image_reader,
@@ -23,7 +24,7 @@ from .rebuild import (
     require_same_measurement,
 )
 from .resume import require_reset, tell_recorded
-from .run import Run, answer_from_all, find_marker, new_run, plan_on, resumed_run
+from .run import Run, answer_from_all, find_marker, new_run, plan_on, require_possible, resumed_run
 
 __all__ = [
     "Calibration",
@@ -49,6 +50,8 @@ __all__ = [
     "journal_bank",
     "journal_summary",
     "new_run",
+    "own_errors",
+    "own_method",
     "plan_on",
     "read_marker",
     "rebuild_image_reader",
@@ -57,6 +60,8 @@ __all__ = [
     "rebuild_rig",
     "recorded_bench",
     "require_new_scan",
+    "require_own",
+    "require_possible",
     "require_reset",
     "require_same_measurement",
     "resumed_run",

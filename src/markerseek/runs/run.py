@@ -16,15 +16,26 @@ from markerseek.core import (
     Finished,
     FollowedTissue,
     Measured,
+    Policy,
     SearchPlan,
 )
 from markerseek.records.journal import Configuration, Journal, JournalEvent, RecordedRun, RunView
 from markerseek.rigs import Rig
 from markerseek.runs.journalled import configuration_of, journalled, limits_of, with_beliefs
+from markerseek.runs.own_method import name_of, own_errors, own_method, require_own, require_policy
 from markerseek.runs.rebuild import rebuild_policy
 from markerseek.runs.resume import resumed
 from markerseek.scan import run
-from markerseek.search import MethodName, build_sweeping, method_named, most_acquisitions, posterior_of_all
+from markerseek.search import (
+    MethodName,
+    build_sweeping,
+    is_own_method,
+    method_named,
+    most_acquisitions,
+    of_all_angles,
+    posterior_of_all,
+    require_plan,
+)
 from markerseek.show import SearchResult, event_line
 
 
@@ -58,7 +69,7 @@ class Run:
         its earlier events are in the view. Raises `RecordError` if an event cannot be written; the rig is stopped.
         """
         # Closed here, because a generator that is only dropped stops the rig whenever it is collected.
-        with closing(self._run()) as events:
+        with closing(self._run()) as events, own_errors(self.configuration.plan.method):
             for event in events:
                 self.view = self.view.add(event, clock_s=self.rig.scanner.clock.now_s())
                 yield event
@@ -124,7 +135,7 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     without = plan.as_published or sweeps
     in_bursts = sweeps and rig.scanner.sweeping.in_bursts
     acquisitions = plan.acquisitions
-    if acquisitions is None and rig.angles_deg is not None:
+    if acquisitions is None and rig.angles_deg is not None and not is_own_method(plan.method):
         method = method_named(plan.method)
         recorded = len(rig.angles_deg)
         if recorded < method.least:
@@ -150,7 +161,22 @@ def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     )
 
 
-def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, progress: bool = False) -> SearchResult:
+def require_possible(plan: SearchPlan) -> None:
+    """Refuse a plan that no method can carry out, before devices are opened; a method of the user's own is imported."""
+    if is_own_method(plan.method):
+        require_own(plan)
+        own_method(plan.method).number(plan)
+    else:
+        require_plan(plan)
+
+
+def find_marker(
+    rig: Rig,
+    method: SearchPlan | MethodName = "posterior",
+    *,
+    policy: Policy | None = None,
+    progress: bool = False,
+) -> SearchResult:
     """Search for the marker on a rig, and return what was found; no record is kept.
 
     Of a recording, the answer is from all its angles; what a search of it would have taken and said is in the field
@@ -162,7 +188,9 @@ def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, prog
         A rig; one of real devices must have been armed (`Rig.arm`).
     method
         Name of the method, from where the probe is and with all defaults; or a whole `markerseek.core.SearchPlan`,
-        as ``SearchPlan(method="posterior", acquisitions=12)``.
+        as ``SearchPlan(method="posterior", acquisitions=12)``. The name may be ``module:Class``, a method of your own.
+    policy
+        A policy of your own that has taken no sample yet, instead of a method.
     progress
         Whether each acquisition is written to standard error when it has been made.
 
@@ -183,20 +211,36 @@ def find_marker(rig: Rig, method: SearchPlan | MethodName = "posterior", *, prog
             f"rig is {rig!r}, it must be a rig, such as markerseek.replayed(path) or markerseek.simulated(seed=1)"
         )
     asked = SearchPlan(method=method) if isinstance(method, str) else method
-    search = new_run(rig, plan_on(rig, asked))
+    if policy is not None:
+        if asked != SearchPlan():
+            raise ConfigError(f"method is {asked.method}, and a policy is given too; leave one of them out")
+        asked = replace(asked, method=name_of(require_policy(policy, name="policy")))
+    search = new_run(rig, plan_on(rig, asked), policy=policy)
     for event in search.events():
         if progress and isinstance(event, Measured) and not event.sample.dark:
             sys.stderr.write(f"{event_line(search.view)}\n")
     return search.result()
 
 
-def new_run(rig: Rig, plan: SearchPlan, *, tissue: FollowedTissue | None = None) -> Run:
-    """A new search, without a journal yet; nothing moves before `Run.events` is iterated.
+def new_run(
+    rig: Rig, plan: SearchPlan, *, policy: Policy | None = None, tissue: FollowedTissue | None = None
+) -> Run:
+    """Return a new search, without a journal yet; nothing moves before `Run.events` is iterated.
 
-    ``tissue``: the tissue, where cameras follow it.
+    ``policy``: one of the user's own; None: that of the plan. ``tissue``: the tissue, where cameras follow it.
     """
-    policy = build_sweeping(plan, limits=rig.limits.search)
-    return Run(policy=policy, rig=rig, configuration=configuration_of(rig, plan), tissue=tissue)
+    limits = rig.limits.search
+    asked: AnyPolicy
+    if not is_own_method(plan.method):
+        asked = build_sweeping(plan, limits=limits)
+    else:
+        if policy is None:
+            require_own(plan)
+            own = own_method(plan.method)
+            plan = replace(plan, acquisitions=own.number(plan))
+            policy = own.policy(limits=limits, acquisitions=own.number(plan))
+        asked = of_all_angles(policy, plan, limits=limits)
+    return Run(policy=asked, rig=rig, configuration=configuration_of(rig, plan), tissue=tissue)
 
 
 def resumed_run(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: str, reset_fault: bool) -> Run:

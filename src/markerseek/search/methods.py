@@ -100,9 +100,14 @@ def method_named(name: str) -> Method:
     names = [method.name for method in METHODS]
     near = difflib.get_close_matches(name.strip().lower().replace("_", "-").replace(" ", "-"), names, n=1)
     hint = f"did you mean {near[0]}? " if near else ""
-    if ":" in name:
-        hint = "a class of your own is compared by a study, and searches on a rig by markerseek.run in Python; "
+    if is_own_method(name):
+        hint = "a class of your own is taken from who starts a search or a study, not from a record or a request; "
     raise ConfigError(f"method: {name!r} is unknown; {hint}methods are {', '.join(names)}")
+
+
+def is_own_method(name: str) -> bool:
+    """Return whether a method is named as a user's own, ``module:name``."""
+    return ":" in name
 
 
 def build(plan: SearchPlan | str, *, limits: Interval | Sequence[SupportsFloat] = PAPER_RANGE) -> Policy:
@@ -126,6 +131,7 @@ def build(plan: SearchPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
         plan = SearchPlan(method=plan)
     if plan.sweep_speed_deg_s is not None:
         raise ConfigError(f"{plan.method}: a plan of sweeps is given to a policy of single angles; use build_sweeping")
+    method_named(plan.method)
     searched = as_interval(limits, name="limits")
     if plan.whole:
         return _whole(plan, limits=searched)
@@ -148,6 +154,13 @@ def _whole(plan: SearchPlan, *, limits: Interval) -> WholeRecording:
         search = replace(search, others=None, prior=None, cues=None)
     every = posterior_of_all(plan, limits=limits)
     return WholeRecording(build(search, limits=limits), every, angles_deg=plan.angles_deg or ())
+
+
+def of_all_angles(search: Policy, plan: SearchPlan, *, limits: Interval) -> Policy:
+    """Return a policy of the user's own as the search of a plan: the answer to a recording is from all its angles."""
+    if not plan.whole:
+        return search
+    return WholeRecording(search, posterior_of_all(plan, limits=limits), angles_deg=plan.angles_deg or ())
 
 
 def posterior_of_all(plan: SearchPlan, *, limits: Interval) -> Posterior:
@@ -205,7 +218,8 @@ def _posterior(plan: SearchPlan, *, limits: Interval, target_deg: float | None =
 
 
 def require_plan(plan: SearchPlan) -> None:
-    """Refuse a plan that no policy can carry out, before devices are opened."""
+    """Refuse a plan that no policy of this package can carry out, before devices are opened."""
+    method_named(plan.method)
     _acquisitions(plan)
     if plan.sweep:
         require_sweeping(plan)
@@ -254,6 +268,8 @@ def most_acquisitions(plan: SearchPlan) -> int | None:
 
 def _acquisitions(plan: SearchPlan) -> int:
     """The number of acquisitions of a plan, its own or that of its method, if a search can be made of it."""
+    if is_own_method(plan.method) and plan.acquisitions is not None:
+        return check_acquisitions(plan.acquisitions, least=1, method=plan.method)
     method = method_named(plan.method)
     number = method.acquisitions if plan.acquisitions is None else plan.acquisitions
     return check_acquisitions(number, least=method.least, method=method.name)

@@ -1,38 +1,30 @@
-"""The policies of a study: those of `markerseek.search`, and a user's own.
+"""The policies of a study: those of `markerseek.search`, and a user's own (`markerseek.runs.own_method`).
 
-A user's own policy is named ``module:name``: a class, or a function that makes one. It is called with ``limits`` and
-``acquisitions`` by keyword and returns a `markerseek.core.Policy`. The module is imported in each worker process, so
-that it must be installed or lie in a folder of PYTHONPATH.
+The module of a user's own is imported in each worker process.
 """
 
 from __future__ import annotations
 
-import importlib
 import logging
-import traceback
-from pathlib import Path
 from typing import Any
 
 import msgspec
 from msgspec.structs import replace
 
-import markerseek
 from markerseek.core import (
     PAPER_RANGE,
     AnglePrior,
     AnyPolicy,
     ConfigError,
     Interval,
-    MarkerseekError,
-    Policy,
     SearchPlan,
-    described,
     options_of,
 )
 from markerseek.files import nearest_key, settings_from
+from markerseek.runs import own_method, require_own
 from markerseek.search import (
     build_sweeping,
-    check_acquisitions,
+    is_own_method,
     method_named,
     refuse_posterior_settings,
     require_plan,
@@ -64,7 +56,7 @@ class StudyPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
             AnglePrior(mean_deg=self.near_off_deg, sigma_deg=self.near_sigma_deg)
         elif self.near_off_deg:
             raise ConfigError(f"{plan.method}: near_off_deg is {self.near_off_deg} deg without near_sigma_deg; give it")
-        if is_own_policy(plan.method):
+        if is_own_method(plan.method):
             self._require_own()
             return
         try:
@@ -78,25 +70,21 @@ class StudyPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     def _require_own(self) -> None:
         """Refuse what a user's own policy cannot be given."""
         method = self.plan.method
-        if self.plan.acquisitions is None:
-            raise ConfigError(f"{method}: acquisitions is None, a policy of your own needs the number of them; give it")
-        number = check_acquisitions(self.plan.acquisitions, least=1, method=method)
-        usual = SearchPlan()
-        names = ("early_end", "others", "cues", "sweep")
-        given = [(name, getattr(self.plan, name), getattr(usual, name)) for name in names]
-        given += [("prior", self.prior, False), ("near_sigma_deg", self.near_sigma_deg, None)]
-        for name, value, default in given:
+        require_own(self.plan)
+        for name, value, default in (("prior", self.prior, False), ("near_sigma_deg", self.near_sigma_deg, None)):
             if value != default:
                 raise ConfigError(f"{method}: {name} is {value}, a policy of your own has no such setting")
         # A study may come from anyone, and its module may be any that is installed.
         module = method.partition(":")[0]
         _LOG.warning("%s: the study imports the module %s and runs its code", method, module)
         # A module that cannot be imported is an error when the study is read, not in a worker process.
-        _build_own(method, limits=PAPER_RANGE, acquisitions=number)
+        own_method(method).policy(limits=PAPER_RANGE, acquisitions=self.most)
 
     @property
     def most(self) -> int:
         """Most acquisitions that it makes."""
+        if is_own_method(self.plan.method):
+            return own_method(self.plan.method).number(self.plan)
         return self.plan.acquisitions or method_named(self.plan.method).acquisitions
 
     def __str__(self) -> str:
@@ -133,48 +121,6 @@ def study_policy(**keys: object) -> StudyPolicy:
 def build_policy(policy: StudyPolicy, *, limits: Interval, **of_rig: Any) -> AnyPolicy:
     """Return a policy for one search; ``of_rig``: fields of the plan that follow from the rig (`SearchPlan`)."""
     plan = replace(policy.plan, **of_rig)
-    if is_own_policy(plan.method):
-        return _build_own(plan.method, limits=limits, acquisitions=policy.most)
+    if is_own_method(plan.method):
+        return own_method(plan.method).policy(limits=limits, acquisitions=policy.most)
     return build_sweeping(plan, limits=limits)
-
-
-def is_own_policy(method: str) -> bool:
-    """Whether a method is named as a user's own, ``module:name``."""
-    return ":" in method
-
-
-def _build_own(method: str, *, limits: Interval, acquisitions: int) -> Policy:
-    """A user's own policy; a `ConfigError` if the module cannot be imported, has no such name, or makes no policy."""
-    module, _, name = method.partition(":")
-    try:
-        maker = getattr(importlib.import_module(module), name)
-    except ModuleNotFoundError as problem:
-        raise ConfigError(
-            f"{method}: {problem}; install it, or name its folder: PYTHONPATH=FOLDER markerseek study STUDY.toml"
-        ) from problem
-    except AttributeError as problem:
-        raise ConfigError(f"{method}: {problem}; name a class or a function of that module") from problem
-    # Code of the user: any error in it is reported under its name, and not as one of this program.
-    except Exception as problem:
-        raise ConfigError(f"{method}: importing it failed: {described(problem)}{own_lines(problem)}") from problem
-    try:
-        policy = maker(limits=limits, acquisitions=acquisitions)
-    except MarkerseekError:
-        raise
-    except Exception as problem:
-        raise ConfigError(
-            f"{method}: calling it with limits and acquisitions failed: {described(problem)}{own_lines(problem)}"
-        ) from problem
-    if not isinstance(policy, Policy):
-        raise ConfigError(f"{method}: it made {policy!r:.80}, which has not all of ask, tell and estimate")
-    return policy
-
-
-def own_lines(problem: Exception) -> str:
-    """The lines of an error's traceback that are not this package's, the last one last, each on a line of its own."""
-    package = Path(markerseek.__file__).parent
-    return "".join(
-        f"\n  {frame.filename}, line {frame.lineno}, in {frame.name}: {frame.line}"
-        for frame in traceback.extract_tb(problem.__traceback__)
-        if package not in Path(frame.filename).parents
-    )

@@ -21,7 +21,6 @@ from markerseek.core import (
     Finished,
     Found,
     MarkerCurve,
-    MarkerseekError,
     Sample,
     SearchError,
     SearchPlan,
@@ -30,9 +29,10 @@ from markerseek.core import (
     estimate_of,
 )
 from markerseek.records.journal import RunView
+from markerseek.runs import own_errors
 from markerseek.scan import run
 from markerseek.show import AnswerName, answer_name
-from markerseek.studies.policies import StudyPolicy, build_policy, is_own_policy, own_lines
+from markerseek.studies.policies import StudyPolicy, build_policy
 from markerseek.studies.study import Cell, Study, Value, cells
 from markerseek.studies.worlds import Draw, draw_trial, expected_angle_deg, former_rig, hidden_noise, study_rig
 
@@ -299,15 +299,5 @@ def _search(
     )
     dark_frames = 0 if settings.plan.as_published or settings.plan.sweep else rig.dark_frames
     plan = replace(settings.plan, stay=study.stay, dark_frames=dark_frames)
-    try:
+    with own_errors(settings.plan.method):
         return searched(policy, rig, plan, counts=study.marks)
-    except Exception as problem:
-        if not is_own_policy(settings.plan.method):
-            raise
-        if isinstance(problem, SearchError):
-            raise SearchError(f"{settings.plan.method}: {problem}") from problem
-        if isinstance(problem, MarkerseekError):
-            raise
-        raise SearchError(
-            f"{settings.plan.method}: the policy failed: {described(problem)}{own_lines(problem)}"
-        ) from problem

@@ -177,7 +177,7 @@ def read(path: Path) -> BenchSettings:
         ("lab_stage:Bare", "", "it asks for a line, and has no safe_command; give the class the bytes"),
         ("lab_stage:Bare", 'port = "/dev/a"', "it asks for a line, and has no safe_command; give the class the bytes"),
         ("lab_stage:Text", 'port = "a"\nzero_deg = 0.0', "safe_command is 'STOP', it must be bytes"),
-        ("kdc102", "", 'one of: kdc101, ros2, guided, ximc, simulated, or a class of your own as "module:Class"'),
+        ("kdc102", "", 'one of: kdc101, guided, ros2, simulated, ximc, or a class of your own as "module:Class"'),
     ],
 )
 def test_what_is_not_found_or_does_not_fit_is_said(

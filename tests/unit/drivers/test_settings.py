@@ -20,7 +20,7 @@ from markerseek.drivers import (
     PicolasSettings,
     SonixDaqSettings,
 )
-from markerseek.drivers.entry import DRIVERS, entry_named
+from markerseek.drivers.entry import PARTS, driver_names, entry_named
 from markerseek.emulators import EmulatedKdc101
 from markerseek.guard import Limits
 from markerseek.rigs import read_rig_file
@@ -106,7 +106,7 @@ def test_a_file_with_a_fault_is_refused_with_file_key_and_cure(tmp_path: Path, t
     assert "rig.toml" in str(caught.value)
 
 
-KINDS = [entry_named(part, driver).settings for part, drivers in DRIVERS.items() for driver in drivers]
+KINDS = [entry_named(part, driver).settings for part in PARTS for driver in driver_names(part)]
 OTHERWISE = {"stable_s", "noise_ratio", "reach_deg", "drift_deg", "step_deg", "reversal_deg", "serial_number"}
 """Numbers whose limits depend on another key, or that have none."""
 USUAL = {

@@ -138,7 +138,7 @@ def test_a_rig_file_names_nodes_without_port_and_zero(tmp_path: Path) -> None:
         (
             '[stage]\ndriver = "ros2"',
             '[stage]\ndriver = "rosbag"',
-            "stage.driver is 'rosbag', it must be one of: kdc101, ros2",
+            "stage.driver is 'rosbag', it must be one of: kdc101, guided",
         ),
         (
             '[stage]\ndriver = "ros2"',

@@ -318,8 +318,8 @@ class TestMethods:
         assert build(SearchPlan(method="manual", start_deg=20.0)).ask() == 35
 
 
-def test_a_class_of_ones_own_is_no_method_of_a_command():
-    with pytest.raises(ConfigError, match="is unknown; a class of your own is compared by a study"):
+def test_a_class_of_ones_own_is_no_method_of_a_record_or_a_request():
+    with pytest.raises(ConfigError, match="is unknown; a class of your own is taken from who starts a search"):
         method_named("mine:Method")
 
 
