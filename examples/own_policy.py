@@ -1,6 +1,6 @@
-"""A policy of one's own: even steps, then the centre of mass of the strong half. In a study it is ``module:name``.
+"""A policy of one's own: even steps, then the centre of mass of the strong half.
 
-``PYTHONPATH=examples markerseek study examples/studies/own-policy.toml --plot`` compares it with others.
+In the folder of this file, ``markerseek search --method own_policy:CentreOfMass`` searches with it.
 """
 
 import numpy as np
@@ -13,6 +13,7 @@ class CentreOfMass(SearchPolicy):
     """Sweeps the range, and answers with the centre of mass of the samples above half of the largest."""
 
     name = "centre of mass"
+    acquisitions = 16
 
     def __init__(self, *, limits: Interval, acquisitions: int) -> None:
         super().__init__()

@@ -7,6 +7,7 @@ import os
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -174,22 +175,24 @@ def test_a_scan_of_ones_own_is_searched_in_python(
     assert capsys.readouterr().out.startswith("recording of 141 angles\nanswer: found\n")
 
 
-def test_the_method_of_the_tutorial_searches(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def ran_beside(folder: Path, *words: object) -> str:
+    """Output of Python in a folder that holds the method of the tutorial and nothing else of the examples."""
+    shutil.copy(ROOT / "examples" / "own_policy.py", folder)
+    ended = subprocess.run([sys.executable, *map(str, words)], cwd=folder, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+def test_the_method_of_the_tutorial_searches_from_a_script_beside_it(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorials" / "own-policy.md").read_text(encoding="utf-8")
-    searching = re.findall(r"^```python\n(import markerseek\n.*?)^```", text, re.MULTILINE | re.DOTALL)[0]
-    monkeypatch.syspath_prepend(ROOT / "examples")
-    exec(compile(searching, "own-policy.md", "exec"), {})
-    assert capsys.readouterr().out.startswith("Found(mean_deg=")
+    (searching,) = re.findall(r"^```python\n(import markerseek\n.*?)^```", text, re.MULTILINE | re.DOTALL)
+    (tmp_path / "mine.py").write_text(searching, encoding="utf-8")
+    assert re.search(r"^answer: found$", ran_beside(tmp_path, "mine.py"), re.MULTILINE)
 
 
 def test_the_method_of_the_tutorial_keeps_the_contract(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorials" / "own-policy.md").read_text(encoding="utf-8")
     (saved,) = re.findall(r"`(test_\w+\.py)` beside.*?^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     (tmp_path / saved[0]).write_text(saved[1], encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "examples")}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", saved[0]]
-    ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stdout
-    assert re.search(r"^[5-9] passed|^\d\d passed", ended.stdout, re.MULTILINE), ended.stdout
+    out = ran_beside(tmp_path, "-m", "pytest", "-q", "-p", "no:cacheprovider", saved[0])
+    assert re.search(r"^[5-9] passed|^\d\d passed", out, re.MULTILINE), out

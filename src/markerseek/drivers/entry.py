@@ -284,6 +284,5 @@ def _entry(part: Part, driver: str) -> AnyEntry | None:
 
 def _foreign(part: Part) -> AnyEntry:
     """The entry of a driver that is a class of the user's own."""
-    from markerseek.drivers.foreign import FOREIGN
-
-    return FOREIGN[part]
+    entry: AnyEntry = importlib.import_module("markerseek.drivers.foreign").FOREIGN[part]
+    return entry

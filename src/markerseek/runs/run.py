@@ -222,9 +222,7 @@ def find_marker(
     return search.result()
 
 
-def new_run(
-    rig: Rig, plan: SearchPlan, *, policy: Policy | None = None, tissue: FollowedTissue | None = None
-) -> Run:
+def new_run(rig: Rig, plan: SearchPlan, *, policy: Policy | None = None, tissue: FollowedTissue | None = None) -> Run:
     """Return a new search, without a journal yet; nothing moves before `Run.events` is iterated.
 
     ``policy``: one of the user's own; None: that of the plan. ``tissue``: the tissue, where cameras follow it.

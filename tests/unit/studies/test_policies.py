@@ -169,7 +169,7 @@ def test_a_policy_of_which_every_search_fails_ends_the_command_with_the_reason(f
 
 
 def test_the_policy_of_the_examples_finds_markers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(EXAMPLES)
+    monkeypatch.chdir(EXAMPLES)
     study = read_study(EXAMPLES / "studies" / "own-policy.toml")
     errors = [run_row(study, row).error_deg for row in range(1, 40, 4)]
     assert np.mean([error for error in errors if error is not None]) < 0.5
