@@ -43,8 +43,11 @@ def command(
         bool, typer.Option("--mirrored", help="Mount the probe the other way round on the stage.")
     ] = False,
     receiver: Annotated[
-        Literal["sonixdaq", "plus", "vantage"],
-        typer.Option(help="Emulate a SonixDAQ's folder, or on this computer a PLUS server or a Vantage."),
+        str,
+        typer.Option(
+            help="Driver whose receiver is emulated: sonixdaq writes a folder, plus and vantage send frames on this "
+            "computer; an unknown name lists them."
+        ),
     ] = "sonixdaq",
     endoscope: Annotated[
         bool,

@@ -24,7 +24,7 @@ from markerseek.core import Clock, ConfigError, Float64
 from markerseek.emulators.endoscope import EmulatedEndoscope
 from markerseek.emulators.kdc101 import EmulatedKdc101, Kdc101Emulator
 from markerseek.emulators.laserbox import EmulatedLaserBox
-from markerseek.emulators.receivers import EmulatedPlus, EmulatedReceiver, EmulatedSonixDaq, EmulatedVantage
+from markerseek.emulators.receivers import RECEIVERS, EmulatedReceiver
 from markerseek.rigs import draw_scene
 from markerseek.sim import CLOCK_DRIFT, SimulatedSettings
 
@@ -119,8 +119,7 @@ class EmulatedBench:
     """Devices that act on one world, drawn from settings as `markerseek.rigs.simulated` draws it from the same seed.
 
     ``settings``: settings of the world and of its data acquisition. ``stage``: None: a stage with the backlash of the
-    settings. ``receiver``: whether channel files are written, images are sent as by a PLUS server, or frames as by a
-    Vantage.
+    settings. ``receiver``: name of the driver whose receiver is emulated (`RECEIVERS`).
     """
 
     def __init__(
@@ -130,8 +129,10 @@ class EmulatedBench:
         rng: np.random.Generator,
         folder: Path,
         stage: EmulatedKdc101 | None = None,
-        receiver: Literal["sonixdaq", "plus", "vantage"] = "sonixdaq",
+        receiver: str = "sonixdaq",
     ) -> None:
+        if receiver not in RECEIVERS:
+            raise ConfigError(f"receiver is {receiver!r}, it must be one of: {', '.join(RECEIVERS)}")
         scene = draw_scene(settings, rng)
         self.truth_deg = scene.marker.angle_deg if settings.marker.present else None
         self.world = scene.world(settings, rng)
@@ -140,13 +141,7 @@ class EmulatedBench:
         self.stage = Kdc101Emulator(
             probe=self.world, settings=stage or EmulatedKdc101(play_deg=settings.stage.backlash_deg), rng=noise
         )
-        self.daq: EmulatedReceiver
-        if receiver == "plus":
-            self.daq = EmulatedPlus(world=self.world)
-        elif receiver == "vantage":
-            self.daq = EmulatedVantage(world=self.world)
-        else:
-            self.daq = EmulatedSonixDaq(world=self.world, folder=folder, readout_s=settings.receiver.readout_s)
+        self.daq = RECEIVERS[receiver].on_bench(world=self.world, folder=folder, readout_s=settings.receiver.readout_s)
         self.laser_box = EmulatedLaserBox(
             world=self.world,
             on_triggers=self.daq.trigger,

@@ -21,7 +21,7 @@ from collections import deque
 from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 
@@ -89,7 +89,15 @@ class EmulatedReceiver(ABC):
     ``world``: world whose sound is recorded.
     """
 
+    driver: ClassVar[str]
+    """Name of the driver that it is for."""
+
     _unix_s = staticmethod(time.time)  # noqa: TID251  the time of day is part of the messages
+
+    @classmethod
+    def on_bench(cls, *, world: SimulatedWorld, folder: Path, readout_s: float) -> Self:  # noqa: ARG003
+        """Return that of an emulated bench; ``folder`` and ``readout_s`` are for one that writes files."""
+        return cls(world=world)
 
     def __init__(self, *, world: SimulatedWorld) -> None:
         self._world = world
@@ -149,6 +157,13 @@ class EmulatedSonixDaq(EmulatedReceiver):
     - ``folder``: folder of the channel files; created if missing.
     - ``readout_s``: time from the trigger to the last file: about 10 s (paper, section 4).
     """
+
+    driver = "sonixdaq"
+
+    @classmethod
+    def on_bench(cls, *, world: SimulatedWorld, folder: Path, readout_s: float) -> Self:
+        """As of `EmulatedReceiver`."""
+        return cls(world=world, folder=folder, readout_s=readout_s)
 
     def __init__(
         self,
@@ -319,6 +334,7 @@ class EmulatedPlus(EmulatedSender):
     As a real one it sends header version 1, without metadata, until its client has sent version 2.
     """
 
+    driver = "plus"
     called = "PLUS server:"
     device = "RfVideo_Reference"
 
@@ -371,6 +387,7 @@ class EmulatedPlus(EmulatedSender):
 class EmulatedVantage(EmulatedSender):
     """A Vantage with `matlab/markerseek_send.m`: it connects when a receiver listens, and again when that has ended."""
 
+    driver = "vantage"
     called = "Vantage: sends to"
     probe = "emulated"
 
@@ -401,3 +418,9 @@ class EmulatedVantage(EmulatedSender):
                 counter=self._counter, time_s=self._unix_s(), probe=self.probe, samples=counts, emulated=True
             )
         )
+
+
+RECEIVERS: dict[str, type[EmulatedReceiver]] = {
+    each.driver: each for each in (EmulatedSonixDaq, EmulatedPlus, EmulatedVantage)
+}
+"""Emulated receivers by the names of their drivers."""

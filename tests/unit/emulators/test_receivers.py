@@ -1,4 +1,4 @@
-"""The emulated PLUS server."""
+"""The emulated receivers of a bench."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import socket
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from markerseek.core import ConfigError
 from markerseek.emulators import EmulatedBench, EmulatedPlus
 from markerseek.sim import SimulatedSettings
 from markerseek.wire import igtl
@@ -37,3 +39,8 @@ def test_the_emulated_server_sends_version_1_until_its_client_sends_version_2(tm
             hear()
     plus.close()
     assert versions == [1, 1, 2]
+
+
+def test_a_receiver_that_nobody_emulates_is_refused_with_those_that_there_are(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="receiver is 'adq', it must be one of: sonixdaq, plus, vantage"):
+        EmulatedBench(settings=SimulatedSettings(), rng=np.random.default_rng(1), folder=tmp_path, receiver="adq")
