@@ -1,9 +1,9 @@
-"""Reads a bank from a file or folder of any format, by its suffix."""
+"""Reads a bank from a file or folder of any format: the first of `FORMATS` that recognises it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +62,6 @@ def _read(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank | Fr
             imported = f"markerseek bank import {quoted(record)} {quoted(path)}"
             kept = f"; its scan did not become a bank, and is kept: '{imported}'"
             raise RecordError(f"{path}: there is no such file or folder{kept if record.exists() else ''}")
-        suffix = path.suffix.lower()
         if path.is_file() and is_journal(path):
             raise RecordError(
                 f"{path}: it is the journal of a run and no bank; its run is computed again by "
@@ -75,20 +74,8 @@ def _read(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank | Fr
             raise ConfigError(
                 f"--angle-field {table.angle_field}, and --first-deg or --angles both give the angles; leave one out"
             )
-        if path.is_file() and suffix in ARRAY_SUFFIXES:
-            return read_arrays(path, table, blanked=blanked)
-        if path.is_file() and suffix in HDF5_SUFFIXES:
-            return read_hdf5(path, table, blanked=blanked)
-        is_table = not (path.is_dir() or is_sequence(path))
-        _require_usual(path, table, is_table=is_table)
-        bank: IntensityBank | FrameBank
-        if is_table:
-            bank = read_table(path, table)
-        elif path.is_dir():
-            bank = read_folder(path, table, blanked=blanked)
-        else:
-            bank = read_sequence(path, angle_field=table.angle_field, table=table)
-    return without_channels(bank, path, table.without_channels)
+        (bank_format, *_) = (each for each in FORMATS if each.recognises(path))
+        return bank_format.read(path, table, blanked)
 
 
 def _require_usual(path: Path, table: TableFormat, *, is_table: bool) -> None:
@@ -122,11 +109,19 @@ def read_hdf5(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank 
     return without_channels(read_probed(path), path, table.without_channels)
 
 
+HDF5_LAYOUTS: tuple[Callable[[Path, CheckedHdf5], Mapping[str, np.ndarray] | None], ...] = (
+    zea_arrays,
+    arrays_of_others,
+)
+"""Readers of other programs' HDF5 files; each returns its arrays, or None for a file that is not its own."""
+
+
 def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray] | None, bool]:
     """Arrays of a file that is no bank of ours, else None, and whether their axes have our order."""
     with as_bank_error(path), CheckedHdf5(path) as file:
-        if arrays := zea_arrays(path, file) or arrays_of_others(path, file):
-            return arrays, True
+        for arrays_of in HDF5_LAYOUTS:
+            if arrays := arrays_of(path, file):
+                return arrays, True
         of_ipasc = any(map(file.has, (FRAMES_PATH, ANGLES, "meta_data")))
         return (None if of_ipasc else plain_arrays(path, file)), False
 
@@ -144,3 +139,50 @@ def require_whole(bank: IntensityBank | FrameBank) -> None:
             bank.frame(index)
         for index in range(bank.dark_frames):
             bank.dark_frame(index)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BankFormat:
+    """A format of recordings, with its reader."""
+
+    recognises: Callable[[Path], bool]
+    """Whether a file or folder is of this format, by its name or by its first bytes."""
+    read: Callable[[Path, TableFormat, int], IntensityBank | FrameBank]
+    """Takes the path, what a person says of the recording, and how many samples are blanked."""
+
+
+def _is_file_of(suffixes: Collection[str]) -> Callable[[Path], bool]:
+    return lambda path: path.is_file() and path.suffix.lower() in suffixes
+
+
+def _read_folder(path: Path, table: TableFormat, blanked: int) -> IntensityBank | FrameBank:
+    _require_usual(path, table, is_table=False)
+    return without_channels(read_folder(path, table, blanked=blanked), path, table.without_channels)
+
+
+def _read_sequence(path: Path, table: TableFormat, _blanked: int) -> IntensityBank | FrameBank:
+    _require_usual(path, table, is_table=False)
+    bank = read_sequence(path, angle_field=table.angle_field, table=table)
+    return without_channels(bank, path, table.without_channels)
+
+
+def _read_table(path: Path, table: TableFormat, _blanked: int) -> IntensityBank | FrameBank:
+    _require_usual(path, table, is_table=True)
+    return without_channels(read_table(path, table), path, table.without_channels)
+
+
+FORMATS: tuple[BankFormat, ...] = (
+    BankFormat(
+        recognises=_is_file_of(ARRAY_SUFFIXES),
+        read=lambda path, table, blanked: read_arrays(path, table, blanked=blanked),
+    ),
+    BankFormat(
+        recognises=_is_file_of(HDF5_SUFFIXES),
+        read=lambda path, table, blanked: read_hdf5(path, table, blanked=blanked),
+    ),
+    BankFormat(recognises=Path.is_dir, read=_read_folder),
+    BankFormat(recognises=is_sequence, read=_read_sequence),
+    # Any other file may be a table.
+    BankFormat(recognises=lambda _path: True, read=_read_table),
+)
+"""Formats in the order in which they are asked; a format of arrays alone is one of `HDF5_LAYOUTS`."""
