@@ -7,10 +7,9 @@ Angles are in degrees, times in seconds. A part that cannot do what it is asked 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import msgspec
-import numpy as np
 
 from markerseek.core.displacement import Displacement
 from markerseek.core.errors import SearchError
@@ -85,10 +84,11 @@ def _with_plain_numbers(estimate: Estimate) -> Estimate:
     return estimate
 
 
-def _plain_number(value: object) -> object:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"{value!r:.80} is no number")
+def _plain_number(value: Any) -> object:
+    """The number in one of NumPy's, which this package is imported without."""
+    if type(value).__module__ != "numpy" or getattr(value, "ndim", None) != 0:
+        raise TypeError(f"{value!r:.80} is no number")
+    return value.item()
 
 
 @runtime_checkable

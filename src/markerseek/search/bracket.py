@@ -78,7 +78,7 @@ class BracketSearch(SearchPolicy):
                 f"bracket search: with ratio {ratio:g} the kept point is not an inner point of the next bracket; "
                 "reuse it with the golden ratio only"
             )
-        check_acquisitions(acquisitions, least=2, method=self.name)
+        check_acquisitions(acquisitions, least=self.least, method=self.name)
         self._ratio = ratio
         self._limits = limits
         self._low_deg = limits.low_deg
@@ -159,3 +159,36 @@ def bracket_answer(mean_deg: float, bracket: Interval, curve: Curve, *, noise_si
             high_deg=max(bracket.high_deg, mean_deg + 1.96 * sigma_deg),
         )
     return Found(mean_deg=mean_deg, sigma_deg=sigma_deg, interval95_deg=interval, interval_kind="bracket")
+
+
+class GoldenSection(BracketSearch):
+    """Golden-section search with two fresh acquisitions per iteration, as in the paper."""
+
+    name = "golden-section"
+    summary = "golden-section search with two fresh acquisitions per iteration, as in the paper"
+    acquisitions = 28
+
+    def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int) -> None:
+        super().__init__(ratio=GOLDEN, limits=limits, acquisitions=acquisitions)
+
+
+class GoldenSectionReuse(BracketSearch):
+    """Golden-section search that keeps the inner point which lies in the new bracket, as in textbooks."""
+
+    name = "golden-section-reuse"
+    summary = "golden-section search that keeps the point it can use again, as in textbooks"
+    acquisitions = 16
+
+    def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int) -> None:
+        super().__init__(ratio=GOLDEN, limits=limits, acquisitions=acquisitions, reuse=True)
+
+
+class TernarySearch(BracketSearch):
+    """Ternary search with two fresh acquisitions per iteration, as in the paper."""
+
+    name = "ternary"
+    summary = "ternary search with two fresh acquisitions per iteration, as in the paper"
+    acquisitions = 28
+
+    def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int) -> None:
+        super().__init__(ratio=TERNARY, limits=limits, acquisitions=acquisitions)

@@ -46,10 +46,13 @@ class ScriptedManual(SearchPolicy):
     """
 
     name = "manual"
+    summary = "the assistant's way as a script: coarse turns, then back and forth with shrinking steps"
+    acquisitions = 28
+    least = TURNS + 2
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
         super().__init__()
-        check_acquisitions(acquisitions, least=TURNS + 2, method=self.name)
+        check_acquisitions(acquisitions, least=self.least, method=self.name)
         check_start(start_deg, method=self.name)
         turns = equal_steps(limits, acquisitions=TURNS)
         self._turns = turns[::-1] if start_deg is not None and start_deg > limits.centre_deg else turns

@@ -19,9 +19,9 @@ from markerseek.core import (
     SearchPlan,
     as_interval,
 )
-from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
+from markerseek.search.bracket import BracketSearch, GoldenSection, GoldenSectionReuse, TernarySearch
 from markerseek.search.checked import CheckedPolicy
-from markerseek.search.manual import TURNS, ScriptedManual
+from markerseek.search.manual import ScriptedManual
 from markerseek.search.policy import PaperPolicy, check_acquisitions
 from markerseek.search.recording import WholeRecording
 from markerseek.search.steps import Exhaustive, WeightedAverage
@@ -50,46 +50,30 @@ class Method:
     """Fewest acquisitions that it can work with."""
 
 
+PAPER_METHODS: tuple[
+    type[GoldenSection | GoldenSectionReuse | TernarySearch | WeightedAverage | Exhaustive | ScriptedManual], ...
+] = (
+    WeightedAverage,
+    GoldenSection,
+    GoldenSectionReuse,
+    TernarySearch,
+    Exhaustive,
+    ScriptedManual,
+)
+"""The methods that always answer, a class each."""
+
 METHODS: tuple[Method, ...] = (
+    # Its class is imported where it is used: other methods need neither SciPy nor the compiled kernels.
     Method(
         name="posterior",
         summary="Bayesian: the next angle is the most informative one; ends once the angle is known well enough",
         acquisitions=16,
     ),
-    Method(
-        name="weighted-average",
-        summary="equal steps, average of the angles weighted by intensity, early end once the peak is passed",
-        acquisitions=57,
-    ),
-    Method(
-        name="golden-section",
-        summary="golden-section search with two fresh acquisitions per iteration, as in the paper",
-        acquisitions=28,
-    ),
-    Method(
-        name="golden-section-reuse",
-        summary="golden-section search that keeps the point it can use again, as in textbooks",
-        acquisitions=16,
-    ),
-    Method(
-        name="ternary",
-        summary="ternary search with two fresh acquisitions per iteration, as in the paper",
-        acquisitions=28,
-    ),
-    Method(
-        name="exhaustive",
-        summary="fine equal steps over the whole range, vertex of a parabola through the top",
-        acquisitions=141,
-        least=3,
-    ),
-    Method(
-        name="manual",
-        summary="the assistant's way as a script: coarse turns, then back and forth with shrinking steps",
-        acquisitions=28,
-        least=TURNS + 2,
+    *(
+        Method(name=each.name, summary=each.summary, acquisitions=each.acquisitions, least=each.least)
+        for each in PAPER_METHODS
     ),
 )
-"""All methods, in the order in which they are shown."""
 
 
 def method_named(name: str) -> Method:
@@ -277,16 +261,11 @@ def _acquisitions(plan: SearchPlan) -> int:
 
 def _as_published(plan: SearchPlan, limits: Interval, acquisitions: int) -> PaperPolicy:
     """The method of a plan as the paper has it; a checked one begins at the nearer end, and ends early by itself."""
+    (method,) = (each for each in PAPER_METHODS if each.name == plan.method)
+    if issubclass(method, BracketSearch):
+        return method(limits=limits, acquisitions=acquisitions)
     start_deg = None if plan.as_published else plan.start_deg
-    match plan.method:
-        case "weighted-average":
-            early_end = plan.early_end and plan.as_published
-            return WeightedAverage(limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end)
-        case "exhaustive":
-            return Exhaustive(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
-        case "manual":
-            return ScriptedManual(limits=limits, acquisitions=acquisitions, start_deg=start_deg)
-        case "ternary":
-            return BracketSearch(ratio=TERNARY, limits=limits, acquisitions=acquisitions)
-    reuse = plan.method == "golden-section-reuse"
-    return BracketSearch(ratio=GOLDEN, limits=limits, acquisitions=acquisitions, reuse=reuse)
+    if issubclass(method, WeightedAverage):
+        early_end = plan.early_end and plan.as_published
+        return method(limits=limits, acquisitions=acquisitions, start_deg=start_deg, early_end=early_end)
+    return method(limits=limits, acquisitions=acquisitions, start_deg=start_deg)

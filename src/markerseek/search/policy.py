@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from abc import ABC, abstractmethod
-from typing import Protocol, SupportsIndex, runtime_checkable
+from typing import ClassVar, Protocol, SupportsIndex, runtime_checkable
 
 from markerseek.core import MAX_ACQUISITIONS, ConfigError, Found, Sample, SearchError
 
@@ -16,8 +16,14 @@ class SearchPolicy(ABC):
     Samples with the laser on are kept apart from dark ones, which say nothing of the curve.
     """
 
-    name: str = "search"
-    """How messages call the policy."""
+    name: ClassVar[str] = "search"
+    """Name of the method, by which it is asked for and by which messages call it."""
+    summary: ClassVar[str] = ""
+    """What it does, in one line."""
+    acquisitions: ClassVar[int]
+    """Acquisitions where the user names no number; without it they must be named."""
+    least: ClassVar[int] = 2
+    """Fewest acquisitions that it can work with."""
 
     def __init__(self) -> None:
         self._lit: list[Sample] = []

@@ -208,7 +208,6 @@ class EqualSteps(SearchPolicy):
     """
 
     name = "sweep"
-    least = 2
 
     def __init__(self, *, limits: Interval = PAPER_RANGE, acquisitions: int, start_deg: float | None = None) -> None:
         super().__init__()
@@ -266,6 +265,8 @@ class WeightedAverage(EqualSteps):
     """
 
     name = "weighted-average"
+    summary = "equal steps, average of the angles weighted by intensity, early end once the peak is passed"
+    acquisitions = 57
 
     def __init__(
         self,
@@ -320,6 +321,8 @@ class Exhaustive(EqualSteps):
     """
 
     name = "exhaustive"
+    summary = "fine equal steps over the whole range, vertex of a parabola through the top"
+    acquisitions = 141
     least = 3
 
     def estimate(self) -> Found:
