@@ -19,10 +19,10 @@ BENCH ?=
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo page test test-long check bench faults kills mutants peers ros2 setup docs figures dist wheel release lock clean
+.PHONY: help demo page test test-long test-changed coverage-docs check format changelog bench faults kills mutants peers ros2 setup docs figures dist wheel release lock clean
 
 help:  ## list these commands
-	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 # While the first search compiles its kernels, what the other commands need is installed on the other core.
 demo: .venv/demo  ## find a marker on the simulated rig, and draw the search
@@ -55,6 +55,19 @@ test: .venv/dev .venv/compiled  ## run the tests that every change needs
 test-long: export MARKERSEEK_TESTS := long
 test-long:  ## run every test, with more examples and with types and shapes checked: before a release
 	$(MAKE) test SHORT=
+
+test-changed: .venv/dev  ## run the tests of the files that have changed since main
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.changed
+
+coverage-docs: .venv/dev .venv/compiled  ## report what each command of the tutorials reaches of the package
+	$(BIN)/python docs/command_coverage.py out/coverage-docs.md
+
+format: .venv/dev  ## put code into its form: imports, spaces, line breaks
+	$(BIN)/ruff check --fix --quiet --exit-zero
+	$(BIN)/ruff format
+
+changelog: .venv/dev  ## show what the next release changes: the files of changelog.d, joined
+	$(BIN)/python -m scriv print
 
 check: .venv/dev  ## look for faults without running: lint, format, types, import contracts, habits of scientific Python
 	$(BIN)/ruff check --no-cache

@@ -1,14 +1,13 @@
 """Makes a release into out/release: `make release VERSION=0.2.0`.
 
-It sets the version, dates the section of the changelog, runs the checks, makes wheel, source distribution, bill of
-materials, notes and checksums, and commits and tags the two changed files. Nothing leaves this computer. If a step
-fails, the two files are as they were.
+It sets the version, joins the files of changelog.d into the changelog, runs the checks, makes wheel, source
+distribution, bill of materials, notes and checksums, and commits and tags what has changed. Nothing leaves this
+computer. If a step fails, the changed files are as they were.
 """
 
 from __future__ import annotations
 
 import argparse
-import datetime as dt
 import hashlib
 import re
 import shutil
@@ -20,6 +19,7 @@ from packaging.version import InvalidVersion, Version
 
 ROOT = Path(__file__).parents[1]
 VERSION_FILE, CHANGELOG = ROOT / "src" / "markerseek" / "_version.py", ROOT / "CHANGELOG.md"
+CHANGES = ROOT / "changelog.d"
 MADE, OUT = ROOT / "out" / "dist", ROOT / "out" / "release"
 
 
@@ -32,10 +32,10 @@ def main() -> None:
     )
     asked = parser.parse_args()
     version = require_release(asked.version)
-    notes = require_notes()
-    before = {path: path.read_bytes() for path in (VERSION_FILE, CHANGELOG)}
+    before = {path: path.read_bytes() for path in (VERSION_FILE, CHANGELOG, *require_changes())}
     try:
-        set_version(version, today=dt.datetime.now(dt.UTC).date())
+        set_version(version)
+        notes = join_changes(version)
         for target in asked.checks.split():
             run("make", target)
         collect(version, notes)
@@ -74,23 +74,33 @@ def require_release(text: str) -> Version:
     return version
 
 
-def require_notes() -> str:
-    """What the changelog says of the release, which is its first section."""
-    section = re.search(r"^## .*\(unreleased\)\n(.*?)(?=^## |\Z)", CHANGELOG.read_text(encoding="utf-8"), re.M | re.S)
-    if section is None or not section[1].strip():
-        sys.exit('release: CHANGELOG.md has no section "(unreleased)"; write down what has changed')
-    return section[1].strip()
+def require_changes() -> list[Path]:
+    """The files of changelog.d, if there are any."""
+    changes = sorted(path for path in CHANGES.glob("*.md") if path.name != "README.md")
+    if not changes:
+        sys.exit("release: changelog.d has no file; write down what has changed, as its README.md says")
+    return changes
 
 
-def set_version(version: Version, *, today: dt.date) -> None:
-    """Write the version where it is kept, and into the changelog."""
+def set_version(version: Version) -> None:
+    """Write the version where it is kept."""
     text = VERSION_FILE.read_text(encoding="utf-8")
     text = re.sub(r'^__version__ = ".+"$', f'__version__ = "{version}"', text, flags=re.M)
     VERSION_FILE.write_text(text, encoding="utf-8")
-    text = CHANGELOG.read_text(encoding="utf-8")
-    CHANGELOG.write_text(
-        re.sub(r"^## .*\(unreleased\)$", f"## {version} ({today})", text, count=1, flags=re.M), encoding="utf-8"
-    )
+
+
+def join_changes(version: Version) -> str:
+    """Join the files of changelog.d into the changelog, and return its new section."""
+    run(sys.executable, "-m", "scriv", "collect", "--version", str(version))
+    return section_of(version, CHANGELOG.read_text(encoding="utf-8"))
+
+
+def section_of(version: Version, changelog: str) -> str:
+    """What the changelog says of a release."""
+    section = re.search(rf"^## {re.escape(str(version))} \(.*\)\n(.*?)(?=^<a id|^## |\Z)", changelog, re.M | re.S)
+    if section is None or not section[1].strip():
+        sys.exit(f"release: CHANGELOG.md has no section of {version} after its files were joined")
+    return section[1].strip()
 
 
 def collect(version: Version, notes: str) -> None:

@@ -55,9 +55,24 @@ def test_the_page_of_licences_has_what_is_pinned_and_nothing_under_the_gpl() -> 
         assert "GPL" not in licence or "does not hold" in remark, name
 
 
-def test_the_changelog_has_a_section_for_the_next_release() -> None:
+def test_the_changelog_has_releases_and_a_place_for_the_next_one() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert re.search(r"^## \d+\.\d+\.\d+ (\(unreleased\)|\(\d{4}-\d\d-\d\d\))$", text, re.MULTILINE)
+    assert "\n<!-- scriv-insert-here -->\n" in text
+    headings = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    assert headings
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+ \(\d{4}-\d\d-\d\d\)", heading) for heading in headings)
+
+
+CHANGES = [path for path in (ROOT / "changelog.d").glob("*.md") if path.name != "README.md"]
+
+
+@pytest.mark.parametrize("path", CHANGES, ids=lambda path: path.stem)
+def test_a_change_has_a_theme_and_bullets(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("### ")
+    assert not re.search(r"^#{1,2} |^#### ", text, re.MULTILINE)
+    for theme in text.split("### ")[1:]:
+        assert re.search(r"^- ", theme, re.MULTILINE)
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
