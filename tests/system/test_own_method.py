@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import markerseek
-from markerseek.bridges import AskedSearch
+from markerseek.bridges import SearchRequest
 from markerseek.core import ConfigError, Interval, Sample, SearchPlan
 from markerseek.search import WeightedAverage
 
@@ -113,7 +113,7 @@ def test_a_journal_and_a_request_never_name_code_that_is_run(shell: Shell, tmp_p
     code, _, err = shell("journal", "replay", journal)
     assert (code, "not from a record or a request" in " ".join(err.split())) == (2, True), err
     with pytest.raises(ConfigError, match="not from a record or a request"):
-        AskedSearch(plan=SearchPlan(method="methods_of_this_test:Nine", acquisitions=9))
+        SearchRequest(plan=SearchPlan(method="methods_of_this_test:Nine", acquisitions=9))
 
 
 class Noting(WeightedAverage):
