@@ -27,12 +27,12 @@ class Nine(WeightedAverage):
     def __init__(self, *, limits, acquisitions):
         super().__init__(limits=limits, acquisitions=acquisitions, early_end=False)
 
-class Unstated(WeightedAverage):
-    pass
-
 class Failing(WeightedAverage):
     def _next_deg(self):
         return {}["no angle"]
+
+def unstated(*, limits, acquisitions):
+    return WeightedAverage(limits=limits, acquisitions=acquisitions)
 
 def nothing(*, limits, acquisitions):
     return None
@@ -81,7 +81,7 @@ def test_a_recording_is_answered_from_all_its_angles_and_the_search_is_that_of_t
         ),
         (("--method", "methods_of_this_test:Mine"), "methods_of_this_test has no class or function Mine"),
         (("--method", "methods_of_this_test.py:Nine"), 'it must be "module:Class"'),
-        (("--method", "methods_of_this_test:Unstated"), "acquisitions is None, and the class states no number of them"),
+        (("--method", "methods_of_this_test:unstated"), "acquisitions is None, and the class states no number of them"),
         (("--method", "methods_of_this_test:Nine", "--acquisitions", 2), "acquisitions is 2"),
         (
             ("--method", "methods_of_this_test:Nine", "--sweep"),
