@@ -25,7 +25,7 @@ from msgspec import structs
 from markerseek.core import Clock, DeviceError, Displacement, Finished, Float64, FollowedTissue, Found, SearchPlan
 from markerseek.rigs import Rig, rig_in_world, scene_of
 from markerseek.runs import new_run, plan_on
-from markerseek.sim import STREAMING, SimulatedSettings, Spot, VirtualClock, tissue_named
+from markerseek.sim import STREAMING, SimulatedSettings, StainedSpot, VirtualClock, tissue_named
 from markerseek.studies.unknowns import draw_unknowns
 from markerseek.vision.tissue_motion import DisplacementSeries, TissueMoves, tissue_motion
 
@@ -326,7 +326,7 @@ def _rig(rng: np.random.Generator, *, snr_db: float, sweep: bool, motion: Motion
         rng, marker_deg=marker_deg, lateral_m=float(rng.uniform(-LATERAL_M, LATERAL_M)), receiver=settings.receiver
     )
     settings = structs.replace(settings, probe=unknowns.model.probe)
-    material = structs.replace(tissue_named(settings.tissue), spot=Spot(grain=unknowns.marker.source))
+    material = structs.replace(tissue_named(settings.tissue), spot=StainedSpot(grain=unknowns.marker.source))
     scene = scene_of(material, unknowns.marker, settings, unknowns.model, rng)
     world = scene.world(settings, rng)
     world.motion = motion  # type: ignore[assignment]
