@@ -116,6 +116,7 @@ docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors
 figures: .venv/dev  ## draw the pictures of README, map and gallery
 	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures/search.png
 	$(BIN)/python docs/explanation/draw_map.py
+	$(BIN)/python docs/figures/draw_situation.py
 	$(BIN)/python docs/figures/draw_page.py
 	$(BIN)/python docs/gallery/draw.py
 

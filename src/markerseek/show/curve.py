@@ -35,7 +35,7 @@ class Mark(msgspec.Struct, frozen=True, kw_only=True):
     intensity: float
     role: Role = "search"
     text: str = ""
-    """Number of the acquisition; of a confirmation a tick if it has confirmed a marker, else empty."""
+    """Number of the acquisition, none in a sweep; of a confirmation a tick if it has confirmed a marker, else empty."""
     weight: float | None = None
     """Weight in a weighted average, 0 to 1; None for other methods, and before the method has received it."""
 
@@ -217,9 +217,14 @@ def _mark(point: LitAcquisition, view: RunView) -> Mark:
         angle_deg=point.angle_deg,
         intensity=point.intensity,
         role=point.role,
-        text=str(point.number) if is_search else "✓" if _is_claimed(view) else "",
+        text=_number(point, view) if is_search else "✓" if _is_claimed(view) else "",
         weight=weights[point.number - 1] if is_weighed else None,
     )
+
+
+def _number(point: Point, view: RunView) -> str:
+    """Number of an acquisition at rest; the pulses of a sweep are too many to be read."""
+    return "" if view.plan.sweep else str(point.number)
 
 
 def _is_claimed(view: RunView) -> bool:

@@ -95,7 +95,7 @@ def _draw_intensities(axes: Axes, curve: DrawnCurve) -> None:
     # Stems, because a line from point to point would look like a measured curve.
     axes.vlines(angles_deg, 0, intensities, color=QUIET, linewidth=1, zorder=1)
     who = "acquisitions of a search" if curve.recorded else "acquisitions"
-    label = f"{who}, numbered where there is room"
+    label = f"{who}, numbered where there is room" if any(each.text for each in searched) else "pulses"
     axes.scatter(angles_deg, intensities, color=SIGNAL, s=[_area(each) for each in searched], zorder=3, label=label)
     for each in confirmations:
         place = (each.angle_deg, each.intensity)
@@ -152,7 +152,7 @@ def _numbered(marks: Sequence[Mark]) -> _Numbered:
     numbers: dict[tuple[float, float], list[str]] = {}
     for each in marks:
         numbers.setdefault((each.angle_deg, each.intensity), []).append(each.text)
-    return [(place, first if not more else f"{first} …") for place, (first, *more) in numbers.items()]
+    return [(place, first if not more else f"{first} …") for place, (first, *more) in numbers.items() if first]
 
 
 def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
@@ -187,6 +187,10 @@ def _draw_density(axes: Axes, curve: DrawnCurve) -> None:
     # Zero has no logarithm.
     heights = np.maximum(curve.density_per_deg, 0.1 * least_per_deg)
     axes.fill_between(curve.density_deg, 0.1 * least_per_deg, heights, color=SIGNAL, alpha=0.4)
+    if len(curve.answers) > 1:
+        # The posterior is that of one source; the other one has its own.
+        likeliest_deg = curve.density_deg[int(np.argmax(curve.density_per_deg))]
+        axes.set_title(with_minus(f"if the source at {likeliest_deg:.1f}° is the marker"), fontsize=8)
     _draw_answer(axes.axvline, axes.axvspan, curve)
     axes.set_xlabel("marker angle [deg]")
     axes.set_ylabel(DENSITY_TEXT)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
+from msgspec import structs
 
 import markerseek
 from markerseek.core import (
@@ -118,6 +120,8 @@ def test_a_result_has_the_curve_of_its_run_and_json_keeps_it() -> None:
     curve = drawn_curve(result.run, reveal=True)
     assert result.found
     assert [mark.text for mark in curve.marks] == [*(str(n + 1) for n in range(result.acquisitions)), "✓"]
+    swept = replace(result.run, plan=structs.replace(result.run.plan, sweep=True))
+    assert {mark.text for mark in drawn_curve(swept, reveal=True).marks} == {"", "✓"}
     assert curve.known is not None
     assert curve.known.text == "truth −4.00°"
     # The density is there without a journal, too.
