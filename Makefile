@@ -115,9 +115,10 @@ docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors
 
 figures: .venv/dev  ## draw the pictures of README, map and gallery
 	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures/search.png
-	$(BIN)/python docs/explanation/draw_map.py
+	$(BIN)/python docs/developers/draw_map.py
 	$(BIN)/python docs/figures/draw_situation.py
 	$(BIN)/python docs/figures/draw_page.py
+	$(BIN)/python docs/explanation/draw_steps.py
 	$(BIN)/python docs/gallery/draw.py
 
 # pip-compile knows extras and no dependency groups: those are written out for it first.

@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import re
 import sys
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 
 import msgspec
-import typer
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
-from sphinx.errors import PycodeError
-from sphinx.pycode import ModuleAnalyzer
-from typer.cli import get_docs_for_click
 
 import markerseek
-from markerseek.cli.app import app as commands
 from markerseek.core import options_of
 
 # A module beside this file.
 sys.path.insert(0, str(Path(__file__).parent))
-import settings_tables
+from public_names import meaning_of
 
 project = "markerseek"
 author = "the markerseek authors"
@@ -56,9 +50,7 @@ nitpick_ignore_regex = [("py:class", r".*_AnyArray|np\.ndarray|'[a-z ]+'")]
 
 def _filled_in(_app: Sphinx, page: str, source: list[str]) -> None:
     """Put what the code says in the place of comments, which a forge does not show."""
-    text = source[0]
-    for name, made in MADE.get(page, {}).items():
-        text = text.replace(f"<!-- table: {name} -->", made())
+    text = _with_readme(source[0]) if page == "index" else source[0]
     source[0] = re.sub(r"^<!-- details: (markerseek[a-z.]*) -->$", _details, text, flags=re.MULTILINE)
 
 
@@ -66,19 +58,13 @@ def _details(found: re.Match[str]) -> str:
     return f"```{{eval-rst}}\n{_names(found[1])}\n```"
 
 
-def _commands() -> str:
-    """All commands with their options, in Markdown."""
-    command = typer.main.get_command(commands)
-    text = get_docs_for_click(obj=command, ctx=typer.Context(command, info_name="markerseek"), name="markerseek")
-    return text.removeprefix("# `markerseek`")
-
-
-MADE = {
-    "reference/commands": {"commands": _commands},
-    "reference/rig-file": {"bench rig": settings_tables.bench_rig, "simulated rig": settings_tables.simulated_rig},
-    "reference/study-file": {"study": settings_tables.study},
-}
-"""What is put into pages in the place of which comments."""
+def _with_readme(front: str) -> str:
+    """The front page: the README, whose links begin at the folder above, in the place of what a forge shows."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    readme = re.sub(r"\]\((?![a-z]+:|#)", "](../", readme).replace("](../docs/", "](")
+    # A page that stands beside the README is not on the site.
+    readme = re.sub(r"\[(\w+)\]\(\.\./(\w+\.md)\)", r"\1 (`\2`)", readme)
+    return readme + front.partition("<!-- readme -->")[2]
 
 
 def _names(package: str) -> str:
@@ -94,7 +80,7 @@ def _names(package: str) -> str:
         elif isinstance(public, FunctionType):
             lines += [f".. autofunction:: {package}.{name}", ""]
         else:
-            lines += [f".. py:data:: {package}.{name}", "", f"   {_meaning(package, name)}", ""]
+            lines += [f".. py:data:: {package}.{name}", "", f"   {meaning_of(package, name)}", ""]
     return "\n".join(lines)
 
 
@@ -102,15 +88,6 @@ def _options(kind: type) -> list[str]:
     """The fields of a class that are options, whose documentation stands in their annotations."""
     chosen = options_of(kind) if issubclass(kind, msgspec.Struct) else ()
     return [line for each in chosen for line in (f"   .. py:attribute:: {each.name}", "", f"      {each.help}", "")]
-
-
-def _meaning(package: str, name: str) -> str:
-    """The first sentence below a constant or an alias, wherever in the package it is defined."""
-    for module in [each for each in sys.modules if each.startswith(package)]:
-        with suppress(PycodeError):
-            if ("", name) in (found := ModuleAnalyzer.for_module(module).find_attr_docs()):
-                return " ".join(found["", name]).strip()
-    return ""
 
 
 def _by_public_name(

@@ -51,8 +51,8 @@ def test_the_committed_scans_are_those_that_their_script_makes(tmp_path: Path) -
 def blocks(path: Path, language: str) -> list[str]:
     """Code blocks of a page in this language, without their indentation, but for files and pieces that it shows."""
     own = re.sub(r"<!-- (from )?\S+ -->\n```\w*\n.*?\n```\n", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
-    found = re.findall(rf"^ *```{language}\n(.*?)^ *```$", own, re.MULTILINE | re.DOTALL)
-    return [textwrap.dedent(block) for block in found]
+    found = re.findall(r"^ *```(\w*)\n(.*?)^ *```$", own, re.MULTILINE | re.DOTALL)
+    return [textwrap.dedent(block) for name, block in found if name == language]
 
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*/*.md"))]
@@ -73,7 +73,7 @@ def test_the_python_that_finds_a_laser_spot_runs(capsys: pytest.CaptureFixture[s
     """The page's own block, on simulated images of a spot at a known pixel."""
     looks = {"size_px": (320, 240), "settings": EndoscopeSettings(), "rng": np.random.default_rng(1)}
     given = {"frames": spot_images(np.array([150.0, 100.0]), **looks), "dark": spot_images(None, **looks)}
-    run_python("docs/how-to/register-the-robot.md", 1, given)
+    run_python("docs/how-to/register-from-records.md", 0, given)
     x_px, y_px, sigma_px = map(float, capsys.readouterr().out.split())
     assert np.hypot(x_px - 150, y_px - 100) < max(5 * sigma_px, 0.5)
 
@@ -88,7 +88,7 @@ def test_the_python_that_reads_a_journal_and_its_events_reads_them(
     samples = [each.event.sample for each in read_journal(Path("run.journal")).entries if hasattr(each.event, "sample")]
     assert printed == [(each.angle_deg, each.reading.intensity, each.frame.samples.std()) for each in samples]
     assert len(printed) == 3
-    run_python("docs/reference/events.md", 0)
+    run_python("docs/reference/journal-format.md", 1)
     kinds = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
     assert (kinds[0], kinds[-1], kinds.count("Measured")) == ("Started", "Finished", 3)
 
@@ -117,7 +117,9 @@ def console_lines() -> list[str]:
         text = "".join(blocks(path, "")).replace("\\\n", " ")
         lines += re.findall(r"^(?:\$ )?(markerseek .*)$", text, re.MULTILINE)
     table = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
-    lines += [line for line in re.findall(r"`(markerseek [^`]+)`", table) if "|" not in line]
+    # Below its tables the page has the options of all commands.
+    tables = table.partition("<!-- made: ")[0]
+    lines += [line for line in re.findall(r"`(markerseek [^`]+)`", tables) if "|" not in line]
     return sorted({re.split(r"\s+#", line)[0] for line in lines})
 
 
@@ -133,7 +135,6 @@ def test_the_commands_of_the_pages_are_understood(line: str) -> None:
     command.make_context(command.name, words)
 
 
-TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 ENDINGS = {0, 3}  # found, and any other answer
 
 
@@ -147,8 +148,18 @@ def shown(page: Path) -> list[tuple[str, str]]:
     ]
 
 
-@pytest.mark.parametrize("page", [page for page in TUTORIALS if shown(page)], ids=lambda page: page.stem)
-def test_a_tutorial_shows_what_its_commands_print(page: Path, tmp_path: Path) -> None:
+STUDY = ROOT / "docs" / "how-to" / "run-a-study.md"
+"""A page whose commands compute for minutes."""
+
+SHOWN = [
+    pytest.param(page, marks=pytest.mark.long if page == STUDY else (), id=page.stem)
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+    if shown(page)
+]
+
+
+@pytest.mark.parametrize("page", SHOWN)
+def test_a_page_shows_what_its_commands_print(page: Path, tmp_path: Path) -> None:
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "COLUMNS": "120", "XDG_STATE_HOME": str(tmp_path / "state")}

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "tutorials" / "notebook.md"
+PAGE = ROOT / "docs" / "gallery.md"
 
 
 @pytest.fixture

@@ -52,7 +52,7 @@ def test_every_link_of_a_page_leads_somewhere(page: Path) -> None:
 
 
 def test_the_files_that_the_map_names_exist() -> None:
-    text = (DOCS / "explanation" / "map.md").read_text(encoding="utf-8")
+    text = (DOCS / "developers" / "map.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`([a-z_0-9]+(?:/[a-z_0-9]+)+(?:\.py|\.toml|\.csv)?)`", text))
     assert len(named) > 100
     # Of itself, beside the code, or in the folder of the pages; `a/b.py` stands for any.
@@ -62,7 +62,7 @@ def test_the_files_that_the_map_names_exist() -> None:
 
 
 def test_the_map_names_every_package() -> None:
-    text = (DOCS / "explanation" / "map.md").read_text(encoding="utf-8")
+    text = (DOCS / "developers" / "map.md").read_text(encoding="utf-8")
     source = ROOT / "src" / "markerseek"
     packages = [front.parent.relative_to(source).as_posix() for front in sorted(source.glob("*/**/__init__.py"))]
     assert len(packages) > 25
@@ -139,6 +139,27 @@ def test_the_page_of_python_has_the_names_that_the_packages_offer(monkeypatch: p
     text = public_names.PAGE.read_text(encoding="utf-8")
     assert text.count("`") > 500
     assert text.endswith(public_names.markdown()), "python docs/public_names.py"
+
+
+def test_what_a_page_takes_from_code_or_data_is_what_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
+    import made
+
+    marked = [page for page in made.pages() if made.MARKED.search(page.read_text(encoding="utf-8"))]
+    assert len(marked) > 3
+    for page in marked:
+        text = page.read_text(encoding="utf-8")
+        assert made.filled(text) == text, f"{page.name}: python docs/made.py"
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "gallery.md"], ids=lambda page: page.name)
+def test_a_front_page_states_no_measured_number_of_its_own(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is measured there is printed by a command that is tested, or comes from a table."""
+    monkeypatch.syspath_prepend(DOCS)
+    import made
+
+    text = made.MARKED.sub("", prose(page))
+    assert set(re.findall(r"\d+\.\d+", text)) <= {"3.11"}
 
 
 def test_a_page_hides_nothing_of_the_site_in_braces() -> None:

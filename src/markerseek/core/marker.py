@@ -29,7 +29,7 @@ _LATERAL_SIGMA_M = 0.5e-3
 _DEPTH_SIGMA_M = 0.5e-3
 """Standard deviations of lateral position and depth over the share of the channels' energy that is out of phase, in
 metres. A stained spot is uneven, all frames show its brightest part, and so their scatter says little; but its grains
-are out of phase, as a point is not. Fitted to simulated searches on four materials (docs/explanation/registration.md).
+are out of phase, as a point is not. Fitted to simulated searches on four materials (docs/validation/registration.md).
 """
 
 _UNKNOWN_COHERENCE = 0.6

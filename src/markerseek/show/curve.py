@@ -222,7 +222,7 @@ def _mark(point: LitAcquisition, view: RunView) -> Mark:
     )
 
 
-def _number(point: Point, view: RunView) -> str:
+def _number(point: LitAcquisition, view: RunView) -> str:
     """Number of an acquisition at rest; the pulses of a sweep are too many to be read."""
     return "" if view.plan.sweep else str(point.number)
 

@@ -2,7 +2,7 @@
 
 The peak pixel of a stained spot is a sum of grains whose phases change with the angle. The sum of the squared envelope
 over the spot averages that: the centre of its curve over the angles, and its centroid along the array, lie nearer to
-the marker than those of the peak (docs/explanation/answers.md). The channels' energy along the wavefront, added
+the marker than those of the peak (docs/validation/answers.md). The channels' energy along the wavefront, added
 without phase, is as steady, but holds what any other source sends at the same time.
 """
 

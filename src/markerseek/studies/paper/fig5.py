@@ -101,7 +101,7 @@ _USUAL = Condition(source_radius_m=0.15e-3, peak_snr_db=40.0)
 
 FITTED = Condition(source_radius_m=0.35e-3, peak_snr_db=80.0)
 """The combination of width and noise with the Fig. 5 nearest to the paper's: not chosen by hand, but the result of
-`docs/explanation/measure_consistency.py`."""
+`docs/validation/measure_consistency.py`."""
 
 
 class Marker(NamedTuple):
