@@ -202,7 +202,11 @@ _MIN_FACE_MM = 0.1
 _Wave: TypeAlias = tuple[Float64[np.ndarray, " fine"], Float64[np.ndarray, " fine"]]
 """Times in µs and values of a finely sampled wave."""
 
-_NAMES = ("source_deg", "radius_mm", "face_mm", "late_us", "height_mm", "bend_1_m", "speed_mm_us")
+_NAMES = ("source_deg", "range_mm", "face_mm", "arrival_us", "height_mm", "bend_1_m", "speed_mm_us")
+"""Parameters of the fit. Range and arrival in the plane are what the waves show. Radius and trigger offset follow from
+them with the speed: with those as parameters the minimum is a long narrow valley, in which the fit did not get to the
+end."""
+
 _SIGNIFICANT = 0.02
 """Share of the largest power below which the wave in the plane counts as noise when its middle is computed."""
 
@@ -214,8 +218,8 @@ _HEIGHTS_MM = (3.5, 4.25, 5.0, 6.0)
 MIN_FACE_M = 3e-3
 """Least face radius that is tried, in metres."""
 
-_LOW = (-90.0, 15.0, 1e3 * MIN_FACE_M, -3.0, 1.0, -20.0, 1.3)
-_HIGH = (90.0, 150.0, 20.0, 3.0, 10.0, 100.0, 1.8)
+_LOW = (-90.0, 5.0, 1e3 * MIN_FACE_M, -math.inf, 1.0, -20.0, 1.3)
+_HIGH = (90.0, 147.0, 20.0, math.inf, 10.0, 100.0, 1.8)
 
 
 class Fitted(msgspec.Struct, frozen=True, kw_only=True):
@@ -293,13 +297,13 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
     # Millimetres and microseconds inside the fit: in metres and seconds the Jacobian would span many decades.
     speed = 1e-3 * moveout.sound_speed_m_s
     distance = 1e3 * moveout.range_m
-    late = 1e6 * waves.arrival_s[best] + middle_us - distance / speed
+    arrival_us = 1e6 * float(waves.arrival_s[best]) + middle_us
     fits = [
         _fit(
             waves,
             plane,
             height,
-            [float(waves.angle_deg[best]), _FACE_MM + distance, _FACE_MM, late, tall, _BEND_1_M, speed],
+            [float(waves.angle_deg[best]), distance, _FACE_MM, arrival_us, tall, _BEND_1_M, speed],
             moveout,
         )
         for tall in _HEIGHTS_MM
@@ -307,20 +311,32 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
     # The residual has a minimum for every cycle of the carrier; only the lowest is the right one.
     fit = min(fits, key=lambda each: float(each.cost))
     misfit = float(np.sqrt(np.mean(_residual(fit.x, waves, plane, height, weighted=False) ** 2)))
-    sigma = np.sqrt(np.diag(_covariance(fit, frames=len(height))))
+    covariance = _covariance(fit, frames=len(height))
+    sigma = np.sqrt(np.diag(covariance))
     value = {name: Fitted(value=float(x), sigma=float(s)) for name, x, s in zip(_NAMES, fit.x, sigma, strict=True)}
     # The interval of the face radius is widened: its error does not fall with the number of frames.
     face = value["face_mm"]
+    range_mm = value["range_mm"].value
+    speed = value["speed_mm_us"].value
+    radius = _derived(range_mm + face.value, [0, 1, 1, 0, 0, 0, 0], covariance)
+    late = _derived(
+        value["arrival_us"].value - range_mm / speed, [0, -1 / speed, 0, 1, 0, 0, range_mm / speed**2], covariance
+    )
     return Geometry(
         source_deg=value["source_deg"],
-        source_radius_m=_scaled(value["radius_mm"], 1e-3),
+        source_radius_m=_scaled(radius, 1e-3),
         face_radius_m=Fitted(value=1e-3 * face.value, sigma=1e-3 * math.hypot(face.sigma, _MIN_FACE_MM)),
-        trigger_offset_s=_scaled(value["late_us"], 1e-6),
+        trigger_offset_s=_scaled(late, 1e-6),
         element_height_m=_scaled(value["height_mm"], 1e-3),
         sound_speed_m_s=_scaled(value["speed_mm_us"], 1e3),
         misfit=misfit,
         excess=math.sqrt(2 * float(fit.cost) / fit.fun.size),
     )
+
+
+def _derived(value: float, gradient: Sequence[float], covariance: Float64[np.ndarray, "n n"]) -> Fitted:
+    """A number that follows from the parameters, with the error that it has from theirs."""
+    return Fitted(value=value, sigma=math.sqrt(float(np.array(gradient) @ covariance @ gradient)))
 
 
 def _scaled(value: Fitted, unit: float) -> Fitted:
@@ -366,12 +382,12 @@ def _fit(
 
     def residual(parameters: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " m"]:
         left = _residual(parameters, waves, plane, height, weighted=True).ravel()
-        front = np.array([parameters[6], parameters[1] - parameters[2]])
+        front = parameters[[6, 1]]
         return np.concatenate([left, whiten @ (front - prior)])
 
     return least_squares(
         residual, np.clip(start, _LOW, _HIGH), bounds=(_LOW, _HIGH), loss="soft_l1",
-        x_scale=[1.0, 10.0, 3.0, 0.1, 1.0, 10.0, 0.01], max_nfev=40,
+        x_scale=[0.1, 0.3, 1.0, 0.03, 0.3, 10.0, 0.003], max_nfev=100,
     )  # fmt: skip
 
 
@@ -384,7 +400,8 @@ def _residual(
     weighted: bool,
 ) -> Float64[np.ndarray, "frames window"]:
     """Residual of each wave, scaled to height 1, with its amplitude fitted."""
-    source_deg, radius, face, late, tall, bend, speed = parameters
+    source_deg, distance, face, arrival_us, tall, bend, speed = parameters
+    radius = distance + face
     turn = np.radians(waves.angle_deg - source_deg)
     elevation = radius * np.sin(turn)
     axial = radius * np.cos(turn) - face
@@ -392,8 +409,9 @@ def _residual(
     # The lens takes away the delay of a focus at 1/bend; in the plane the same smear is in the wave already.
     lens = bend * 1e-3 * eta**2 / 2
     path = np.hypot(elevation[:, None] - eta, axial[:, None]) - lens
-    still = np.hypot(eta, radius - face) - lens - (radius - face)
-    delay_us = (path - float(_WEIGHTS @ still) / 2) / speed + late
+    # From the middle of the wave in the plane, which is smeared too.
+    still = np.hypot(eta, distance) - lens
+    delay_us = (path - float(_WEIGHTS @ still) / 2) / speed + arrival_us
     time_us = waves.arrival_s[:, None] * 1e6 + waves.time_s * 1e6
     # np.interp and no spline: it is called in every step of the fit, and the wave is finely sampled already.
     shape = np.interp(time_us[:, :, None] - delay_us[:, None, :], *plane) @ (_WEIGHTS / 2)
