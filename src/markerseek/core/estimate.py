@@ -76,6 +76,8 @@ class MarkerMotion(msgspec.Struct, frozen=True, kw_only=True):
         where no camera followed the tissue.
     left_mm
         Standard deviation along the turn of what the cameras leave open of the displacement of a sample, in mm.
+    period_s
+        Time from breath to breath in seconds, where the times of the samples show it.
     """
 
     lateral_mm: float | None = None
@@ -83,6 +85,7 @@ class MarkerMotion(msgspec.Struct, frozen=True, kw_only=True):
     turn_sigma_mm: float = 0.0
     cameras_mm: float | None = None
     left_mm: float = 0.0
+    period_s: float | None = None
 
     @property
     def is_seen(self) -> bool:

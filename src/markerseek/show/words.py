@@ -211,11 +211,13 @@ def motion_rows(motion: MarkerMotion | None) -> list[tuple[str, str]]:
     if motion is None:
         return []
     if motion.lateral_mm is None or motion.depth_mm is None:
-        text = "cannot be seen: the frames do not show where the marker is"
+        text = "cannot be seen: that takes frames of two moments that show where the marker is"
     elif max(motion.lateral_mm, motion.depth_mm) > 0:
-        text = f"± {motion.depth_mm:.2g} mm in depth, ± {motion.lateral_mm:.2g} mm along the array"
+        text = f"the marker moves: ± {motion.depth_mm:.2g} mm in depth, ± {motion.lateral_mm:.2g} mm along the array"
+        if motion.period_s is not None:
+            text += f", about every {motion.period_s:.2g} s"
     else:
-        text = "none seen in depth and along the array; along the turn frames do not show it"
+        text = "none seen in depth and along the array; not seen along the turn, where frames do not show it"
     if motion.cameras_mm is not None:
         text = (
             f"seen by the cameras: ± {motion.cameras_mm:.2g} mm at the samples, taken out; ± {motion.left_mm:.2g} mm "

@@ -302,6 +302,7 @@ class Analysis:
             turn_sigma_mm=1e3 * from_axis_m * math.radians(sigma_deg),
             cameras_mm=_amplitude_mm(self._displacements) if self._displacements else None,
             left_mm=_left_mm(first.samples),
+            period_s=None if motion is None else motion.period_s,
         )
 
     @property
@@ -671,7 +672,7 @@ def answer_of(
         )
     moves = _moves(known)
     if other is not None:
-        return found.as_unsure("source", other if moves is None else f"{other}; {moves}")
+        return found.as_unsure("source", other if moves is None else f"{moves}; {other}")
     too_wide = beyond_tolerance(found, tolerance, radius_m=from_axis_m)
     if too_wide is None:
         return found
@@ -685,7 +686,9 @@ def _moves(known: Analysis) -> str | None:
         return None
     ways = ((motion.depth_mm, "in depth"), (motion.lateral_mm, "along the array"))
     seen = [f"by ± {amplitude_mm:.1f} mm {way}" for amplitude_mm, way in ways if amplitude_mm]
-    how = " and ".join(seen) or "as the scatter of the samples shows"
+    how = " and ".join(seen) or "along the turn, as the scatter of the samples shows"
+    if motion.period_s is not None:
+        how += f", about every {motion.period_s:.2g} s"
     lasts_s = known.lasts_s
     hold = "while it is searched for" if lasts_s is None else f"for the {max(lasts_s, 1.0):.0f} s of a search"
     return f"the marker moves {how}: hold the ventilation {hold}, or let cameras follow the tissue"

@@ -191,7 +191,10 @@ class _Fit:
     """What a symmetric likelihood was computed with."""
 
     shapes: Shapes
-    hypotheses: Hypotheses
+    at_rest: Hypotheses
+    """Shapes with the errors of samples of a marker that rests."""
+    moving: Hypotheses
+    """The same shapes with those of one that moves in depth."""
     samples: Grouped
     log_prior: LogDensity
 
@@ -490,11 +493,12 @@ def refine(
             sample_error=USUAL_PULSE_ERROR if swept else USUAL_SAMPLE_ERROR,
         )
     samples, log_gain = with_energies(samples)
+    errors = PULSE_ERRORS if swept else SAMPLE_ERRORS
     # The template's error is g now: few shapes are enough, the Gaussian process makes up for the others.
     members = grid.members[np.sort(np.argsort(-best.shape, kind="stable")[:SYMMETRY_SHAPES])]
     angles_deg = grid.angles_deg
     probability = best.angle
-    hypotheses = hypotheses_of(shapes, members, PULSE_ERRORS if swept else SAMPLE_ERRORS)
+    hypotheses = hypotheses_of(shapes, members, errors)
     # A posterior wider than the curve may have a narrow mode beside a wide one, and coarse angles would step over it.
     least_step_deg = SYMMETRY_STEP * float(shapes.fwhm_deg[members].min())
     half_deg = _half_width_deg(angles_deg, probability)
@@ -521,6 +525,7 @@ def refine(
         by_hypothesis = weight.sum(axis=0)
         hypotheses = hypotheses.kept(np.flatnonzero(by_hypothesis > _MIN_SHARE * by_hypothesis.max()))
     sample_error = float(weight.sum(axis=0) @ hypotheses.sample_error / weight.sum())
+    of_each_width = _of_each_width(shapes, grid, best)
     row, column = _drawn(weight, particles)
     drawn = Particles(
         theta_deg=angles_deg[row], member=hypotheses.member[column], log_amplitude=log_amplitude[row, column]
@@ -535,7 +540,8 @@ def refine(
         sample_error=sample_error,
         fit=_Fit(
             shapes=shapes,
-            hypotheses=hypotheses_of(shapes, _of_each_width(shapes, grid, best), MOVED_ERRORS),
+            at_rest=hypotheses_of(shapes, of_each_width, errors),
+            moving=hypotheses_of(shapes, of_each_width, MOVED_ERRORS),
             samples=samples,
             log_prior=log_prior,
         ),
@@ -553,17 +559,21 @@ def _of_each_width(shapes: Shapes, grid: Grid, best: Marginals) -> Int64[np.ndar
 MOTION_DOUBT = 0.05
 """Probability that the marker moves from which its displacements are integrated out."""
 
-SCATTERING = 0.06
-"""Relative error of a sample by itself from which samples at rest scatter as if the marker moved: the laser's energy is
-steadier, and the template's error is the same for samples beside one another."""
+SCATTERING = 0.08
+"""Relative error of a sample by itself from which samples at rest scatter as no laser does (the largest of
+`SAMPLE_ERRORS` is 0.09): the marker may move just along the turn, where frames show nothing of it."""
 
 MOVED_ERRORS: tuple[tuple[float, float], ...] = ((0.02, 0.45), (0.08, 0.35), (0.25, 0.2))
 """Relative errors of one sample of a marker that moves, and the prior probability of each. An average of pulses is
 blurred: a marker that moves in depth by half a wavelength meanwhile, some 0.1 mm, loses a part of its height."""
 
-MOTION_ANGLES = 41
+MOTION_ANGLES = 81
 MOTION_STEPS = 801
 """Angles at which the likelihood of each motion is computed, and most steps of the posterior over all of them."""
+
+_LEAST_WINDOW_M = 0.3e-3
+"""Displacement over which the evidence of each motion is integrated at least, that of rest as well: the narrow
+posterior of a marker at rest may lie beside the angle that explains the samples best."""
 
 LEAST_MOTION = 1e-3
 """Probability by the frames, over that of the most probable, below which a motion is left out."""
@@ -573,6 +583,7 @@ LEAST_MOTION = 1e-3
 class _MovedCentre:
     """The posterior of the centre of the curve for one size of the motion."""
 
+    hypotheses: Hypotheses
     moved_deg: float
     """Standard deviation of the displacement along the turn."""
     log_evidence: float
@@ -598,7 +609,9 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
         # Of intensities alone, scatter is none of motion: two sources that overlap scatter about one curve too.
         return centre
     swept = any(each.sweep is not None for group in centre.strong for each in group)
-    if motion.probability[0] > 1 - MOTION_DOUBT and (swept or centre.sample_error <= SCATTERING):
+    # Just along the turn, where frames show nothing.
+    unseen = motion.probability[0] > 1 - MOTION_DOUBT
+    if unseen and (swept or centre.sample_error <= SCATTERING):
         return centre
     moved_deg = np.degrees(SIGMAS_M / from_axis_m)
     fit = centre.fit
@@ -608,6 +621,7 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
         angles_deg, probability = blurred(centre.angles_deg, centre.probability, sigma_deg=sigma_deg)
         return replace(centre, angles_deg=angles_deg, probability=probability, moved_sigma_deg=sigma_deg)
     mean_deg, still_deg = mean_and_sigma(centre.angles_deg, centre.probability)
+    least_deg = math.degrees(_LEAST_WINDOW_M / from_axis_m)
     parts = []
     for sigma_deg, share in zip(moved_deg.tolist(), motion.probability.tolist(), strict=True):
         if share <= LEAST_MOTION * motion.probability.max():
@@ -622,30 +636,42 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
             parts.append(
                 _moved_centre(
                     fit,
+                    fit.moving if sigma_deg > 0 and not unseen else fit.at_rest,
                     displaced,
                     moved_deg=sigma_deg,
                     log_share=math.log(share / len(signs)),
-                    angles_deg=mean_deg + math.hypot(still_deg, sigma_deg) * _MOTION_SIGMAS,
+                    angles_deg=mean_deg + math.hypot(still_deg, max(sigma_deg, least_deg)) * _MOTION_SIGMAS,
                 )
             )
-    return _mixed(centre, fit, parts, particles=particles)
+    log_evidence = np.array([each.log_evidence for each in parts])
+    evidence = np.exp(log_evidence - log_evidence.max())
+    if parts[0].moved_deg == 0 and evidence[0] > (1 - MOTION_DOUBT) * evidence.sum():
+        return centre
+    return _mixed(centre, fit, parts, evidence, particles=particles)
 
 
 _MOTION_SIGMAS = np.linspace(-HALF_WIDTH_SIGMAS, HALF_WIDTH_SIGMAS, MOTION_ANGLES)
 
 
 def _moved_centre(
-    fit: _Fit, displaced: Displaced, *, moved_deg: float, log_share: float, angles_deg: Float64[np.ndarray, " angles"]
+    fit: _Fit,
+    hypotheses: Hypotheses,
+    displaced: Displaced,
+    *,
+    moved_deg: float,
+    log_share: float,
+    angles_deg: Float64[np.ndarray, " angles"],
 ) -> _MovedCentre:
     """Return the posterior for one size of the motion; ``log_share``: ln of its probability by the frames."""
     log_p, log_amplitude = symmetric_log_likelihood(
-        fit.shapes, fit.hypotheses, fit.samples, angles_deg, displaced=displaced
+        fit.shapes, hypotheses, fit.samples, angles_deg, displaced=displaced
     )
-    log_p += fit.hypotheses.log_prior + fit.log_prior(angles_deg)[:, None]
+    log_p += hypotheses.log_prior + fit.log_prior(angles_deg)[:, None]
     largest = float(log_p.max())
     weight = np.exp(log_p - largest)
     total = float(weight.sum())
     return _MovedCentre(
+        hypotheses=hypotheses,
         moved_deg=moved_deg,
         log_evidence=log_share + largest + math.log(total * float(angles_deg[1] - angles_deg[0])),
         angles_deg=angles_deg,
@@ -654,10 +680,15 @@ def _moved_centre(
     )
 
 
-def _mixed(centre: Centre, fit: _Fit, parts: Sequence[_MovedCentre], *, particles: int) -> Centre:
+def _mixed(
+    centre: Centre,
+    fit: _Fit,
+    parts: Sequence[_MovedCentre],
+    evidence: Float64[np.ndarray, " parts"],
+    *,
+    particles: int,
+) -> Centre:
     """Return the posterior over all motions by their evidence, each blurred by the displacement from the pause."""
-    log_evidence = np.array([each.log_evidence for each in parts])
-    evidence = np.exp(log_evidence - log_evidence.max())
     kept = [(each, share) for each, share in zip(parts, evidence.tolist(), strict=True) if share > _MIN_SHARE]
     total = sum(share for _, share in kept)
     kept = [(each, share / total) for each, share in kept]
@@ -673,8 +704,8 @@ def _mixed(centre: Centre, fit: _Fit, parts: Sequence[_MovedCentre], *, particle
     moments = np.array([mean_and_sigma(each.angles_deg, each.probability) for each, _ in kept])
     shares = np.array([share for _, share in kept])
     mean_deg = float(shares @ moments[:, 0])
-    by_shape = sum(share * each.weight.sum(axis=0) for each, share in kept)
-    drawn = [_drawn_moved(fit, each, math.ceil(particles * share)) for each, share in kept]
+    by_hypothesis = [(share * each.weight.sum(axis=0), each.hypotheses) for each, share in kept]
+    drawn = [_drawn_moved(each, math.ceil(particles * share)) for each, share in kept]
     return replace(
         centre,
         angles_deg=angles_deg,
@@ -684,19 +715,19 @@ def _mixed(centre: Centre, fit: _Fit, parts: Sequence[_MovedCentre], *, particle
             member=np.concatenate([each.member for each in drawn]),
             log_amplitude=np.concatenate([each.log_amplitude for each in drawn]),
         ),
-        fwhm_deg=float(by_shape @ fit.shapes.fwhm_deg[fit.hypotheses.member]),
-        sample_error=float(by_shape @ fit.hypotheses.sample_error),
+        fwhm_deg=sum(float(weight @ fit.shapes.fwhm_deg[each.member]) for weight, each in by_hypothesis),
+        sample_error=sum(float(weight @ each.sample_error) for weight, each in by_hypothesis),
         moved_sigma_deg=math.sqrt(sum(share * each.moved_deg**2 for each, share in kept)),
         centre_sigma_deg=math.sqrt(float(shares @ (moments[:, 1] ** 2 + (moments[:, 0] - mean_deg) ** 2))),
     )
 
 
-def _drawn_moved(fit: _Fit, part: _MovedCentre, count: int) -> Particles:
+def _drawn_moved(part: _MovedCentre, count: int) -> Particles:
     """Markers of equal weight drawn from the posterior for one size of the motion."""
     row, column = _drawn(part.weight, count)
     return Particles(
         theta_deg=part.angles_deg[row],
-        member=fit.hypotheses.member[column],
+        member=part.hypotheses.member[column],
         log_amplitude=part.log_amplitude[row, column],
     )
 

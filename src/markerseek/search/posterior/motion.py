@@ -9,8 +9,12 @@ About their means both scatter by a known noise n, with the tails of a Student d
 
 Tissue moves to and fro along a line that may have any direction: with σ the standard deviation of the displacement
 along it, and c a unit vector, σ_v = σ|c_v|, σ_d = σ|c_d|, and along the turn σ_t = σ|c_t|. (12) with a prior over σ,
-flat in ln σ, and over c, flat over the sphere, gives the probability of each σ_t (`along_turn`). If nothing is seen in
-the other two directions, the marker rests, or moves just along the turn, for which there is little room on the sphere.
+flat in ln σ, and over c, gives the probability of each σ_t (`along_turn`). c is flat over the sphere, but for a part of
+all motions that is just along the turn: a probe that turns takes the tissue along that it touches. If nothing is seen
+in the other two directions, the marker rests, or it is one of these.
+
+An acquisition that averages pulses for longer than half a breath shows the mean place of the breath, each time the
+same, and no motion. Its pulses are out of phase, too, so that it is weaker. The search does not know how long it took.
 
 What is not seen is a nuisance: a displacement of each sample at rest, or of each pass of a sweep, that is normal with
 σ_t, and the displacement of the place in the pause from the mean over the samples. In the usual model of breathing,
@@ -38,6 +42,9 @@ OVERALL_M = np.geomspace(0.05e-3, 3e-3, 15)
 
 MOVES = 0.1
 """Prior probability that the marker moves, where nothing is stated of it: phantoms rest, a patient breathes."""
+
+_JUST_ALONG_TURN = 0.2
+"""Part of the motions that are just along the turn, where frames show nothing of them."""
 
 STATED_FACTOR = 1.5
 """By which factor, as a standard deviation of ln σ, a motion that the rig states may be larger or smaller."""
@@ -84,6 +91,12 @@ each angle."""
 UNKNOWN_COHERENCE = 0.97
 """Coherence at the best focus that is assumed where no frame tells it."""
 
+_LEAST_PERIOD_S, _MOST_PERIOD_S = 2.0, 10.0
+"""Periods of a motion that are considered."""
+
+_FALSE_PERIOD = 0.01
+"""Probability, of noise alone, from which a period is none."""
+
 DIRECTIONS = 240
 """Directions in an octant of the sphere that stand for all."""
 
@@ -105,11 +118,23 @@ class TurnMotion:
     """Displacement at each sample in the other two directions, over its standard deviation; 0 where it is not known."""
     relative_sigma: Float64[np.ndarray, " samples"]
     """Standard deviation of the displacement along the turn that this leaves, over σ_t; 1 where it says nothing."""
+    period_s: float | None = None
+    """Period of the motion, where the times of the samples show one."""
 
     @property
     def looked_at(self) -> bool:
         """Whether a motion in the other two directions would have been seen."""
         return self.lateral_m is not None
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether the frames show that the marker moves."""
+        return max(self.lateral_m or 0.0, self.depth_m or 0.0) > 0
+
+    @property
+    def turn_sigma_m(self) -> float:
+        """Root mean square of σ_t."""
+        return math.sqrt(float(self.probability @ SIGMAS_M**2))
 
 
 def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, stated_m: float | None = None) -> TurnMotion:
@@ -134,9 +159,8 @@ def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, state
         )
     if stated_m is None and _scatter(clear) < REST_SIGMAS:
         # The usual case, in which (12) need not be computed: a decision must not wait for it.
-        at_rest = np.eye(1, SIGMAS_M.size)[0]
         return TurnMotion(
-            probability=at_rest,
+            probability=_none_seen(),
             lateral_m=0.0,
             depth_m=0.0,
             relative_displacement=relative_displacement,
@@ -144,15 +168,89 @@ def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, state
         )
     logs = _log_likelihoods_of(clear)
     probability = along_turn(overall_prior(stated_m), logs)
+    lateral_m = _amplitude_m(logs[0])
+    depth_m = _amplitude_m(logs[1])
+    period_s = None
     if probability[0] < MAX_REST_PROBABILITY:
         relative_displacement, relative_sigma = _displacements(moments, count=len(samples))
+    if lateral_m or depth_m:
+        period_s = _period_of(clear, samples)
     return TurnMotion(
         probability=probability,
-        lateral_m=_amplitude_m(logs[0]),
-        depth_m=_amplitude_m(logs[1]),
+        lateral_m=lateral_m,
+        depth_m=depth_m,
         relative_displacement=relative_displacement,
         relative_sigma=relative_sigma,
+        period_s=period_s,
     )
+
+
+@lru_cache(maxsize=1)
+def _none_seen() -> Float64[np.ndarray, " sigmas"]:
+    """Probability of each of `SIGMAS_M` where the other two directions are certainly at rest, and nothing is stated."""
+    at_rest = np.where(PLACE_SIGMAS_M > 0, -np.inf, 0.0)
+    return along_turn(overall_prior(None), (at_rest, at_rest))
+
+
+def _period_of(moments: Sequence[_Moment], samples: Sequence[Sample]) -> float | None:
+    """Period of the places along the line of motion; None where their times show none, or are not known."""
+    times_s = []
+    for each in moments:
+        headers = [frame.header for number in each.samples if (frame := samples[number].frame) is not None]
+        if not headers:
+            return None
+        times_s.append(float(np.mean([header.started_s for header in headers])))
+    place_m = np.array([each.place_m for each in moments])
+    noise_m = np.array([each.noise_m for each in moments])
+    line = _line_of(place_m - place_m.mean(axis=0))
+    return period_s(np.array(times_s), place_m @ line, np.sqrt(noise_m**2 @ line**2))
+
+
+def period_s(
+    times_s: Float64[np.ndarray, " moments"],
+    place_m: Float64[np.ndarray, " moments"],
+    noise_m: Float64[np.ndarray, " moments"],
+) -> float | None:
+    """Return the period of places, from the periodogram of a sine with a mean; None where noise may have made it.
+
+    The probability that noise has so large a power at any frequency is bounded as by Baluev (Mon. Not. R. Astron. Soc.
+    385, 1279, 2008, equations 5 and 6, with the γ of many samples).
+    """
+    # Here: scipy.signal lengthens the start of every search, and few see a motion.
+    from scipy.signal import lombscargle
+
+    # Mean, amplitude, phase, and two more, without which any period fits.
+    lasts_s = float(np.ptp(times_s))
+    if times_s.size < 6 or lasts_s < 1.5 * _LEAST_PERIOD_S:
+        return None
+    frequencies_hz = np.arange(1 / min(_MOST_PERIOD_S, lasts_s), 1 / _LEAST_PERIOD_S, 0.1 / lasts_s)
+    power = lombscargle(
+        times_s,
+        place_m,
+        2 * np.pi * frequencies_hz,
+        weights=noise_m**-2.0,
+        floating_mean=True,
+        normalize=True,
+    )
+    best = int(np.argmax(power))
+    peak = np.clip(power, 0.0, 1.0)
+    freedom = times_s.size - 3
+    width = float(np.ptp(frequencies_hz)) * math.sqrt(4 * math.pi * float(np.var(times_s)))
+    crossings = width * (1 - peak) ** ((freedom - 1) / 2) * np.sqrt((times_s.size - 1) * peak / 2)
+    by_noise = (1 - peak) ** (freedom / 2) + crossings
+    if by_noise[best] > _FALSE_PERIOD:
+        return None
+    # Samples at equal distances repeat each period at another one.
+    elsewhere = np.abs(frequencies_hz - frequencies_hz[best]) > 1 / lasts_s
+    if elsewhere.any() and float(by_noise[elsewhere].min()) < float(by_noise[best]) / _FALSE_PERIOD:
+        return None
+    return 1 / float(frequencies_hz[best])
+
+
+def _line_of(away_m: Float64[np.ndarray, "moments 2"]) -> Float64[np.ndarray, " 2"]:
+    """Direction in which places lie apart the most."""
+    # The eigenvector of the largest eigenvalue.
+    return np.asarray(np.linalg.eigh(away_m.T @ away_m)[1][:, -1])
 
 
 def _scatter(moments: Sequence[_Moment]) -> float:
@@ -196,8 +294,7 @@ def _displacements(
     noise_m = np.array([each.noise_m for each in moments])
     clear = np.array([each.clear for each in moments])
     away_m = place_m - np.average(place_m[clear], axis=0, weights=noise_m[clear] ** -2.0)
-    # The eigenvector of the largest eigenvalue.
-    line = np.linalg.eigh(away_m[clear].T @ away_m[clear])[1][:, -1]
+    line = _line_of(away_m[clear])
     along_m = away_m @ line
     along_m -= along_m[clear].mean()
     spread_m = math.sqrt(float(np.mean(along_m[clear] ** 2)))
@@ -267,16 +364,26 @@ def along_turn(
             log_moving += np.interp(part_m, PLACE_SIGMAS_M, log)
             log_rest += float(log[0])
     largest = max(log_rest, float(log_moving.max()))
-    moving = prior[1:, None] * np.exp(log_moving - largest) / directions.shape[0]
-    # Each σ_t is shared between its neighbours on the grid, so that σ_t² is kept on average; one outside the grid
-    # counts at the nearest end of it.
-    place = np.interp(sigma_m[:, :, 0] ** 2, SIGMAS_M[1:] ** 2, np.arange(SIGMAS_M.size - 1.0))
+    moving = (1 - _JUST_ALONG_TURN) * prior[1:, None] * np.exp(log_moving - largest) / directions.shape[0]
+    at_rest = math.exp(log_rest - largest)
+    by_turn = _on_grid(sigma_m[:, :, 0], moving) + _on_grid(OVERALL_M, _JUST_ALONG_TURN * prior[1:] * at_rest)
+    total = np.concatenate([[prior[0] * at_rest], by_turn])
+    return np.asarray(total / total.sum())
+
+
+def _on_grid(
+    sigma_m: Float64[np.ndarray, "*n"], probability: Float64[np.ndarray, "*n"]
+) -> Float64[np.ndarray, " moving"]:
+    """Probability of each of `SIGMAS_M` but the first, from that of some σ_t.
+
+    Each is shared between its neighbours on the grid, so that σ_t² is kept on average; one outside the grid counts at
+    the nearest end of it.
+    """
+    place = np.interp(sigma_m**2, SIGMAS_M[1:] ** 2, np.arange(SIGMAS_M.size - 1.0))
     left = np.minimum(place.astype(np.int64), SIGMAS_M.size - 3)
     share = place - left
-    by_turn = np.bincount(left.ravel(), (moving * (1 - share)).ravel(), minlength=SIGMAS_M.size - 1)
-    by_turn += np.bincount(left.ravel() + 1, (moving * share).ravel(), minlength=SIGMAS_M.size - 1)
-    total = np.concatenate([[prior[0] * math.exp(log_rest - largest)], by_turn])
-    return np.asarray(total / total.sum())
+    by_turn = np.bincount(left.ravel(), (probability * (1 - share)).ravel(), minlength=SIGMAS_M.size - 1)
+    return by_turn + np.bincount(left.ravel() + 1, (probability * share).ravel(), minlength=SIGMAS_M.size - 1)
 
 
 def _amplitude_m(log: Float64[np.ndarray, " sigmas"]) -> float:

@@ -35,7 +35,7 @@ from markerseek.search.posterior.answer import (
     weaker_than_predicted,
 )
 from markerseek.search.posterior.inference import Inference
-from markerseek.search.posterior.likelihood import later, with_light
+from markerseek.search.posterior.likelihood import later, radius_m, with_light
 from markerseek.search.posterior.next_angle import (
     PLAN,
     PLAN_BY_HAND,
@@ -245,6 +245,16 @@ class Posterior(SearchPolicy):
         self._delay_s = delay_s
         self._inference.order_sigma_deg = order_sigma_deg
         self._next = self._cached = None
+
+    @property
+    def moved_deg(self) -> float:
+        """Standard deviation of the displacement of a marker along the turn; 0 where frames show no motion."""
+        first = self._analysis.first
+        motion = first.posterior.motion
+        if motion is None or not motion.is_seen:
+            return 0.0
+        strongest = max(first.samples, key=lambda sample: sample.reading.intensity).reading
+        return math.degrees(motion.turn_sigma_m / radius_m(strongest.depth_m))
 
     def state_swept(self) -> None:
         """Take for granted from now on that sweeps have surveyed the range, as far as single pulses can."""

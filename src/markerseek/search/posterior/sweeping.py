@@ -20,6 +20,9 @@ by v·d at the speed v. So a curve that is swept there and back has two centres,
 
     c_down − c_up = (|v_up| + |v_down|)·d.                                                                     (11)
 
+A marker that moves has two centres as well. Where frames show that it moves, the difference says as much less of the
+delay.
+
 Whatever shifts all angles of a sweep alike (stamps, answers of the stage, frames that are late by one) is such a delay.
 """
 
@@ -78,6 +81,8 @@ class Delay:
     """Standard deviation of what the rig states."""
     whole: bool
     """Whether both flanks were swept both ways."""
+    speed_deg_s: float
+    """Mean speed of the two ways."""
 
     @property
     def mean_s(self) -> float:
@@ -103,10 +108,16 @@ Centre = tuple[float, float, float]
 """Centre of a curve, its standard deviation, and its full width at half maximum, in degrees."""
 
 
-def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], Centre | None]) -> Delay | None:
+def delay_of(
+    samples: Sequence[Sample],
+    centre_of: Callable[[Sequence[Sample]], Centre | None],
+    *,
+    moved_deg: float = 0.0,
+) -> Delay | None:
     """Return the delay by (11); None unless the marker was passed both ways.
 
     ``samples``: all samples with light. ``centre_of``: fits a curve to samples; None if they show no curve.
+    ``moved_deg``: standard deviation of the displacement of the marker along the turn during a way, 0 where it rests.
     """
     swept = [sample.sweep for sample in samples if sample.sweep is not None]
     up = way_of(_in_direction(samples, 1), centre_of)
@@ -117,7 +128,8 @@ def delay_of(samples: Sequence[Sample], centre_of: Callable[[Sequence[Sample]], 
     backlash_deg = max(sweep.play_sigma_deg for sweep in swept)
     return Delay(
         measured_s=(down.centre_deg - up.centre_deg) / speed,
-        sigma_s=math.hypot(up.sigma_deg, down.sigma_deg, backlash_deg) / speed,
+        sigma_s=math.hypot(up.sigma_deg, down.sigma_deg, backlash_deg, math.sqrt(2) * moved_deg) / speed,
+        speed_deg_s=speed / 2,
         prior_s=max(sweep.delay_sigma_s for sweep in swept),
         whole=up.whole and down.whole,
     )
@@ -536,15 +548,18 @@ class SweepPosterior:
 
         None if both flanks were not swept both ways: then the difference shows a wrong order alone.
         """
-        delay = delay_of(self._posterior.lit, self._centre_of)
+        moved_deg = self._posterior.moved_deg
+        delay = delay_of(self._posterior.lit, self._centre_of, moved_deg=moved_deg)
         if delay is None:
             return None
         if delay.unexplained:
+            apart_deg = 2 * delay.speed_deg_s * abs(delay.measured_s)
             self.disorder = (
                 f"the sweeps there and back differ as if the light came {1e3 * delay.measured_s:.0f} ± "
                 f"{1e3 * delay.sigma_s:.0f} ms later than the rig states, which it knows to {1e3 * delay.prior_s:.1f} "
-                "ms: frames are late by one or more, the stage answers late, or the delay that is stated is wrong; "
-                "check the trigger's cable, and measure the delay: markerseek calibrate --delay"
+                "ms: frames are late by one or more, the stage answers late, or the delay that is stated is wrong: "
+                f"check the trigger's cable, and measure the delay; or the marker moves along the turn, here by "
+                f"{apart_deg:.1f} deg from one way to the other: hold the ventilation during the search"
             )
         orders = self._orders() if self._in_bursts else []
         self.disorder = self.disorder or _disorder_of(orders)
@@ -558,7 +573,8 @@ class SweepPosterior:
         lit = self._posterior.lit
         numbers = sorted({sample.sweep.number for sample in lit if sample.sweep is not None})
         bursts = [[each for each in lit if each.sweep is not None and each.sweep.number == one] for one in numbers]
-        delays = [(burst, delay_of(burst, self._centre_of)) for burst in bursts]
+        moved_deg = self._posterior.moved_deg
+        delays = [(burst, delay_of(burst, self._centre_of, moved_deg=moved_deg)) for burst in bursts]
         orders = [order_of(burst, delay, self._centre_of) for burst, delay in delays if delay is not None]
         return [order for order in orders if order is not None]
 

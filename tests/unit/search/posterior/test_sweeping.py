@@ -5,6 +5,7 @@ Pulses without light, and the delay that two ways over a curve show, are tested 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Sequence
 
@@ -95,6 +96,16 @@ def test_backlash_that_is_not_known_leaves_the_delay_open() -> None:
     # 0.5 deg over both speeds is as much as the prior: half of what was measured is believed.
     assert open_.sigma_s == pytest.approx(0.5 / 50.0, rel=1e-3)
     assert (exact.mean_s, open_.mean_s) == pytest.approx((10e-3, 5e-3), rel=1e-2)
+
+
+def test_a_marker_that_moves_leaves_the_delay_open_and_explains_a_difference() -> None:
+    """Each way has a displacement of its own: √2 · 0.5 deg over both speeds is √2 of the prior."""
+    samples = ways(25.0, -25.0, delay_s=40e-3)
+    moved = delay_of(samples, fitted, moved_deg=0.5)
+    assert moved is not None
+    assert moved.sigma_s == pytest.approx(math.sqrt(2) * 0.5 / 50.0, rel=1e-3)
+    assert moved.mean_s == pytest.approx(40e-3 / 3, rel=1e-2)
+    assert (measured(samples).unexplained, moved.unexplained) == (True, False)
 
 
 @pytest.mark.parametrize(("delay_s", "unexplained"), [(29e-3, False), (-29e-3, False), (31e-3, True), (-50e-3, True)])
@@ -362,6 +373,8 @@ def test_frames_that_are_late_by_one_or_two_or_early_are_refused(delay_s: float)
     search = Search(curve_about(-10.0), delay_s=delay_s, from_end=True)
     search.run()
     assert re.search(r"differ as if the light came .* frames are late by one or more", search.policy.disorder or "")
+    # No frame shows a motion along the turn, which has the same effect.
+    assert re.search(r"moves along the turn, here by \d\.\d deg .* hold the ventilation", search.policy.disorder or "")
     assert not isinstance(search.policy.estimate(), Found)
 
 
