@@ -20,6 +20,7 @@ from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import ConfigError, Finished, Measured, SearchError, SearchPlan
 from markerseek.records.journal import Configuration, Interrupted, JournalEntry, JournalItem, read_journal
 from markerseek.runs import new_run, plan_on
+from tests.waiting import wait_until
 
 SEED = 3
 
@@ -163,8 +164,7 @@ def test_a_second_search_is_refused_while_one_runs() -> None:
     assert [each.stopped for each in outcomes] == [True]
     items.clear()
     searches.start(SearchRequest().changed(method="ternary", acquisitions=4))
-    while searches.running:
-        time.sleep(0.01)
+    wait_until(lambda: not searches.running)
     assert outcomes[-1].answered
     assert isinstance(items[0], Configuration)
     assert isinstance(items[-1].entry.event, Finished)

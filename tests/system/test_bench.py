@@ -16,6 +16,7 @@ from markerseek.cli import doctor
 from markerseek.core import Measured
 from markerseek.records.journal import Checked, RecordedRun, read_journal
 from tests.emulated import fixed_bench, markerseek
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.real_time
 pytest.importorskip("serial", reason="needs the extra devices")
@@ -72,8 +73,9 @@ def test_a_search_over_emulated_devices_is_resumed_after_kill_9(shell: Shell, tm
             stderr=subprocess.DEVNULL,
         )
         # a commit of a frame takes half a megabyte: five of the eight
-        while process.poll() is None and not (journal.exists() and journal.stat().st_size > 5 * 2 * 128 * 2080):
-            time.sleep(0.02)
+        wait_until(
+            lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size > 5 * 2 * 128 * 2080)
+        )
         process.kill()
         process.communicate()
         kept = read_journal(journal)
@@ -128,8 +130,7 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_and_releases_everything(shell
             text=True,
         )
         last = devices.rig.parent / "daq" / "CH127.daq"
-        while not last.exists() and process.poll() is None:
-            time.sleep(0.02)
+        wait_until(lambda: last.exists() or process.poll() is not None)
         time.sleep(0.7)  # into the second move or acquisition
         process.send_signal(signal.SIGINT)
         _, printed = process.communicate(timeout=60)

@@ -15,6 +15,7 @@ import pytest
 
 from markerseek import rigs
 from tests.emulated import markerseek, ran
+from tests.waiting import wait_until
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -55,13 +56,6 @@ def pretended(lab: Path) -> Iterator[Path]:
             process.kill()
             process.wait()
             (lab / "toy_port").unlink(missing_ok=True)
-
-
-def wait_until(arrived: Callable[[], object], *, timeout_s: float = 60.0) -> None:
-    ends_s = time.monotonic() + timeout_s
-    while not arrived():
-        assert time.monotonic() < ends_s
-        time.sleep(0.02)
 
 
 def changed(lab: Path, name: str, old: str, new: str) -> None:
@@ -116,7 +110,7 @@ def test_a_search_that_is_killed_leaves_the_stage_stopped_on_its_way(lab: Path) 
         finally:
             process.kill()
             process.wait()
-        wait_until(lambda: re.search(r"goes to (\S+) deg\nstopped at", printed.read_text()), timeout_s=10.0)
+        wait_until(lambda: re.search(r"goes to (\S+) deg\nstopped at", printed.read_text()))
         target_deg, stopped_deg = map(
             float, re.findall(r"goes to (\S+) deg\nstopped at (\S+) deg", printed.read_text())[0]
         )

@@ -8,11 +8,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 
 import pytest
+
+from tests.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -104,9 +105,8 @@ def test_ctrl_c_in_the_set_up_says_how_to_go_on_and_shows_no_traceback(tmp_path:
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with subprocess.Popen(command, cwd=tmp_path, env=environment, start_new_session=True, **streams) as started:
         said = started.stdout.readline()
-        while not (tmp_path / ".venv" / "bin" / "python").exists():
-            assert started.poll() is None
-            time.sleep(0.05)
+        wait_until(lambda: (tmp_path / ".venv" / "bin" / "python").exists() or started.poll() is not None)
+        assert started.poll() is None
         os.killpg(started.pid, signal.SIGINT)
         said += started.stdout.read()
     assert started.returncode != 0

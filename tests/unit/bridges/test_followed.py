@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,15 +13,11 @@ from markerseek.core import RecordError
 from markerseek.records.journal import line_of
 from markerseek.registration import SessionRecord, SessionView
 from tests.registration_sessions import BEGUN, ENDED, MOVED, WAITING, begin, kill, matrix_m, registered
-
-LONGEST_S = 60.0
+from tests.waiting import wait_until
 
 
 def wait_for(source: RegistrationSource, wanted: Callable[[SessionView], bool]) -> SessionView:
-    ends_s = time.monotonic() + LONGEST_S
-    while not wanted(source.view):
-        assert time.monotonic() < ends_s, source.view
-        time.sleep(0.01)
+    wait_until(lambda: wanted(source.view))
     return source.view
 
 

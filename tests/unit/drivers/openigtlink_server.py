@@ -15,6 +15,7 @@ import numpy as np
 import pyigtl
 
 from markerseek.records.banks.sequence_writer import probe_to_probe_home
+from tests.waiting import wait_until
 
 _PERIOD_S = 0.02
 
@@ -55,8 +56,7 @@ class ImpoliteServer:
 
     def send_image(self, device: str, later_s: float, **fields: str) -> None:
         """Send an image of now, and its fields where its version has room for them."""
-        while self._client is None:
-            time.sleep(0.01)
+        wait_until(lambda: self._client is not None)
         # The request of the client is on its way.
         time.sleep(2 * _PERIOD_S)
         image = pyigtl.ImageMessage(np.ones((1, 2, 2), np.int16), device_name=device, timestamp=time.time() + later_s)

@@ -6,7 +6,6 @@ import contextlib
 import queue
 import signal
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -24,6 +23,7 @@ from markerseek.show import STOPPED as STOPPED_LINE
 from markerseek.show import event_line
 from markerseek.sim import GaussianCurve
 from tests.registration_sessions import BEGUN, begin, taken
+from tests.waiting import wait_until
 
 SPOT = Spot(left_px=(600.0, 500.0), right_px=(560.0, 500.0), sigma_px=0.1)
 BROWSER = "a browser at 127.0.0.1"
@@ -169,8 +169,7 @@ def test_a_person_who_must_arm_devices_is_told_so_until_the_search_runs(stream, 
     assert (starting.word, starting.next_step) == ("STARTING", said)
     for item in stream[:3]:
         child.sent.put(item)
-    while live.run is None or len(live.run.views) < 3:
-        time.sleep(0.01)
+    wait_until(lambda: live.run is not None and len(live.run.views) >= 3)
     running = live.verdict(live.run.last)
     assert (running.word, running.next_step) == ("SEARCHING", "")
     live.stop()
@@ -261,8 +260,7 @@ def test_stop_while_a_search_goes_on_can_go_on_again(stream, tmp_path, monkeypat
     children = [ScriptedChild(stream[:5], endless=True), ScriptedChild(endless=True), ScriptedChild(stream)]
     shared, asked = searches(children, tmp_path, monkeypatch)
     shared.start(USUAL, asked_by=BROWSER)
-    while shared.search.run is None or len(shared.search.run.views) < 3:
-        time.sleep(0.01)
+    wait_until(lambda: shared.search.run is not None and len(shared.search.run.views) >= 3)
     shared.search.journal.touch()
     for going_on in (True, True, False):
         if going_on:
@@ -327,7 +325,7 @@ def test_what_nobody_watches_is_stopped_by_a_program_and_says_so(stream, tmp_pat
     assert shared.search.verdict(shared.search.run.last if shared.search.run else None).reason == said
     shared, _ = searches([session], tmp_path, monkeypatch)
     session.running = True
-    session.wait = lambda: time.sleep(0.01)
+    session.wait = lambda: session.stopped.wait(0.01)
     shared.start(USUAL_REGISTRATION, asked_by=BROWSER)
     shared.stop_unwatched(59.0)
     assert not session.stopped.is_set()
@@ -356,8 +354,7 @@ def test_what_goes_on_is_starting_until_it_writes(tmp_path, monkeypatch, stream)
     shared.search.end(10)
     shared.search.journal.touch()
     shared.go_on(shared.search, asked_by=BROWSER)
-    while shared.search.run is None or len(shared.search.run.views) < 3:
-        time.sleep(0.01)
+    wait_until(lambda: shared.search.run is not None and len(shared.search.run.views) >= 3)
     # What is in the journal is of the search that was stopped.
     second.has_written = False
     assert shared.search.verdict(shared.search.run.last).word == "STARTING"
@@ -460,7 +457,7 @@ class RunningSession(ScriptedChild):
         return not self.stopped.is_set()
 
     def wait(self):
-        time.sleep(0.01)
+        self.stopped.wait(0.01)
 
 
 def test_the_page_says_that_the_spot_is_set_only_while_the_session_waits_in_the_dark_for_that(tmp_path):
@@ -472,10 +469,7 @@ def test_the_page_says_that_the_spot_is_set_only_while_the_session_waits_in_the_
     said = folder / SPOT_IS_SET
 
     def asks(*, expected):
-        ends_s = time.monotonic() + 30
-        while live.asks_whether_set is not expected:
-            assert time.monotonic() < ends_s
-            time.sleep(0.01)
+        wait_until(lambda: live.asks_whether_set is expected)
         live.say_spot_is_set()
         assert said.exists() is expected
         said.unlink(missing_ok=True)

@@ -36,6 +36,7 @@ from tests.unit.records.journal.synthetic_journals import (
     whole_run,
     write,
 )
+from tests.waiting import wait_until
 
 ACQUISITIONS = 40
 FRAME_BYTES = 2 * 128 * 2080
@@ -126,8 +127,7 @@ def test_two_followers_get_all_of_it_and_one_that_stands_still_holds_nobody_up(t
         each.start()
     with Journal.create(path, configuration()) as journal:
         write(journal, 20, lambda index: counts(64, 500, seed=index))
-        while len(received[0]) < 43:
-            time.sleep(0.001)
+        wait_until(lambda: len(received[0]) >= 43)
     assert len(received[1]) == 1
     over.set()
     released.set()
