@@ -73,13 +73,6 @@ def test_a_stage_that_moves_is_not_taken_over() -> None:
         rig.stage()
 
 
-def test_nobody_there() -> None:
-    rig = bench()
-    rig.port.swallowed = 0x0005
-    with pytest.raises(DeviceTimeoutError, match="no answer"):
-        rig.stage()
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
