@@ -8,7 +8,7 @@ import markerseek
 from markerseek.show import new_figure, save_figure
 
 PICTURE = Path(__file__).parent / "figures/steps.svg"
-SHOWN = (1, 3, 5, 6, 8, 10)
+SHOWN = (1, 2, 3, 4, 5, 10)
 """Acquisitions after which a panel is drawn."""
 
 BLUE, RED = "#1f5fa8", "#c8501e"

@@ -91,8 +91,11 @@ def move(pictures: Sequence[bytes]) -> None:
         picture = Image.open(io.BytesIO(pictures[n])).convert("RGB")
         height = round(picture.height * GIF_WIDTH / picture.width)
         small.append(picture.resize((GIF_WIDTH, height), Image.Resampling.LANCZOS))
-    # One palette for all, or each picture flickers.
-    palette = small[-1].quantize(64)
+    # One palette for all, or each picture flickers: of the first, a middle and the last one.
+    sample = Image.new("RGB", (GIF_WIDTH, 3 * small[0].height))
+    for row, each in enumerate((small[0], small[len(small) // 2], small[-1])):
+        sample.paste(each, (0, row * each.height))
+    palette = sample.quantize(128, method=Image.Quantize.FASTOCTREE)
     flat = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in small]
     shown_ms = [FRAME_MS] * (len(flat) - 1) + [LAST_MS]
     flat[0].save(HERE / "session.gif", save_all=True, append_images=flat[1:], duration=shown_ms, loop=0, optimize=True)

@@ -44,7 +44,7 @@ class RunRequest(msgspec.Struct, frozen=True, kw_only=True):
     def values(self) -> dict[str, Any]:
         """All values by their names in `options`."""
         chosen = structs.asdict(self.plan) | structs.asdict(self.simulation)
-        return {name: chosen[name] for name in self.options}
+        return {name: chosen[name] for name in self.options if name in chosen}
 
     def changed(self, **values: Any) -> Self:
         """The same with other values, by their names in `options`; `ConfigError` if they cannot be used."""
@@ -114,10 +114,54 @@ class SessionRequest(RunRequest, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         with_options(SimulatedSettings(), self.simulation)
 
+    @property
+    def options(self) -> Mapping[str, Option]:
+        """All that can be chosen, by name; the target is one text."""
+        return {**super().options, TARGET.name: TARGET}
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """All values by their names in `options`."""
+        target_m = self.plan.target_trus_m
+        target = None if target_m is None else " ".join(f"{1e3 * value:g}" for value in target_m)
+        return {**super().values, TARGET.name: target}
+
+    def changed(self, **values: Any) -> Self:
+        """The same with other values, by their names in `options`; `ConfigError` if they cannot be used."""
+        if TARGET.name not in values:
+            return super().changed(**values)
+        target_trus_m = _target_m(values.pop(TARGET.name))
+        other = super().changed(**values)
+        return structs.replace(other, plan=structs.replace(other.plan, target_trus_m=target_trus_m))
+
     def arguments(self, *, simulated: bool = True) -> list[str]:
         """Options of the command; for a rig of devices only those of the plan."""
-        words = super().arguments(simulated=simulated)
+        target = self.values[TARGET.name]
+        words = [*super().arguments(simulated=simulated), *([] if target is None else [TARGET.flag, *target.split()])]
         return ["--simulate", *words] if simulated else words
+
+
+TARGET = Option(
+    name="target_mm",
+    kind=str,
+    default=None,
+    shown="20 mm under the middle of the markers",
+    least=None,
+    help="Point at which the error counts: X Y Z in the TRUS frame, in mm.",
+)
+"""The target of a session."""
+
+
+def _target_m(text: str | None) -> tuple[float, float, float] | None:
+    """Return the target of a text; None if it is empty, for the usual one."""
+    words = [] if text is None else text.replace(",", " ").split()
+    if not words:
+        return None
+    try:
+        x, y, z = (float(word) / 1e3 for word in words)
+    except ValueError:
+        raise ConfigError(f"{TARGET.name} is {text!r:.40}, it must be three numbers, such as 0 0 40") from None
+    return x, y, z
 
 
 AnyRequest: TypeAlias = SearchRequest | SessionRequest

@@ -23,6 +23,7 @@ from markerseek.cli import (
     calibrate,
     doctor,
     emulate,
+    follow,
     frame,
     igtl,
     journal,
@@ -112,7 +113,12 @@ _COMMANDS: dict[str, _Commands] = {
         "bank": _BANK,
         "journal": _JOURNAL,
     },
-    "Rig and robot": {"doctor": doctor.command, "calibrate": calibrate.command, "register": register.command},
+    "Rig and robot": {
+        "doctor": doctor.command,
+        "calibrate": calibrate.command,
+        "register": register.command,
+        "follow": follow.command,
+    },
     "Simulation and studies": {"emulate": emulate.command, "reproduce": reproduce.command, "study": study.command},
 }
 for _panel, _below in _COMMANDS.items():

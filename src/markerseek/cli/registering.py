@@ -148,6 +148,7 @@ def run_session(asked: SessionArguments, *, as_json: bool) -> SessionOver:
             room.skip(record.view.markers)
         if isinstance(room, registration.DeviceRoom) and not plan.light_while_waiting:
             room.is_set = SpotIsSet(record.folder)
+            room.show = record.show
             if not (as_json or (sys.stdin is not None and sys.stdin.isatty())):
                 print_warning(
                     f"there is no terminal on which somebody could say that a spot is set: make the file "

@@ -18,6 +18,7 @@ from .kdc101 import Kdc101Settings, Kdc101Stage
 from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus
+from .poses import PoseReader, open_poses
 from .ros2 import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings
 from .ros2_images import RosImages
 from .serial_port import SerialPort
@@ -58,6 +59,7 @@ __all__ = [
     "PicolasSettings",
     "PlusReceiver",
     "PlusSettings",
+    "PoseReader",
     "ReceiverKeys",
     "Ros2Acquisition",
     "Ros2Encoder",
@@ -91,6 +93,7 @@ __all__ = [
     "exposure_line",
     "is_emulated",
     "metered",
+    "open_poses",
     "open_stereo_images",
     "trace_to",
     "traced",

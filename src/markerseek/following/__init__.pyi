@@ -1,8 +1,12 @@
-from .aim import Aim, HeldRegistration, ProbeReach
+from .aim import Aim, HeldRegistration, ProbeReach, probe_reach
 from .confirmation import Comparison, Confirmed, NotConfirmed, compare, confirm
+from .endoscope_check import EndoscopeCheck
 from .follower import Follower, FollowStep
 from .machine import BY_A_PERSON, BY_ITSELF, Decision, FollowMachine, Word
 from .plan import FollowPlan
+from .robot_tip import FixedPoint, RobotTip
+from .simulated import FollowedRoom, Motion, SimulatedSpot, SimulatedTip, TargetPath
+from .spot_source import SpotSource
 from .target import LitSource, Look, Target, TargetSource
 
 __all__ = [
@@ -12,18 +16,28 @@ __all__ = [
     "Comparison",
     "Confirmed",
     "Decision",
+    "EndoscopeCheck",
+    "FixedPoint",
     "FollowMachine",
     "FollowPlan",
     "FollowStep",
+    "FollowedRoom",
     "Follower",
     "HeldRegistration",
     "LitSource",
     "Look",
+    "Motion",
     "NotConfirmed",
     "ProbeReach",
+    "RobotTip",
+    "SimulatedSpot",
+    "SimulatedTip",
+    "SpotSource",
     "Target",
+    "TargetPath",
     "TargetSource",
     "Word",
     "compare",
     "confirm",
+    "probe_reach",
 ]

@@ -10,7 +10,8 @@ import numpy as np
 from markerseek.core import ConfigError, Float64, Interval
 from markerseek.following.target import Target
 from markerseek.geometry import RigidTransform, effect_of_motion
-from markerseek.registration import EndoscopeMotion, KnownRegistration
+from markerseek.registration import DEPTHS_M, EndoscopeMotion, KnownRegistration, reach_of
+from markerseek.rigs import Rig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,6 +67,14 @@ class ProbeReach:
                 f"{1e3 * high_m:.0f} mm"
             )
         return None
+
+
+def probe_reach(rig: Rig) -> ProbeReach:
+    """Return the reach of a rig that follows: its search range without the backlash at both ends."""
+    reach = reach_of(rig)
+    play_deg = rig.scanner.play_deg
+    angles = Interval(low_deg=reach.angles.low_deg + play_deg, high_deg=reach.angles.high_deg - play_deg)
+    return ProbeReach(angles=angles, lateral_m=reach.lateral_m, radius_m=DEPTHS_M)
 
 
 class HeldRegistration:

@@ -198,6 +198,6 @@ def intensity_vertex(samples: tuple[Sample, Sample, Sample]) -> tuple[float, flo
     at_deg = vertex_deg(logs)
     if not abs(at_deg) <= ASIDE_DEG:
         return None
-    changes_deg = [vertex_deg(logs + sigma * unit) - at_deg for sigma, unit in zip(sigmas, np.eye(3), strict=True)]
-    sigma_deg = math.hypot(*changes_deg)
+    steps = 1e-3 * np.diag(sigmas)
+    sigma_deg = 1e3 * math.hypot(*(vertex_deg(logs + step) - at_deg for step in steps))
     return (float(middle_deg + at_deg), sigma_deg) if math.isfinite(sigma_deg) else None

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Generator
 
 import msgspec
+import numpy as np
 
 from markerseek.core import (
     AcquisitionError,
@@ -37,6 +38,9 @@ ASKED_S = 3.0
 
 BETWEEN_S = 1.0
 """Time between two looks for a spot that is not there, in seconds, where light is allowed meanwhile."""
+
+STILL_M = 1e-3
+"""Most that a spot may move while a registration is confirmed by it."""
 
 TWICE = 2
 """Frames in a row that must speak against the registration, and looks that must not show the endoscope's motion."""
@@ -265,8 +269,8 @@ class Follower:
             return
         face_m = self._face_radius_m
         off_deg = abs(aim.angle_deg - look.sample.angle_deg)
-        if off_deg > self._plan.within_deg:
-            # So far from the plane the image says little; the probe turns first.
+        if off_deg > ASIDE_DEG:
+            # So far from the plane the source may be below the noise; the probe turns first.
             return
         compared = compare(look.sample, aim, face_radius_m=face_m, spot=self._rig.spot)
         self._confirmed = compared.said
@@ -301,8 +305,11 @@ class Follower:
             look = self._look()
             if look.target is None or look.sample is None:
                 return
-            aim = self._registration.aim(look.target, depth_m=self._rig.spot.depth_m)
-            self._machine.see(aim)
+            seen = self._registration.aim(look.target, depth_m=self._rig.spot.depth_m)
+            self._machine.see(seen)
+            if not float(np.linalg.norm(seen.trus_m - aim.trus_m)) <= STILL_M:
+                # Of a spot that moves, three frames are no three frames of one source: it begins again.
+                return
             samples.append(look.sample)
             yield self._now(self._decide())
             self._clock.wait(1 / self._plan.looks_per_second)

@@ -32,6 +32,12 @@ BACK_S = 0.5
 STEP_DEG = 4.5
 """Longest turn: half a degree of room for the backlash, below what the guard permits."""
 
+AHEAD_S = 0.5
+"""Time by which a target that moves is seen ahead, in seconds: that of a short turn."""
+
+LEAST_TURN_DEG = 0.2
+"""Shortest turn: twice what a readback may be off by."""
+
 SPEED_OVER_S = 1.0
 """Time over which the speed of a target is estimated, in seconds."""
 
@@ -229,28 +235,29 @@ class FollowMachine:
     def _within(self, aim: Aim, now_s: float, *, probe_deg: float, turning: bool) -> Decision:
         """Decide whether to turn to a target that is followed."""
         off_deg = aim.angle_deg - probe_deg
+        speed_deg_s = self._speed_deg_s
         band_deg = max(self._plan.within_deg, aim.sigma_deg)
         where = f"{abs(off_deg):.1f} deg from the image plane"
         if turning:
             return Decision(word="turning", said=f"turns, the target is {where}")
-        if abs(off_deg) <= band_deg:
+        later_deg = off_deg + speed_deg_s * (now_s - aim.at_s + AHEAD_S)
+        if max(abs(off_deg), abs(later_deg)) <= band_deg:
             return Decision(word="there", said=f"there: the target is {where}, within {band_deg:.1f} deg")
         if now_s < self._rests_until_s or (self._lit and aim.at_s < self._dark_until_s):
             # A lit target may have gone while the probe turned in the dark: it is seen before the next turn.
             return Decision(word="resting", said=f"rests between two turns, the target is {where}")
+        # To where a target that moves on will be: at the end of the turn, and half the range further.
+        lead_s = now_s - aim.at_s + AHEAD_S + abs(off_deg) / self._plan.speed_deg_s
+        lead_deg = speed_deg_s * lead_s + math.copysign(self._plan.within_deg / 2, speed_deg_s) * (speed_deg_s != 0)
+        most_deg = 2 * self._plan.within_deg
+        to_deg = aim.angle_deg + min(max(lead_deg, -most_deg), most_deg)
         # The lead alone may leave the angles: the target itself is in reach.
-        to_deg = self._reach.angles.nearest(aim.angle_deg + self._lead_deg(off_deg))
-        way_deg = to_deg - probe_deg
+        way_deg = self._reach.angles.nearest(to_deg) - probe_deg
+        if abs(way_deg) < LEAST_TURN_DEG:
+            return Decision(word="there", said=f"there: the target is {where}, and comes nearer")
         if abs(way_deg) > STEP_DEG:
-            to_deg = probe_deg + math.copysign(STEP_DEG, way_deg)
-        return Decision(word="turning", said=f"turns, the target is {where}", turn_to_deg=to_deg)
-
-    def _lead_deg(self, off_deg: float) -> float:
-        """Angle by which a target that moves on will be further at the end of a turn, at most the range itself."""
-        speed_deg_s = self._speed_deg_s
-        lead_deg = speed_deg_s * abs(off_deg) / self._plan.speed_deg_s
-        most_deg = self._plan.within_deg
-        return min(max(lead_deg, -most_deg), most_deg)
+            way_deg = math.copysign(STEP_DEG, way_deg)
+        return Decision(word="turning", said=f"turns, the target is {where}", turn_to_deg=probe_deg + way_deg)
 
     @property
     def _speed_deg_s(self) -> float:

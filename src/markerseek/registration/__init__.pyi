@@ -1,7 +1,8 @@
-from .endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, SeenEndoscope
+from .endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, EndoscopeWatch, SeenEndoscope
 from .kept_sessions import REPORTS, KeptSession, as_it_runs, delete_session, kept_sessions, kept_view
 from .plan import MOST_MARKERS, REGISTRATION_TOLERANCE_MM, SessionPlan
 from .points import point_pairs, spot_pairs
+from .poses import DEPTHS_M, reach_of
 from .record import (
     CAMERA_IMAGES,
     REGISTRATION_FILE,
@@ -32,6 +33,7 @@ from .report import (
 from .robot_frames import dvrk_base_frame, static_transform_command
 from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .session import RegistrationSession
+from .spots import SpotError, SpotFinder
 from .stations import station_names
 from .steps import (
     Begun,
@@ -54,6 +56,7 @@ from .view import ExpectedError, Phase, SessionView
 
 __all__ = [
     "CAMERA_IMAGES",
+    "DEPTHS_M",
     "MOST_MARKERS",
     "REGISTRATION_FILE",
     "REGISTRATION_TOLERANCE_MM",
@@ -66,6 +69,7 @@ __all__ = [
     "EndoscopeMotion",
     "EndoscopeMove",
     "EndoscopeNotKnown",
+    "EndoscopeWatch",
     "ExpectedError",
     "KeptSession",
     "KnownRegistration",
@@ -89,6 +93,8 @@ __all__ = [
     "Spot",
     "SpotCheck",
     "SpotChecked",
+    "SpotError",
+    "SpotFinder",
     "SpotRefused",
     "SpotSeen",
     "Step",
@@ -108,6 +114,7 @@ __all__ = [
     "newest_pair",
     "next_view",
     "point_pairs",
+    "reach_of",
     "read_registration",
     "read_session",
     "read_stereo",

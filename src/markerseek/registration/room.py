@@ -13,7 +13,7 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
-from markerseek.core import Float64, StereoImages
+from markerseek.core import Float64, StereoImages, StereoPair
 from markerseek.geometry import RigidTransform
 from markerseek.registration.poses import reach_of
 from markerseek.registration.report import KnownRegistration
@@ -73,6 +73,9 @@ class Room(Protocol):
 BETWEEN_S = 1.0
 """Time between two looks for a spot, in seconds, where the laser fires in each while the session waits."""
 
+SHOWN_S = 0.5
+"""Time between two image pairs that are shown while the session waits, in seconds."""
+
 _ASKED_S = 0.1
 """Time between two questions whether the spot is set, in seconds."""
 
@@ -101,6 +104,8 @@ class DeviceRoom:
     None: never."""
     endoscope_held: bool = False
     """Whether the endoscope is held so that it cannot move."""
+    show: Callable[[StereoPair], None] = lambda _pair: None
+    """Takes the newest pair once in `SHOWN_S` while the session waits in the dark, for those who look on."""
     fired: int | None = field(default=None, init=False)
     """Pulses of `light` since the spot was set; None where the laser fires while the session waits."""
     _waiting: tuple[str, float] = field(default=("", 0.0), init=False)
@@ -131,8 +136,12 @@ class DeviceRoom:
         # What was said before was said of an earlier spot.
         is_set()
         begun_s = clock.now_s()
+        shown_s = begun_s
         while not is_set():
             waited_s = clock.now_s() - begun_s
+            if clock.now_s() - shown_s >= SHOWN_S and (pairs := self.images.newest()):
+                shown_s = clock.now_s()
+                self.show(pairs[-1])
             if waited_s > self.wait_s:
                 return False
             if self.idle_s is not None and waited_s >= self.idle_s:

@@ -45,6 +45,7 @@ from markerseek.registration.steps import (
     RecordedStep,
     Registered,
     Searching,
+    Spot,
     SpotChecked,
     SpotRefused,
     SpotSeen,
@@ -100,7 +101,8 @@ class RegistrationSession:
         """The session after its steps so far."""
         self._plan = self.view.continue_plan(plan or SessionPlan())
         self._curve: MarkerCurve | None = None
-        self._refused: SpotRefused | None = None
+        self._refused: tuple[str, str, int | None] | None = None
+        """Name, reason and pulses of the spot that was refused last."""
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
         self._watch: EndoscopeWatch | None = None
         """Compares the images of the markers; None: the endoscope is held."""
@@ -203,9 +205,17 @@ class RegistrationSession:
         try:
             return (yield from self._taken(name, again, check=check))
         except SpotError as problem:
-            refused = SpotRefused(name=name, reason=str(problem), pulses=self._room.fired)
-        if self._room.waits_dark or refused != self._refused:
-            self._refused = refused
+            refused = SpotRefused(
+                name=name,
+                reason=str(problem),
+                pulses=self._room.fired,
+                left_px=list(problem.places.get("left", ())),
+                right_px=list(problem.places.get("right", ())),
+            )
+        # The same reason is not said again where the same light is seen a tenth of a pixel beside.
+        said = (refused.name, refused.reason, refused.pulses)
+        if self._room.waits_dark or said != self._refused:
+            self._refused = said
             yield self._recorded(refused)
         return None
 
@@ -218,7 +228,7 @@ class RegistrationSession:
         endoscope = self._endoscope(looked)
         markers = carry(self.view.markers, now=endoscope)
         if again is None:
-            _require_new(seen, markers.seen)
+            _require_new(looked.spot, seen, markers.seen)
         elsewhere = stands_elsewhere(self.view.markers, endoscope)
         if elsewhere or self.view.displaced is not None:
             # What the markers say of this spot, they say in the frame of the camera as it stands now.
@@ -251,7 +261,8 @@ class RegistrationSession:
         if isinstance(result.estimate, Found):
             self._curve = result.estimate.curve or self._curve
         if check and len(result.candidates) != 1:
-            raise SpotError(f"the search answers {result.answer}, which checks nothing: light the spot elsewhere")
+            reason = f"the search answers {result.answer}, which checks nothing: light the spot elsewhere"
+            raise SpotError.at(looked.spot, reason)
         self._spots.require_still(looked, later)
         taken = TakenMarker(
             name=name,
@@ -457,11 +468,12 @@ class RegistrationSession:
         return Ended(registered=registered, said=f"{late}{self.view.said}; {took}", rig_s=self.view.rig_s)
 
 
-def _require_new(seen: SeenMarker, markers: Sequence[SeenMarker]) -> None:
+def _require_new(spot: Spot, seen: SeenMarker, markers: Sequence[SeenMarker]) -> None:
     """Refuse a spot whose marker was taken before."""
     for marker in markers:
         if marker.candidates and np.linalg.norm(marker.camera_m - seen.camera_m) < APART_M:
-            raise SpotError(f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm")
+            reason = f"this is the spot of marker {marker.name}: move it by more than {1e3 * APART_M:g} mm"
+            raise SpotError.at(spot, reason)
 
 
 def _missed_m(markers: Sequence[SeenMarker]) -> list[Float64[np.ndarray, " 3"]]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from markerseek.core import ConfigError, StereoPair, counted
+from markerseek.core import ConfigError, Side, StereoPair, counted
 from markerseek.registration.choice import SeenMarker
 from markerseek.registration.room import Room
 from markerseek.registration.shared_errors import seen_point
@@ -34,7 +35,7 @@ MOVED_SIGMAS = 4.0
 MOVED_PX = 0.2
 """Standard deviations, and pixels more, by which a spot may seem to move during its search."""
 
-SIDES = ("left", "right")
+SIDES: tuple[Side, Side] = ("left", "right")
 """The cameras."""
 
 _POLL_S = 0.1
@@ -49,7 +50,19 @@ class Looked:
 
 
 class SpotError(Exception):
-    """The images show no spot that can be measured, or the spot moved; a person is told, and lights it again."""
+    """The images show no spot that can be measured, or the spot moved; a person is told, and lights it again.
+
+    ``places``: where the images show what is wrong, by the camera.
+    """
+
+    def __init__(self, reason: str, *, places: Mapping[Side, Sequence[tuple[float, float]]] | None = None) -> None:
+        super().__init__(reason)
+        self.places = places or {}
+
+    @classmethod
+    def at(cls, spot: Spot, reason: str) -> Self:
+        """Return the refusal of a spot that both cameras see."""
+        return cls(reason, places={"left": [spot.left_px], "right": [spot.right_px]})
 
 
 class SpotFinder:
@@ -127,9 +140,10 @@ class SpotFinder:
         for side in SIDES:
             answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
             if not isinstance(answer, LaserSpot):
-                raise SpotError(f"{side} camera: {answer.reason}")
+                raise SpotError(f"{side} camera: {answer.reason}", places={side: answer.places_px})
             if answer.sigma_px is None:
-                raise SpotError(f"{side} camera: too few images show the spot")
+                place = (answer.x_px, answer.y_px)
+                raise SpotError(f"{side} camera: too few images show the spot", places={side: [place]})
             places.append((answer.x_px, answer.y_px))
             sigma_px = max(sigma_px, answer.sigma_px)
         return Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px, late_s=self._late_s or None)
@@ -162,9 +176,8 @@ class SpotFinder:
                 calibration_px=stereo.calibration_sigma_px,
             )
         except ConfigError as problem:
-            raise SpotError(
-                f"{str(problem).removeprefix('point 1: ')}; the images come from {self._room.images.name}"
-            ) from problem
+            reason = f"{str(problem).removeprefix('point 1: ')}; the images come from {self._room.images.name}"
+            raise SpotError.at(spot, reason) from problem
         return SeenMarker(
             name=name,
             candidates=(),
@@ -178,15 +191,16 @@ class SpotFinder:
         try:
             after = self._after(looked, later)
         except SpotError as problem:
-            raise SpotError(f"the spot was not seen after its search: {problem}") from problem
+            raise SpotError(f"the spot was not seen after its search: {problem}", places=problem.places) from problem
         sigma_px = math.hypot(looked.spot.sigma_px, after.sigma_px)
         for side in SIDES:
             apart = np.subtract(getattr(looked.spot, f"{side}_px"), getattr(after, f"{side}_px"))
             moved_px = float(np.linalg.norm(apart))
             if not moved_px <= MOVED_SIGMAS * sigma_px + MOVED_PX:
-                raise SpotError(
+                raise SpotError.at(
+                    after,
                     f"the spot moved by {moved_px:.1f} px in the {side} image during its search, which it is known to "
-                    f"within {sigma_px:.2f} px; hold laser, tissue and camera still"
+                    f"within {sigma_px:.2f} px; hold laser, tissue and camera still",
                 )
 
     def _after(self, looked: Looked, later: Sequence[StereoPair]) -> Spot:

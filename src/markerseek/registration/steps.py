@@ -88,6 +88,9 @@ class SpotRefused(msgspec.Struct, frozen=True, kw_only=True, tag="spot-refused")
     reason: str
     pulses: int | None = None
     """Pulses for the cameras since the person said that the spot is set; None: the laser fires while it waits."""
+    left_px: list[tuple[float, float]] = []
+    right_px: list[tuple[float, float]] = []
+    """``left_px`` and ``right_px``: where the images show what is wrong; empty if they show nothing."""
 
 
 class SpotSeen(msgspec.Struct, frozen=True, kw_only=True, tag="spot"):

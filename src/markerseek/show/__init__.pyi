@@ -11,6 +11,7 @@ from .files import (
     write_page,
 )
 from .flat import flat_answer, flat_result
+from .follow_picture import FollowedMoment, follow_figure
 from .frame_picture import frame_figure, peak_figure
 from .grey import RANGE_DB, grey_levels
 from .log import STOPPED, event_line
@@ -54,6 +55,7 @@ __all__ = [
     "DrawnAngle",
     "DrawnCurve",
     "DrawnInterval",
+    "FollowedMoment",
     "Mark",
     "Rows",
     "SearchResult",
@@ -77,6 +79,7 @@ __all__ = [
     "event_line",
     "flat_answer",
     "flat_result",
+    "follow_figure",
     "frame_figure",
     "grey_levels",
     "interval_text",

@@ -74,6 +74,8 @@ class NoSpot:
     """There is no spot that can be measured, and why."""
 
     reason: str
+    places_px: tuple[tuple[float, float], ...] = ()
+    """Pixels (x, y) of what was taken for a spot; empty if nothing was."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +126,7 @@ def find_spot(
     first = (int(column), int(row))
     spot = _fitted(mean, gray, first)
     if spot is None:
-        return NoSpot(reason=_no_form(gray, first))
+        return NoSpot(reason=_no_form(gray, first), places_px=((float(first[0]), float(first[1])),))
     second = _second(height, spot, first, level=max(level, SECOND_SHARE * peak))
     if second is not None:
         return TwoSpots(places_px=((float(first[0]), float(first[1])), second))
@@ -230,7 +232,8 @@ def _judged(spot: _Fit, frames: list[Float32[np.ndarray, " pixels"]]) -> SpotAns
     if count < _MIN_SHARE * len(frames):
         return NoSpot(
             reason=f"the spot is seen in {count} of {len(frames)} frames, {_MIN_SHARE:.0%} are needed; keep the "
-            "laser on while the camera records"
+            "laser on while the camera records",
+            places_px=((spot.x_px, spot.y_px),),
         )
     if count < 3:
         return LaserSpot(x_px=spot.x_px, y_px=spot.y_px, sigma_px=None, frames=count)
@@ -240,7 +243,8 @@ def _judged(spot: _Fit, frames: list[Float32[np.ndarray, " pixels"]]) -> SpotAns
     if not scatter_px <= MAX_MOTION_PX:
         return NoSpot(
             reason=f"the spot moves by {scatter_px:.1f} px from frame to frame, {MAX_MOTION_PX:g} px is the limit; "
-            "hold camera and laser still"
+            "hold camera and laser still",
+            places_px=((spot.x_px, spot.y_px),),
         )
     sigma_px = math.hypot(scatter_px / math.sqrt(count), spot.systematic_px)
     return LaserSpot(x_px=spot.x_px, y_px=spot.y_px, sigma_px=sigma_px, frames=count)

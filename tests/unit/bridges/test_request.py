@@ -100,14 +100,34 @@ def test_link_and_command_line_hold_all_settings_of_a_session(values):
     assert not any(each.startswith(("--simulate", "--seed", "--tissue", "--pace")) for each in devices)
 
 
+def test_a_session_has_a_target_that_link_and_command_line_hold():
+    usual = SessionRequest()
+    chosen = usual.changed(target_mm="-5, 0 40.5", seed=3)
+    assert chosen.plan.target_trus_m == pytest.approx((-5e-3, 0.0, 40.5e-3))
+    assert usual.with_query(dict(parse_qsl(chosen.query(usual=usual)))) == (chosen, ())
+    assert chosen.arguments() == ["--simulate", "--seed=3", "--target-mm", "-5", "0", "40.5"]
+    assert chosen.changed(target_mm=" ").plan.target_trus_m is None
+    assert chosen.changed(seed=4).plan.target_trus_m == chosen.plan.target_trus_m
+
+
 @pytest.mark.parametrize(
-    ("name", "value"), [("tre_mm", "0"), ("tre_mm", "nan"), ("markers", "2"), ("markers", "3.5"), ("wait_s", "-1")]
+    ("name", "value"),
+    [
+        ("target_mm", "1 2"),
+        ("target_mm", "a b c"),
+        ("target_mm", "1 2 nan"),
+        ("tre_mm", "0"),
+        ("tre_mm", "nan"),
+        ("markers", "2"),
+        ("markers", "3.5"),
+        ("wait_s", "-1"),
+    ],
 )
 def test_a_link_with_a_setting_that_no_session_has_is_named(name, value):
     usual = SessionRequest()
     settings, (problem,) = usual.with_query({name: value})
     assert settings == usual
-    assert problem.startswith(f"{name} is ")
+    assert problem.removeprefix("--").replace("-", "_").startswith(f"{name} is ")
 
 
 def test_change_is_checked():

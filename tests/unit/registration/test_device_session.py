@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from markerseek import rigs
+from markerseek.core import StereoPair
 from markerseek.drivers import Kdc101Stage, LaserBox, SonixDaqReceiver, SonixDaqSettings
 from markerseek.emulators import EmulatedBench, EmulatedEndoscope
 from markerseek.guard import Admission, FiringLimits, Guard
@@ -25,6 +27,7 @@ from markerseek.registration import (
     TakenMarker,
     Waiting,
 )
+from markerseek.registration.room import SHOWN_S
 from markerseek.rigs import image_reader
 from markerseek.scan import Scanner
 from markerseek.sim import MarkerSettings, ReceiverSettings, SimulatedSettings
@@ -194,4 +197,19 @@ def test_devices_are_checked_by_a_spot_that_takes_no_part_and_whose_search_is_no
     assert check.off_m < 2 * check.expected95_m < 8e-3
     [seen] = [step for step in steps if isinstance(step, SpotSeen) and step.name == check.name == "check-1"]
     assert seen.prediction is None
+    assert not emulated.laser_box.permitted
+
+
+def test_the_images_are_live_while_a_person_moves_the_spot_in_the_dark(tmp_path: Path) -> None:
+    person, emulated = room(tmp_path, wait_s=4.0)
+    shown: list[StereoPair] = []
+    person.show = shown.append
+    # Nobody says that it is set.
+    person.is_set = lambda: False
+    person.endoscope.images.show(None)
+    begun_s = person.rig.scanner.clock.now_s()
+    assert not person.ask(Waiting(name="1", place=None, said="light a spot", dark=True))
+    waited_s = person.rig.scanner.clock.now_s() - begun_s
+    assert len(shown) == pytest.approx(waited_s / SHOWN_S, abs=2)
+    assert [each.at_s for each in shown] == sorted({each.at_s for each in shown})
     assert not emulated.laser_box.permitted

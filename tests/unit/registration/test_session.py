@@ -97,25 +97,31 @@ def steps_until(kind: type[Step], room: FaultyRoom) -> list[Step]:
 
 
 @pytest.mark.parametrize(
-    ("faults", "said"),
+    ("faults", "said", "seen"),
     [
-        ({"saturated": "left"}, "left camera"),
-        ({"occluded": "right"}, "right camera"),
-        ({"reflection": "laser"}, "two places are about as bright"),
-        ({"settings": structs.replace(SOUND, dropped_share=1.0)}, "0 image pairs came within 3 s"),
-        ({"delay_frames": 100}, "0 image pairs came within 3 s"),
+        ({"saturated": "left"}, "left camera", 0),
+        ({"occluded": "right"}, "right camera", 0),
+        ({"reflection": "laser"}, "two places are about as bright", 2),
+        ({"settings": structs.replace(SOUND, dropped_share=1.0)}, "0 image pairs came within 3 s", 0),
+        ({"delay_frames": 100}, "0 image pairs came within 3 s", 0),
     ],
 )
 def test_images_that_show_no_spot_are_said_and_the_session_goes_on_when_they_do(
-    faults: dict[str, Any], said: str
+    faults: dict[str, Any], said: str, seen: int
 ) -> None:
     steps = steps_until(SpotSeen, FaultyRoom(**faults))
     refused = [step for step in steps if isinstance(step, SpotRefused)]
     assert len(refused) == 1
     assert said in refused[0].reason
+    places = [*refused[0].left_px, *refused[0].right_px]
+    assert len(places) == seen
     # Nothing was accepted before, and the same marker is seen as soon as the fault is gone.
     assert isinstance(steps[-1], SpotSeen)
     assert steps[-1].name == refused[0].name == "1"
+    # One of two places that are about as bright is the spot; the other one is its reflection.
+    if places:
+        apart_px = [np.linalg.norm(np.subtract(each, steps[-1].spot.left_px)) for each in places]
+        assert min(apart_px) < 2 < 20 < max(apart_px)
 
 
 @pytest.mark.parametrize(
@@ -137,6 +143,10 @@ def test_a_spot_that_moves_by_two_millimetres_during_its_search_is_said_and_take
     refused = [step for step in steps if isinstance(step, SpotRefused)]
     assert len(refused) == 1
     assert "moved by 2" in refused[0].reason
+    # Where it was seen after the move.
+    assert isinstance(steps[-1], TakenMarker)
+    for side in ("left_px", "right_px"):
+        assert getattr(refused[0], side)[0] == pytest.approx(getattr(steps[-1].spot, side), abs=40)
     assert "during its search" in refused[0].reason
     assert isinstance(steps[-1], TakenMarker)
     assert steps[-1].answer == "found"

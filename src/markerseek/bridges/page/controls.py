@@ -28,7 +28,7 @@ _SIMULATED = ("tissue", "snr_db", "readout_s", "seed", "pace")
 """Settings of a simulated rig."""
 
 _SEARCH = ("method", "acquisitions", "tolerance_mm", "as_published", "sweep", *_SIMULATED)
-_REGISTRATION = ("tre_mm", "markers", "sweep", "again", "check", "seed", "pace")
+_REGISTRATION = ("tre_mm", "target_mm", "markers", "sweep", "again", "check", "seed", "pace")
 
 _CHOICES: dict[str, Mapping[Any, str]] = {
     "method": {each.name: each.name for each in METHODS},
@@ -39,6 +39,7 @@ _CHOICES: dict[str, Mapping[Any, str]] = {
 
 _LABELS = {
     "tre_mm": "TRE [mm]",
+    "target_mm": "target X Y Z [mm]",
     "tolerance_mm": "± [mm]",
     "snr_db": "SNR [dB]",
     "readout_s": "receiver",
@@ -92,7 +93,7 @@ class Settings:
     def _add(self, name: str) -> None:
         label = _label(name)
         value = self._values[name]
-        field: ui.select | ui.checkbox | ui.number
+        field: ui.select | ui.checkbox | ui.number | ui.input
         given: dict[str, Any] = {"value": value, "on_change": lambda event: self._set(name, event.value)}
         if name in _CHOICES:
             # A link may hold a value that is not in the list.
@@ -100,6 +101,8 @@ class Settings:
             field = ui.select(known, label=label, **given)
         elif isinstance(value, bool):
             field = ui.checkbox(label, **given)
+        elif self._options[name].kind is str:
+            field = ui.input(label, placeholder=self._options[name].shown, **given).props("debounce=300 stack-label")
         else:
             field = ui.number(label, placeholder=self._options[name].shown, **given).props("debounce=300 stack-label")
         field.props("dense outlined options-dense no-error-icon hide-bottom-space").tooltip(self._options[name].help)

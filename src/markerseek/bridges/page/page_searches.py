@@ -232,16 +232,26 @@ class ChildRegistration(ChildSearch):
             return session_verdict(self.view, next_step=self.next_step)
         return self.verdict(None)
 
+    def _look_at_images(self) -> None:
+        """Note when the newest images were written."""
+        with suppress(FileNotFoundError):
+            # The right one is the last to be written.
+            self.images_ns = (self.journal / CAMERA_IMAGES[1]).stat().st_mtime_ns
+
     def _take(self, child: ChildRun) -> None:
         def is_searched() -> bool:
             return not child.running or (self.run is not None and self.run.last.over)
 
         folder = self.journal
         self.view = SessionView(source=folder)
-        for step in child.beating(follow_session(folder, is_over=lambda: not child.running, wait=child.wait)):
-            with suppress(FileNotFoundError):
-                # The right one is the last to be written.
-                self.images_ns = (folder / CAMERA_IMAGES[1]).stat().st_mtime_ns
+
+        def wait() -> None:
+            # Also while no step comes: the images are live while a person moves the spot.
+            self._look_at_images()
+            child.wait()
+
+        for step in child.beating(follow_session(folder, is_over=lambda: not child.running, wait=wait)):
+            self._look_at_images()
             self.view = next_view(self.view, step)
             if isinstance(step, SpotSeen) and step.journal is not None:
                 self.run = None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import textwrap
 from dataclasses import replace
 from functools import lru_cache
 from html import escape
@@ -97,6 +99,7 @@ def session_marks(view: SessionView, side: Side) -> str:
             for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))
         )
         parts.append(f'<path class="ms-mark-spot" d="{arms}"/>')
+    parts.append(_refusal(view, side, width))
     label = f"marks over the {side} image"
     return f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
@@ -118,6 +121,28 @@ def _in_view(view: SessionView) -> list[TakenMarker]:
 def _calibration(text: str) -> StereoSettings:
     """Return a calibration from the text in which a session holds it."""
     return msgspec.json.decode(text, type=StereoSettings)
+
+
+def _refusal(view: SessionView, side: Side, width: int) -> str:
+    """Draw where the images show why the last spot was not accepted, with the reason below the first of the places."""
+    places = [] if view.refused is None else getattr(view.refused, f"{side}_px")
+    if view.refused is None or not places:
+        return ""
+    rings = [_circle("refused", x, y, width / 32) for x, y in places]
+    # Up to its cure: the whole of it stands in the verdict.
+    reason = re.split("[;:] ", view.refused.reason.removeprefix(f"{side} camera: "))[0]
+    x, y = places[0]
+    at = min(max(x, 0.3 * width), 0.7 * width)
+    lines = [
+        f'<text class="ms-mark-why" text-anchor="middle" x="{at:.1f}" y="{y + width / 32 + number * width / 28:.1f}" '
+        f'font-size="{width // 32}">{escape(line)}</text>'
+        for number, line in enumerate(textwrap.wrap(reason, _REASON_LETTERS), start=1)
+    ]
+    return "".join([*rings, *lines])
+
+
+_REASON_LETTERS = 28
+"""Letters of a line of a reason in the image: half of its width."""
 
 
 def _check(check: SpotCheck, stereo: StereoSettings, side: Side, width: int) -> str:

@@ -508,7 +508,7 @@ def kept_session(tmp_path, monkeypatch, *, ended=True):
 )
 def test_a_session_that_is_kept_is_continued_as_its_record_says(tmp_path, monkeypatch, further, options):
     folder = kept_session(tmp_path, monkeypatch)
-    shared, asked = searches([ScriptedChild(endless=True)], tmp_path, monkeypatch)
+    shared, asked = searches([RunningSession(endless=True)], tmp_path, monkeypatch)
     shared.continue_session(folder, further, usual=USUAL_REGISTRATION, asked_by=BROWSER)
     [command] = asked
     assert command[:2] == ["register", "--simulate"]
@@ -552,3 +552,18 @@ def test_a_session_of_sweeps_is_continued_by_sweeps(tmp_path, monkeypatch):
     shared, asked = searches([ScriptedChild()], tmp_path, monkeypatch)
     shared.continue_session(folder, "go on", usual=USUAL_REGISTRATION, asked_by=BROWSER)
     assert "--sweep" not in asked[0]
+
+
+def test_the_images_of_the_cameras_are_live_while_a_session_waits(tmp_path):
+    folder = tmp_path / "session"
+    begin(folder)
+    live = ChildRegistration(
+        RunningSession(endless=True), asked=USUAL_REGISTRATION, journal=folder, goes_on=["register"], simulated=False
+    )
+    for content in (b"a", b"b"):
+        before = live.images_ns
+        (folder / "right.jpg").write_bytes(content)
+        # No step comes meanwhile.
+        wait_until(lambda before=before: live.images_ns != before)
+        assert live.images_ns == (folder / "right.jpg").stat().st_mtime_ns
+    live.stop()

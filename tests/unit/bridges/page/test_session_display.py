@@ -129,3 +129,23 @@ def test_a_session_that_waits_in_the_dark_says_what_to_press():
     dark = view.after(Waiting(name="1", place=None, said="light a spot", dark=True))
     assert "Spot is set" not in session_verdict(lit, next_step="").turn
     assert "the laser is dark: press Spot is set once it is there" in session_verdict(dark, next_step="").turn
+
+
+def test_the_reason_of_a_refusal_is_drawn_at_its_place_in_the_image_that_shows_it():
+    reason = "left camera: two places are about as <bright>, at (300, 180) and (210, 140) px; cover reflections"
+    refused = SpotRefused(name="1", reason=reason, left_px=[(300.0, 180.0), (1270.0, 140.0)])
+    state = SessionView().after(BEGUN).after(Waiting(name="1", place=None, said="light a spot")).after(refused)
+    left = session_marks(state, "left")
+    rings = re.findall(r'class="ms-mark-refused" cx="(\S+)" cy="(\S+)"', left)
+    assert rings == [("300.0", "180.0"), ("1270.0", "140.0")]
+    text = " ".join(re.findall(r'ms-mark-why"[^>]*>([^<]*)<', left))
+    assert text.startswith("two places are about as &lt;bright&gt;, at (300, 180)")
+    assert text.count("two places") == 1
+    # What to do stands in the verdict, and nothing is drawn where nothing is seen.
+    assert "cover" not in text
+    assert "ms-mark-refused" not in session_marks(state, "right")
+    # Of a text at the edge nothing is cut off.
+    places = [float(x) for x in re.findall(r'text-anchor="middle" x="(\S+)"', left)]
+    assert 0.3 * 1280 <= min(places) <= max(places) <= 0.7 * 1280
+    accepted = state.after(SpotSeen(name="1", spot=SPOT, camera_m=(0.0, 0.0, 0.1), prediction=None, journal=None))
+    assert "ms-mark-refused" not in session_marks(accepted, "left")

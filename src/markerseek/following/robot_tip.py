@@ -1,0 +1,68 @@
+"""The tip of an instrument as a robot reports it, and a point that a person names: sources that need no light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from markerseek.core import Clock, ConfigError, Float64, is_finite
+from markerseek.drivers import PoseReader
+from markerseek.following.target import Target
+
+TIP_SIGMA_M = 0.2e-3
+"""Standard deviation of a reported tip from one message to the next, along each direction. What its links are off by is
+the same in all messages, and not known here."""
+
+
+class RobotTip:
+    """A `TargetSource` of the poses of a robot in the frame of the left camera.
+
+    ``offset_mm``: from the frame that it reports to the tip, in that frame.
+    """
+
+    def __init__(self, poses: PoseReader, clock: Clock, *, offset_mm: tuple[float, float, float]) -> None:
+        if not all(is_finite(each) for each in offset_mm):
+            raise ConfigError(f"tool_offset_mm is {offset_mm}, its coordinates must be finite")
+        self.name = f"the tip by {poses.name}"
+        self._poses = poses
+        self._clock = clock
+        self._offset_mm = np.array(offset_mm)
+        self._heard_s = clock.now_s()
+
+    def newest(self) -> Target | None:
+        """The tip of the newest pose since the last call; None: none came, or it is not valid."""
+        came, matrix = self._poses.read()
+        if came:
+            self._heard_s = self._clock.now_s()
+        if matrix is None:
+            return None
+        place_mm = matrix[:3, :3] @ self._offset_mm + matrix[:3, 3]
+        return Target(at_s=self._clock.now_s(), camera_m=1e-3 * place_mm, covariance_m2=np.eye(3) * TIP_SIGMA_M**2)
+
+    @property
+    def heard_s(self) -> float:
+        """When anything came last."""
+        return self._heard_s
+
+    def close(self) -> None:
+        """Leave the network; allowed twice."""
+        self._poses.close()
+
+
+class FixedPoint:
+    """A `TargetSource` of one point of the left camera's frame."""
+
+    def __init__(self, clock: Clock, *, camera_mm: tuple[float, float, float]) -> None:
+        if not all(is_finite(each) for each in camera_mm):
+            raise ConfigError(f"point is {camera_mm} mm, its coordinates must be finite")
+        self.name = "the point {:g}, {:g}, {:g} mm of the left camera".format(*camera_mm)
+        self._clock = clock
+        self._camera_m: Float64[np.ndarray, " 3"] = 1e-3 * np.array(camera_mm)
+
+    def newest(self) -> Target:
+        """The point, which stays in the camera's frame."""
+        return Target(at_s=self._clock.now_s(), camera_m=self._camera_m, covariance_m2=np.zeros((3, 3)))
+
+    @property
+    def heard_s(self) -> float:
+        """The present: there is no link."""
+        return self._clock.now_s()

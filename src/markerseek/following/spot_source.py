@@ -1,0 +1,84 @@
+"""The laser spot as both cameras see it in the pulses of one look; the probe hears the same pulses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from markerseek.core import AcquisitionError, StereoPair
+from markerseek.following.target import Look, Target
+from markerseek.registration import Room, Spot, SpotError, SpotFinder
+from markerseek.vision import LaserSpot, find_spot, lit_pairs
+
+DARK_PAIRS = 3
+"""Image pairs with the laser off that are subtracted."""
+
+LATE_S = 0.5
+"""Longest time for which light is awaited in the images, in seconds."""
+
+ALONE_PX = 0.5
+"""Standard deviation of a spot in a look with too few images to tell it."""
+
+_POLL_S = 0.05
+
+
+class SpotSource:
+    """A `LitSource` of the cameras and the laser of a room."""
+
+    name = "the laser spot"
+
+    def __init__(self, room: Room) -> None:
+        self._room = room
+        self._finder = SpotFinder(room)
+        self.dark: list[StereoPair] = []
+        """Newest pairs with the laser off."""
+
+    def look(self, pulses: int) -> Look:
+        """Fire so many pulses, look at the images, and read the frame of the same pulses."""
+        self._take_dark()
+        scanner = self._room.rig.scanner
+        began_s = scanner.clock.now_s()
+        try:
+            sample = scanner.look(pulses)
+        except AcquisitionError:
+            # The cameras have seen the pulses all the same.
+            sample = None
+        ended_s = scanner.clock.now_s()
+        lit: list[StereoPair] = []
+        pairs = list(self._room.images.newest())
+        while not (lit := lit_pairs(pairs, self.dark)) and scanner.clock.now_s() - ended_s < LATE_S:
+            scanner.clock.wait(_POLL_S)
+            pairs += self._room.images.newest()
+        if not lit:
+            return Look(target=None, reason="no light is seen in the images", sample=sample)
+        try:
+            seen = self._finder.seen("spot", self._spot(lit))
+        except SpotError as problem:
+            return Look(target=None, reason=str(problem), sample=sample)
+        target = Target(at_s=(began_s + ended_s) / 2, camera_m=seen.camera_m, covariance_m2=seen.camera_covariance_m2)
+        return Look(target=target, sample=sample)
+
+    def _take_dark(self) -> None:
+        """Keep the newest pairs with the laser off."""
+        clock = self._room.rig.scanner.clock
+        pairs = list(self._room.images.newest())
+        ends_s = clock.now_s() + LATE_S
+        while len(self.dark) + len(pairs) < DARK_PAIRS and clock.now_s() < ends_s:
+            clock.wait(_POLL_S)
+            pairs += self._room.images.newest()
+        lit = lit_pairs(pairs, self.dark) if self.dark else []
+        dark = [pair for pair in pairs if not any(pair is each for each in lit)]
+        self.dark = [*self.dark, *dark][-DARK_PAIRS:]
+        if len(self.dark) < DARK_PAIRS:
+            raise AcquisitionError(f"{self._room.images.name}: too few image pairs come; check that both cameras send")
+
+    def _spot(self, lit: Sequence[StereoPair]) -> Spot:
+        """The spot in pairs with light; `SpotError` if there is none."""
+        places = []
+        sigma_px = 0.0
+        for side in ("left", "right"):
+            answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in self.dark])
+            if not isinstance(answer, LaserSpot):
+                raise SpotError(f"{side} camera: {answer.reason}")
+            places.append((answer.x_px, answer.y_px))
+            sigma_px = max(sigma_px, ALONE_PX if answer.sigma_px is None else answer.sigma_px)
+        return Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px)
