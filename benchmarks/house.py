@@ -297,10 +297,14 @@ def _defined(node: ast.stmt) -> list[str]:
     return []
 
 
+FOREIGN = ("--force-reinstall", "--list-devices", "--ros-args", "--frame-id", "--child-frame-id", "--ms-")
+"""Begin the options of other programs, and the variables of style sheets."""
+
+
 def option_messages(checkout: Checkout) -> list[str]:
     """Texts below `cli`, docstrings apart, that name an option or a command, which is a file of `cli`."""
     commands = "|".join(module.path.stem for module in checkout.modules if module.floor == "cli")
-    named = re.compile(rf"(?<![\w-])--[a-z]|\bmarkerseek ({commands or '-'})\b")
+    named = re.compile(rf"(?<![\w-])(?!{'|'.join(FOREIGN)})--[a-z]|\bmarkerseek ({commands or '-'})\b")
     return [
         f"{module.path}:{node.lineno}"
         for module in checkout.below_cli
@@ -311,11 +315,11 @@ def option_messages(checkout: Checkout) -> list[str]:
 
 
 def _texts(tree: ast.Module) -> Iterator[tuple[ast.expr, str]]:
-    """Yield each text of a module but its docstrings, a formatted one as a whole, with blanks for its values."""
+    """Yield each text of a module but its docstrings, a formatted one as a whole, with an ellipsis for each value."""
     passed = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
-            parts = [part.value if isinstance(part, ast.Constant) else " " for part in node.values]
+            parts = [part.value if isinstance(part, ast.Constant) else "…" for part in node.values]
             passed |= {id(part) for part in node.values}
             yield node, "".join(map(str, parts))
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in passed:
@@ -405,7 +409,7 @@ ROWS = (
     Row(name="the same with those of core", most=25, places=traced_frame_returns),
     Row(name="rooms that a search imports", most=20, places=rooms_of_search),
     Row(name="public names that stand in two rooms", most=25, places=names_in_two_rooms, kept=True),
-    Row(name="messages below cli that name an option or a command", most=0, places=option_messages),
+    Row(name="messages below cli that name an option or a command", most=0, places=option_messages, kept=True),
     Row(name="assignments packed in one line", most=60, places=packed_assignments, kept=True),
 )
 

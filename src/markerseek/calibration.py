@@ -55,14 +55,14 @@ def fit_moveout(
     if len(arrivals_s) < 3:
         raise SearchError(
             f"{len(arrivals_s)} angles near the strongest show one clear wave front, at least 3 are needed; step finer "
-            "there, average more pulses, and check that the source is one point and --probe is right"
+            "there, average more pulses, and check that the source is one point and `probe` is right"
         )
     single = [_fit_frame(arrival, element_m) for arrival in arrivals_s]
     information = np.array([each.information for each in single])
     if np.linalg.matrix_rank(information.sum(axis=0)) < 2:
         raise SearchError(
             "the wave fronts do not bend, as if the source were infinitely far away; check that the channels are those "
-            "of an array, and that --probe is right"
+            "of an array, and that `probe` is right"
         )
     # Mean of the frames weighted by their information: speed and range of one frame are strongly correlated.
     total = np.linalg.inv(information.sum(axis=0))
@@ -75,7 +75,7 @@ def fit_moveout(
     if not 1.3 <= speed <= 1.8:
         raise SearchError(
             f"the wave fronts bend as with {1e3 * speed:.0f} m/s, and tissue has 1300 to 1800 m/s; check that the "
-            "source is one point and --probe is right"
+            "source is one point and `probe` is right"
         )
     unit = np.array([1e3, 1e-3])
     return Moveout(

@@ -266,12 +266,12 @@ def test_only_computers_that_are_allowed_are_served(own_address: str) -> None:
         IgtlClient(served.port) as local,
     ):
         assert other.recv(1) == b""
-        assert served.noted("refused, --allow does not name it")
+        assert served.noted("refused, it is none of the computers that may connect")
         assert "heard" in local.ask('<Command Name="A" />')
 
 
 @pytest.mark.parametrize("host", ["0", "0.0.0.0", "0x0", "00.0", "::", "::0"])
 def test_an_address_that_others_reach_needs_those_that_may_however_it_is_spelt(host: str) -> None:
     server = IgtlServer(on_request=lambda _request: CommandAnswer(done=True, sentence=""))
-    with pytest.raises(ConfigError, match=r"is (0\.0\.0\.0|::), which other computers reach, .* with --allow ADDRESS"):
+    with pytest.raises(ConfigError, match=r"is (0\.0\.0\.0|::), which other computers reach, .* `allowed=ADDRESS`"):
         asyncio.run(server.open(host, 0))

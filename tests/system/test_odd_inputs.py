@@ -101,9 +101,9 @@ def test_where_nothing_can_be_written_nothing_is_begun(shell: Shell, words: tupl
 def test_a_rig_file_and_a_study_file_in_the_place_of_one_another_are_known(shell: Shell) -> None:
     rig, study = EXAMPLES / "rigs" / "simulated.toml", EXAMPLES / "studies" / "quick.toml"
     code, _, err = shell("study", rig)
-    assert (code, "it is a rig file: 'markerseek search --rig'" in err) == (2, True), err
+    assert (code, "it is a rig file; search on it: 'markerseek search'" in err) == (2, True), err
     code, _, err = shell("search", "--rig", study)
-    assert (code, "it is a study file; run 'markerseek study'" in err) == (2, True), err
+    assert (code, "it is a study file; run it: 'markerseek study " in err) == (2, True), err
 
 
 @pytest.mark.parametrize(("words", "options"), NUMBERS, ids=lambda words: " ".join(map(str, words[:2])))

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from markerseek.cli.in_options import in_options
 from markerseek.cli.terminal import print_warning
 
 _ALL = logging.getLogger("markerseek")
@@ -17,7 +18,7 @@ class _Terminal(logging.Handler):
     """Prints each sentence once: a command may read a file twice."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        message = record.getMessage()
+        message = in_options(record.getMessage())
         if message not in _said:
             _said.append(message)
             print_warning(message)

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import registration
+from markerseek.cli.in_options import in_options
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.registering import SessionArguments, SessionOver, SessionPlace, require_no_session, run_session
 from markerseek.cli.registration_report import write_report
@@ -271,7 +272,7 @@ def _shown(
         answer = f"[bold yellow]registered above the goal of {1e3 * above_goal_m:g} mm[/]"
     yield f"{answer}: {escape(title)}, {len(report.points)} points"
     if report.reason is not None:
-        yield escape(report.reason)
+        yield escape(in_options(report.reason))
     yield facts([*report_rows(report), *more])
     yield table(
         {

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from markerseek._version import __version__
+from markerseek.cli.in_options import in_options
 from markerseek.cli.notes import notes_said
 from markerseek.cli.terminal import new_table, print_json, stderr, stdout
 from markerseek.core import ConfigError
@@ -121,7 +122,7 @@ def facts(rows: Iterable[tuple[str, str | Text | None]]) -> Table:
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in rows:
         if value is not None:
-            table.add_row(f"[dim]{escape(name)}[/]", value if isinstance(value, Text) else escape(value))
+            table.add_row(f"[dim]{escape(name)}[/]", value if isinstance(value, Text) else escape(in_options(value)))
     return table
 
 

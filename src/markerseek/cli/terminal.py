@@ -30,6 +30,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from markerseek.cli.in_options import in_options
 from markerseek.core import ConfigError, MarkerseekError
 
 if TYPE_CHECKING:
@@ -132,9 +133,10 @@ def scaled(option: str, value: float | None, unit: float, *, most: float) -> flo
 
 def print_error(error: MarkerseekError, *, as_json: bool) -> None:
     """Print an error on standard error, and as a JSON object on standard output if asked."""
-    stderr.print(f"[bold red]error:[/] {escape(str(error))}")
+    message = in_options(str(error))
+    stderr.print(f"[bold red]error:[/] {escape(message)}")
     if as_json:
-        print_json({"error": str(error), "kind": type(error).__name__})
+        print_json({"error": message, "kind": type(error).__name__})
 
 
 class ProgressLines:
@@ -211,7 +213,7 @@ def show_view(progress: Progress, view: RunView, *, done: int | None = None) -> 
 
 def print_warning(message: Warning | str, *_where: object, **_more: object) -> None:
     """Print a warning on standard error, without the line of code that Python adds."""
-    stderr.print(f"[yellow]warning:[/] {escape(str(message))}")
+    stderr.print(f"[yellow]warning:[/] {escape(in_options(str(message)))}")
 
 
 @cache

@@ -393,7 +393,7 @@ class SimulationOptions(SceneOptions, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.no_marker and (self.marker_deg, self.second_marker_deg) != (None, None):
-            raise ConfigError("--no-marker contradicts --marker-deg and --second-marker-deg; leave it or them out")
+            raise ConfigError("`no_marker` contradicts `marker_deg` and `second_marker_deg`; leave it or them out")
         super().__post_init__()
 
 

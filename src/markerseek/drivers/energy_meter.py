@@ -97,7 +97,7 @@ class EnergyMeter:
         if not hasattr(type(self._receiver), "begin_sweep"):
             raise ConfigError(
                 f"this rig cannot sweep: its receiver ({type(self._receiver).__name__}) only works with the probe at "
-                "rest; leave --sweep out"
+                "rest; leave `sweep` out"
             )
         return cast("SweepingReceiver", self._receiver)
 

@@ -399,7 +399,7 @@ class Ros2Acquisition:
             clock,
             found,
             missing=f"receiver: no acquisition node on {settings.request_topic}",
-            cure="start markerseek ros2 acquire, and compare topics",
+            cure="start the acquisition node, and compare topics",
             connect_s=settings.connect_s,
         )
 

@@ -281,7 +281,7 @@ class SonixDaqReceiver:
             raise ConfigError(
                 "this rig cannot sweep: its SonixDAQ records a fixed number of pulses, so that a trigger that is lost "
                 'or doubled would not show; have it record as many as it is triggered (receiver.frames = "triggered"), '
-                "or leave --sweep out"
+                "or leave `sweep` out"
             )
         return self._settings.sweep_period_s
 

@@ -119,4 +119,4 @@ def require_target(target_trus_m: tuple[float, float, float] | None) -> None:
     """Refuse a target that is no place; None is the usual one."""
     if target_trus_m is not None and not all(is_finite(each) for each in target_trus_m):
         given = " ".join(f"{1e3 * each:g}" for each in target_trus_m)
-        raise ConfigError(f"--target-mm is {given}, its coordinates must be finite")
+        raise ConfigError(f"`target_mm` is {given}, its coordinates must be finite")

@@ -50,7 +50,7 @@ def point_pairs(
     kinds, rows = _table(points)
     if searches and len(searches) != len(rows):
         raise ConfigError(
-            f"{len(searches)} searches and {len(rows)} rows of {points}; give --journal once for each row, in order"
+            f"{len(searches)} searches and {len(rows)} rows of {points}; give `searches` once for each row, in order"
         )
     _require_columns(points, kinds, searched=bool(searches), stereo=stereo is not None)
     found: Sequence[Path | None] = searches or [None] * len(rows)
@@ -112,13 +112,13 @@ def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: Ste
     """
     for folder in (left, right):
         if not folder.is_dir():
-            raise ConfigError(f"--frames: {folder} is no folder; name that of the left and that of the right camera")
+            raise ConfigError(f"`frames`: {folder} is no folder; name that of the left and that of the right camera")
     names = [[each.name for each in in_natural_order(side.iterdir()) if each.is_dir()] for side in (left, right)]
     journals = sorted((path.stem for path in searches), key=natural)
     if not names[0] == names[1] == journals:
         raise ConfigError(
             f"markers: {left} holds {', '.join(names[0]) or 'none'}; {right} {', '.join(names[1]) or 'none'}; "
-            f"--journal names {', '.join(journals) or 'none'}; give each marker a folder "
+            f"`searches` names {', '.join(journals) or 'none'}; give each marker a folder "
             "on both sides, and a journal of its name"
         )
     pairs = []
@@ -179,19 +179,19 @@ def _spot(folder: Path, camera: Camera) -> tuple[tuple[float, float], float]:
 def _require_columns(points: Path, kinds: Collection[str], *, searched: bool, stereo: bool) -> None:
     """Refuse a table whose columns do not go with the options."""
     if searched and "trus_m" in kinds:
-        raise ConfigError(f"{points}: it has the columns trus_x_m …, and --journal gives the same; leave one out")
+        raise ConfigError(f"{points}: it has the columns trus_x_m …, and `searches` gives the same; leave one out")
     if not searched and "trus_m" not in kinds:
         raise ConfigError(
             f"{points}: the columns trus_x_m, trus_y_m, trus_z_m are missing; add them, or name the searches by "
-            "--journal"
+            "`searches`"
         )
     if stereo and "pixels" not in kinds:
-        raise ConfigError(f"{points}: --cameras needs the columns left_x_px, left_y_px, right_x_px, right_y_px")
+        raise ConfigError(f"{points}: `stereo` needs the columns left_x_px, left_y_px, right_x_px, right_y_px")
     if stereo and "camera_m" in kinds:
         raise ConfigError(f"{points}: it has camera points and pixels; leave the columns of one out")
     if not stereo and "camera_m" not in kinds:
         if "pixels" in kinds:
-            raise ConfigError(f"{points}: it has pixels; name the calibration of the endoscope by --cameras FILE")
+            raise ConfigError(f"{points}: it has pixels; name the calibration of the endoscope by `stereo=FILE`")
         raise ConfigError(f"{points}: the columns camera_x_m, camera_y_m, camera_z_m are missing, or left_x_px …")
 
 

@@ -228,7 +228,7 @@ def _require_new(path: Path) -> None:
         head = file.read(len(b"00000000 {"))
     if head and not head.startswith(MAGIC) and not _FORMER_HEAD.match(head):
         raise RecordError(f"{path}: it is a file of another program; name another folder")
-    raise RecordError(f"{path.parent}: it holds a session already; continue it by --continue, or name another folder")
+    raise RecordError(f"{path.parent}: it holds a session already; continue that one, or name another folder")
 
 
 def _convert(path: Path) -> None:
@@ -257,7 +257,7 @@ def _as_write_error(folder: Path) -> Iterator[None]:
     except OSError as problem:
         raise RecordError(
             f"{folder}: the session cannot be recorded: {problem.strerror or problem}; make room on the disk or check "
-            "the rights, then continue the session by --continue, or name another folder"
+            "the rights, then continue the session, or name another folder"
         ) from problem
 
 
@@ -394,7 +394,7 @@ def read_session(folder: Path) -> list[RecordedStep]:
     if not path.is_file():
         raise RecordError(
             f"{folder}: there is no {NAME} in it, so that no session has begun; name the folder of a session, as "
-            "`register` prints it"
+            "was printed when it began"
         )
     with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
         steps = _all_steps(_reader(path, file.fileno()))

@@ -234,7 +234,7 @@ def register_pairs(
     names = [pair.name for pair in pairs]
     unknown = next((name for name in without if name not in names), None)
     if unknown is not None:
-        raise ConfigError(f"--without is {unknown!r}, which is no point; there are {', '.join(names)}")
+        raise ConfigError(f"`without` is {unknown!r}, which is no point; there are {', '.join(names)}")
     pairs = _alike([pair for pair in pairs if pair.name not in without])
     found = registered_pairs(pairs, spot=spot)
     weighed = pairs[0].trus_covariance_m2 is not None
@@ -423,10 +423,10 @@ def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: s
     if len(fitting) > 1:
         return (
             f"{larger}, but the others also fit without {' or '.join(fitting[1:])}: check these, then leave the wrong "
-            f"one out, as by --without {worst}"
+            f"one out, as by `without={worst}`"
         )
     if fitting:
-        return f"{larger}: {same}, or leave it out by --without {worst}"
+        return f"{larger}: {same}, or leave it out by `without={worst}`"
     alone = ", and without it the others do not fit either" if rests else ""
     return f"{larger}{alone}: {same}, and that no sigma is too small"
 
@@ -552,7 +552,7 @@ def target_pixels(report: RegistrationReport, *, stereo: StereoSettings) -> tupl
         place_m = step.apply(place_m)
         covariance_m2 = step.rotation @ covariance_m2 @ step.rotation.T
         if not place_m[2] > 0:
-            raise ConfigError(f"the target is behind the {name} camera; name another by --target-mm")
+            raise ConfigError(f"the target is behind the {name} camera; name another by `target_mm`")
         seen.append((camera.project(place_m[None])[0], camera.project_covariance(place_m, covariance_m2)))
     return seen[0], seen[1]
 
@@ -567,7 +567,7 @@ def read_registration(path: Path) -> KnownRegistration:
         _File,
         most_bytes=8 * MIB,
         what="a registration as JSON",
-        cure="make one with 'markerseek register points.csv', or name the folder of a session",
+        cure="register points, or name the folder of a session",
     )
     if not stored.registered or stored.davinci_to_trus is None:
         raise RecordError(f"{path}: its registration was not accepted ({stored.reason}); register again")

@@ -126,7 +126,7 @@ def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = N
             return _settings(_of_ini(sections), calibration_sigma_px)
     table = read_toml(path, what="stereo calibration")
     if calibration_sigma_px is not None:
-        raise ConfigError(f"{path}: it states calibration_sigma_px itself; leave --calibration-sigma-px out")
+        raise ConfigError(f"{path}: it states calibration_sigma_px itself; leave `calibration_sigma_px` out")
     with _naming(path):
         return settings_from(table, StereoSettings)
 
@@ -159,7 +159,7 @@ def _settings(cameras: StereoCameras, calibration_sigma_px: float | None) -> Ste
     if calibration_sigma_px is None:
         raise ConfigError(
             "the file does not say how good the calibration is; name the reprojection error of points that were not "
-            "used for it by --calibration-sigma-px, 0.2 is usual"
+            "used for it by `calibration_sigma_px`, 0.2 is usual"
         )
     return StereoSettings.of(cameras, calibration_sigma_px=calibration_sigma_px)
 

@@ -205,7 +205,7 @@ class SimulatedParts:
             )
         if stage is None:
             raise ConfigError(
-                "simulated laser and receiver need the stage of their rig; serve them by markerseek ros2 sim"
+                "simulated laser and receiver need the stage of their rig; serve them as nodes of one simulated rig"
             )
         if isinstance(settings, SimulatedLaserSettings):
             return _Laser(self._world, clock, stage, LaserSettings(rate_hz=settings.rate_hz))

@@ -135,7 +135,7 @@ def _recorded(settings: str) -> ProbePreset:
     try:
         preset: ProbePreset = recorded_settings(settings.encode(), ProbePreset)
     except (msgspec.MsgspecError, ConfigError, RecursionError) as problem:
-        raise RecordError(f"the description of the bank's probe cannot be read: {problem}; name it by --probe") from (
+        raise RecordError(f"the description of the bank's probe cannot be read: {problem}; name it by `probe`") from (
             problem
         )
     return preset

@@ -18,7 +18,7 @@ from markerseek._closing import Closing
 from markerseek.contract import RuleCheck
 from markerseek.core import ByHand, ConfigError, Laser, Receiver, RecordError, RigFacts, RunPlan, SpotToSource, Stage
 from markerseek.drivers import BenchSettings, bench_settings_from
-from markerseek.files import read_toml, settings_from
+from markerseek.files import quoted, read_toml, settings_from
 from markerseek.guard import Limits
 from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat
 from markerseek.rigs.probe_file import probe_facts
@@ -188,7 +188,7 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
     """
     table = read_toml(path, what="rig file")
     if "policies" in table:
-        raise ConfigError(f"{path}: it has policies, so it is a study file; run 'markerseek study'")
+        raise ConfigError(f"{path}: it has policies, so it is a study file; run it: `run_study({quoted(path)})`")
     if "kind" not in table:
         raise ConfigError(f'{path}: the key kind is missing; write kind = "simulated" or kind = "bench" at its top')
     # Removed here, because it selects the settings that know the other keys.

@@ -130,16 +130,16 @@ def require_new_scan(path: Path, *, goes_on: bool = False) -> None:
             f"{path}: it is a bank already, also where its scan was stopped early; only a killed scan goes on: "
             "scan into a new file"
             if path.exists()
-            else f"{record}: there is no scan to go on with; leave --continue out, or check the name"
+            else f"{record}: there is no scan to go on with; scan anew, or check the name"
         )
     if record.exists() and not has_begun(record):
         raise RecordError(f"{record}: its scan was killed before it had begun, and there is nothing in it; delete it")
     require_new_bank(path)
     if record.exists() and not goes_on:
         raise RecordError(
-            f"{record}: it holds a scan that was killed; go on with it: 'markerseek bank scan --continue "
-            f"{quoted(path)}', make a bank of it: 'markerseek bank import {quoted(record)} {quoted(path)}', or delete "
-            "it"
+            f"{record}: it holds a scan that was killed; go on with it: "
+            f"`scan_bank({quoted(path)})`, make a bank of it: `journal_bank({quoted(record)}, {quoted(path)})`, or "
+            "delete it"
         )
 
 
@@ -219,7 +219,9 @@ def _require_same_scan(recorded: RecordedRun, now: Configuration) -> None:
             "and scan again"
         )
     if not is_scan(was):
-        raise ConfigError(f"{recorded.path}: it is the journal of a search; go on with: markerseek resume FILE")
+        raise ConfigError(
+            f"{recorded.path}: it is the journal of a search; go on with it: `resumed_run({quoted(recorded.path)})`"
+        )
     if (was.plan.acquisitions, was.facts.fingerprint, was.facts.seed) != (
         now.plan.acquisitions,
         now.facts.fingerprint,
@@ -268,7 +270,7 @@ def _export(record: Path, path: Path, facts: BankFacts) -> None:
                 salvage(record, frames=False, on_entry=add)
         except RecordError as problem:
             raise RecordError(
-                f"{problem}; what was measured is in {record}: 'markerseek bank import {quoted(record)} NEW.hdf5'"
+                f"{problem}; what was measured is in {record}: `journal_bank({quoted(record)}, NEW.hdf5)`"
             ) from problem
     if damage is not None:
         held = f"{path} holds the {angles} angles" if enough else f"{angles} angles, too few for a bank, were read"

@@ -61,8 +61,8 @@ def read_marker(path: Path) -> MarkerPosition:
     if result.marker_trus_m is None or result.marker_sigma_m is None:
         raise RecordError(
             f"{path}: the marker's position is not known, because the rig's face radius is not, or its data are "
-            "intensities only; calibrate with 'markerseek bank scan point.hdf5 --rig RIG.toml' and 'markerseek "
-            "calibrate point.hdf5', put face_radius_m into [probe] of the rig file, and search again"
+            "intensities only; scan a point with this rig, calibrate with "
+            "`calibrate(point.hdf5)`, put face_radius_m into [probe] of the rig file, and search again"
         )
     return MarkerPosition(position_m=result.marker_trus_m, sigma_m=result.marker_sigma_m)
 
@@ -79,7 +79,7 @@ def _printed(path: Path, kind: type[_Kind]) -> _Kind:
             kind,
             most_bytes=_MAX_BYTES,
             what="the journal of a search or its result as JSON",
-            cure="make one with 'markerseek search --json > result.json'",
+            cure="name the journal of a search, or what the search printed as JSON",
         )
     except (ConfigError, SearchError) as problem:
         raise RecordError(f"{path}: {problem}") from problem

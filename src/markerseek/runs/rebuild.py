@@ -109,8 +109,8 @@ def rebuild_policy(configuration: Configuration) -> AnyPolicy:
     """The policy of a journal in its state before the run."""
     if is_scan(configuration):
         raise RecordError(
-            "the journal is of a scan, not of a search; go on with it: markerseek bank scan --continue BANK, or make a "
-            "bank of it: markerseek bank import JOURNAL BANK"
+            "the journal is of a scan, not of a search; go on with it: `scan_bank(BANK)`, or make a "
+            "bank of it: `journal_bank(JOURNAL, BANK)`"
         )
     return build_sweeping(configuration.plan, limits=configuration.facts.search)
 

@@ -166,7 +166,7 @@ def require_reset(path: Path, view: RunView, *, reset_fault: bool) -> None:
     """Refuse to resume a run that ended with a fault, by `DeviceError`, unless a person has inspected the rig."""
     if view.state == "fault" and not reset_fault:
         raise DeviceError(
-            f"{path}: the run ended with a fault: {view.fault}; look at the rig, then resume with --reset-fault"
+            f"{path}: the run ended with a fault: {view.fault}; look at the rig, then resume with `reset_fault`"
         )
 
 

@@ -76,7 +76,7 @@ class SweepingDevices:
                 # A user's own class is called by its name in the rig file, not by the name of its wrapper.
                 name = getattr(device, "driver", type(device).__name__)
                 raise ConfigError(
-                    f"this rig cannot sweep: its {part} ({name}) only works with the probe at rest; leave --sweep out"
+                    f"this rig cannot sweep: its {part} ({name}) only works with the probe at rest; leave `sweep` out"
                 )
         devices = cls(stage=stage, laser=laser, receiver=receiver)  # type: ignore[arg-type]
         # Read here, because it raises `ConfigError` if a device can sweep but is not set up for it.

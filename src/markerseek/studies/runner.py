@@ -72,7 +72,7 @@ def run_study(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise RecordError(
-            f"{folder}: the folder cannot be made ({problem.strerror}); name one that can be written, with --out"
+            f"{folder}: the folder cannot be made ({problem.strerror}); name one that can be written, with `out`"
         ) from problem
     with _alone(folder):
         _claim(folder, study)

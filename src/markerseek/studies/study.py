@@ -304,7 +304,9 @@ def read_study(path: Path) -> Study:
     """
     table = read_toml(path, what="study file")
     if "kind" in table and "policies" not in table:
-        raise ConfigError(f"{path}: it has a kind and no policies, so that it is a rig file: 'markerseek search --rig'")
+        raise ConfigError(
+            f"{path}: it has a kind and no policies, so that it is a rig file; search on it: `find_marker()`"
+        )
     try:
         policies = [expanded for entry in _tables(table.pop("policies", [])) for expanded in _policies(entry)]
         vary = [{"key": key, "values": values} for key, values in _flat(table.pop("vary", {}))]

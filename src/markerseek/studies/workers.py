@@ -70,7 +70,7 @@ def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
     except BrokenProcessPool as problem:
         raise MarkerseekError(
             "a worker process was ended from outside, perhaps for lack of memory; run the same command again with "
-            "fewer --workers (a study continues where it was)"
+            "fewer `workers` (a study continues where it was)"
         ) from problem
     finally:
         if not over:

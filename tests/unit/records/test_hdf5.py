@@ -91,7 +91,7 @@ def test_decibels_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("name", "attribute", "value", "message"),
     [
-        ("angle_deg", "units", "encoder ticks", r"'encoder ticks' is no unit of an angle; say how .*--deg-per-unit"),
+        ("angle_deg", "units", "encoder ticks", r"'encoder ticks' is no unit of an angle; say how .*`deg_per_unit`"),
         ("angle_deg", "unit", "rad", r"in 'angle_deg \[rad\]', and 'deg and rad' is no unit of an angle"),
         ("angle_deg", "slope", 0.36, r"angle_deg has the attribute slope = 0\.36.*apply it, and take it out"),
         ("angle_deg", "Offset", -4.0, r"angle_deg has the attribute Offset = -4"),
@@ -138,7 +138,9 @@ def test_arrays_in_a_group_are_found(tmp_path):
 def test_of_two_groups_with_the_same_names_a_person_chooses(tmp_path):
     held = {f"{run}/angle_deg": ANGLES_DEG for run in "ab"} | {"a/intensity": PEAK, "b/intensity": PEAK[::-1]}
     path = written(tmp_path / "scan.h5", held)
-    with pytest.raises(RecordError, match=r"it holds a/angle_deg float64 \(40,\), a/intensity .*--columns ANGLE"):
+    with pytest.raises(
+        RecordError, match=r"it holds a/angle_deg float64 \(40,\), a/intensity .*`columns=ANGLE,INTENSITY`"
+    ):
         read_bank(path)
     bank = read_bank(path, TableFormat(columns=("b/angle_deg", "b/intensity")))
     np.testing.assert_allclose(bank.intensities, PEAK[::-1])

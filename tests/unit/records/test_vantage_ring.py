@@ -47,7 +47,7 @@ def read(path: Path, **options: int) -> ArrayBank:
 @pytest.mark.parametrize("turned", [0, 1, 5, 11])
 def test_a_ring_of_unknown_start_is_refused_until_a_person_says_where_it_begins(tmp_path: Path, turned: int) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES, last=turned, last_saved=False)
-    with pytest.raises(RecordError, match=r"lastFrame is missing.*save Resource.*--first-frame 1 if the ring has not"):
+    with pytest.raises(RecordError, match=r"lastFrame is missing.*save Resource.*`first_frame=1` if the ring has not"):
         read(path)
     require_true_angles(read(path, first_frame=turned + 1), list(range(12)))
 
@@ -65,16 +65,16 @@ def test_a_person_outweighs_the_file(tmp_path: Path) -> None:
 
 def test_a_frame_that_is_not_in_the_ring_is_no_first_one(tmp_path: Path) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES)
-    with pytest.raises(ConfigError, match=r"--first-frame is 13, the buffer has 1 to 12"):
+    with pytest.raises(ConfigError, match=r"`first_frame` is 13, the buffer has 1 to 12"):
         read(path, first_frame=13)
     np.savez(tmp_path / "scan.npz", frames=FRAMES)
-    with pytest.raises(ConfigError, match=r"leave --first-frame out"):
+    with pytest.raises(ConfigError, match=r"leave `first_frame` out"):
         read(tmp_path / "scan.npz", first_frame=1)
 
 
 def test_the_axes_of_a_workspace_are_not_exchanged(tmp_path: Path) -> None:
     path = write_workspace(tmp_path / "run.mat", FRAMES)
-    with pytest.raises(ConfigError, match="leave --axes out"):
+    with pytest.raises(ConfigError, match="leave `axes` out"):
         read_arrays(
             path, table=TableFormat(first_and_step_deg=(FIRST_DEG, STEP_DEG), axes=("channels", "angles", "samples"))
         )
@@ -109,7 +109,7 @@ def test_angles_that_begin_anew_elsewhere_than_the_ring_are_refused(tmp_path: Pa
 def test_angles_in_a_row_do_not_say_where_the_ring_begins(tmp_path: Path, step_deg: float) -> None:
     angles_deg = step_deg * np.arange(12)
     path = write_workspace(tmp_path / "run.mat", FRAMES, last=9, last_saved=False, change=angles_beside(angles_deg))
-    with pytest.raises(RecordError, match=r"lastFrame is missing.*--first-frame 1 if the ring has not gone round, or"):
+    with pytest.raises(RecordError, match=r"lastFrame is missing.*`first_frame=1` if the ring has not gone round, or"):
         read_arrays(path)
     bank = read_arrays(path, TableFormat(first_frame=10))
     assert place_of(bank.frame(0 if step_deg > 0 else 11).samples) == 0

@@ -79,7 +79,7 @@ def test_a_point_that_is_3_mm_off_is_named_among_nine(off_m: tuple[float, float,
         said = report(np.random.default_rng(seed), off_m=off_m)
         assert not said.registered
         assert said.worst == "2"
-        assert "leave it out by --without 2" in str(said.reason)
+        assert "leave it out by `without=2`" in str(said.reason)
 
 
 def test_where_several_points_may_be_the_wrong_one_all_are_named() -> None:
@@ -201,7 +201,7 @@ def test_the_ellipse_holds_95_percent_of_the_pixels_of_the_target() -> None:
 def test_what_cannot_be_seen_is_said() -> None:
     rng = np.random.default_rng(2)
     behind = register_pairs(pairs(rng), target_trus_m=(0.0, 0.0, -0.3))
-    with pytest.raises(ConfigError, match="behind the left camera; name another by --target-mm"):
+    with pytest.raises(ConfigError, match="behind the left camera; name another by `target_mm`"):
         target_pixels(behind, stereo=STEREO)
     points = pairs(rng)
     points[3] = replace(points[3], trus_m=points[3].trus_m + 0.02)

@@ -205,7 +205,7 @@ def test_a_fault_is_kept_and_left_by_a_reset_only(when: str, tmp_path: Path) -> 
     assert isinstance(held.entries[-1].event, Failed) or RunView.of(held).state == "finished"
     if when == "at the stop":
         return
-    with pytest.raises(DeviceError, match=r"ended with a fault: the stage was sent .* --reset-fault"):
+    with pytest.raises(DeviceError, match=r"ended with a fault: the stage was sent .* `reset_fault`"):
         resume_run(path)
     assert len(read_journal(path).entries) == len(held.entries)
     assert isinstance(resume_run(path, reset_fault=True)[-1], Finished)

@@ -160,7 +160,7 @@ class IgtlServer:
         except OSError as problem:
             if problem.errno == errno.EADDRINUSE:
                 raise ConfigError(
-                    f"port {port} of {host} is taken by another program; end that one, or name another --port"
+                    f"port {port} of {host} is taken by another program; end that one, or name another `port`"
                 ) from problem
             # getaddrinfo has its own error numbers, which os.strerror does not know.
             why = problem.strerror if isinstance(problem, socket.gaierror) else os.strerror(problem.errno or 0)
@@ -176,8 +176,8 @@ class IgtlServer:
             raise OSError(errno.EINVAL, "no address") from None
         if plain_address(str(place[0])) != LOOPBACK and not self._allowed:
             raise ConfigError(
-                f"--host {host} is {place[0]}, which other computers reach, and OpenIGTLink has no passwords; name "
-                "each computer that may connect with --allow ADDRESS"
+                f"`host={host}` is {place[0]}, which other computers reach, and OpenIGTLink has no passwords; name "
+                "each computer that may connect with `allowed=ADDRESS`"
             )
         return socket.create_server(place, family=family)
 
@@ -218,8 +218,8 @@ class IgtlServer:
     def _opened(self, peer: Peer) -> None:
         self._connected.add(peer)
         if peer.address != LOOPBACK and peer.address not in self._allowed:
-            self._on_note(f"{peer.name}: refused, --allow does not name it")
-            peer.drop("--allow does not name it")
+            self._on_note(f"{peer.name}: refused, it is none of the computers that may connect")
+            peer.drop("it is none of the computers that may connect")
             return
         if len(self._peers) >= MAX_CLIENTS:
             self._on_note(f"{peer.name}: refused: {_FULL}")

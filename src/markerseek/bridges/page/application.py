@@ -116,7 +116,7 @@ class Gate:
             self._admits(asked)
             return moved
         if not _same(asked.cookies.get(self._cookie, ""), self._token):
-            return _refusal("open the link that markerseek page printed in the terminal")
+            return _refusal("open the link that the page printed in its terminal")
         if not (reads and not origins) and (len(origins) != 1 or origins[0] not in self._origins):
             return _refusal(f"the Origin header is not the address of this page; {_TUNNEL}")
         if not self._admits(asked) and path != STOP_PATH:
@@ -136,8 +136,8 @@ def _same(given: str, secret: str) -> bool:
 
 
 _TUNNEL = (
-    "through a tunnel (ssh -L, VS Code) start markerseek page with --public-url and the address in the browser, as in "
-    "--public-url http://localhost:9000"
+    "through a tunnel (ssh -L, VS Code) start the page with its public address, as the browser has it: "
+    "http://localhost:9000"
 )
 
 

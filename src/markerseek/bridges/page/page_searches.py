@@ -129,8 +129,8 @@ class ChildSearch:
             return "Start begins a new search"
         # As the terminal says it: a fault that the journal holds is reset by a person who has looked at the rig.
         is_fault = self.run.last.phase == "fault"
-        resume = "once the fault is repaired, markerseek resume --reset-fault" if is_fault else "markerseek resume"
-        return f"Start begins a new search; {resume}, in the terminal, goes on with this one"
+        when = ", once the fault is repaired and reset" if is_fault else ""
+        return f"Start begins a new search; resuming this one in the terminal goes on with it{when}"
 
     def verdict(self, view: RunView | None) -> Verdict:
         """What it says in large letters; ``view``: the event that is shown."""
@@ -353,7 +353,9 @@ class PageSearches:
                 command = [*self.rig.command(asked), "--journal", str(journal), f"--asked-by={asked_by}"]
                 self._begin(ChildSearch, command, asked, journal, goes_on)
             elif not self.rig.registers:
-                raise SearchError("this rig cannot register: start the page with --cameras and --images")
+                raise SearchError(
+                    "this rig cannot register: start the page with the calibration of its cameras and their images"
+                )
             else:
                 command = self.rig.command(asked)
                 folder = default_folder()
@@ -401,7 +403,9 @@ class PageSearches:
         """
         with self._idle():
             if not self.rig.registers:
-                raise SearchError("this rig cannot register: start the page with --cameras and --images")
+                raise SearchError(
+                    "this rig cannot register: start the page with the calibration of its cameras, and their images"
+                )
             asked = _asked_again(folder, further, usual)
             command = self.rig.command(asked)
             _keep(BegunSession(folder=str(folder), command=command, settings=asked.query(usual=SessionRequest())))

@@ -26,7 +26,7 @@ _LOOPBACK = "127.0.0.1"
 
 _LOOPBACK_NAMES = frozenset({_LOOPBACK, "::1", "localhost"})
 
-_FOREIGN = "name an address of this computer as --host"
+_FOREIGN = "name an address of this computer as `host`"
 
 USUAL_PORT = 8765
 """Port where none is named."""
@@ -72,8 +72,8 @@ class Address:
             raise ConfigError("TLS needs both a certificate and its key; name both, or neither")
         if not ip.is_loopback and self.certificate is None:
             raise ConfigError(
-                f"host is {self.host}: other computers reach it, which needs TLS; name --tls-certificate "
-                f"and --tls-key, or leave the host out for {_LOOPBACK}"
+                f"host is {self.host}: other computers reach it, which needs TLS; name `tls_certificate` "
+                f"and `tls_key`, or leave the host out for {_LOOPBACK}"
             )
         # Checked now, not once the page is served.
         _ = self._public_parts
@@ -147,7 +147,7 @@ class Address:
             return socket.create_server((str(self.ip), self.port), family=family)
         except OSError as problem:
             # An address of another computer is no better on another port.
-            cure = _FOREIGN if problem.errno == errno.EADDRNOTAVAIL else "name another --port"
+            cure = _FOREIGN if problem.errno == errno.EADDRNOTAVAIL else "name another `port`"
             raise ConfigError(
                 f"{self.host}:{self.port}: the page cannot be served there: {problem.strerror}; {cure}"
             ) from problem

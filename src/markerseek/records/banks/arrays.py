@@ -85,7 +85,7 @@ def bank_of_arrays(
     """
     held = content(found)
     if ordered and table.axes is not None:
-        raise ConfigError(f"{path}: the axes of this format are known; leave --axes out")
+        raise ConfigError(f"{path}: the axes of this format are known; leave `axes` out")
     units = found.units if isinstance(found, NamedArrays) else {}
     arrays = _named(path, dict(found))
     # Units that the file states count as those in a name.
@@ -93,14 +93,14 @@ def bank_of_arrays(
     angle, value = _picked(path, arrays, table, titles=titles, held=held)
     if value is None:
         raise RecordError(
-            f"{path}: intensity or frames expected, it holds {held}; name its variables, --columns ANGLE,INTENSITY or "
-            "ANGLE,FRAMES, or the one without angles, --columns INTENSITY with --first-deg and --step-deg"
+            f"{path}: intensity or frames expected, it holds {held}; name its variables, `columns=ANGLE,INTENSITY` or "
+            "ANGLE,FRAMES, or the one without angles, `columns=INTENSITY` with `first_and_step_deg`"
         )
     if angle is None and not table.states_angles:
         raise RecordError(
-            f"{path}: angle_deg is missing, it holds {held}; state the first angle and the step, --first-deg -35 "
-            "--step-deg 0.5, or a file of angles, --angles FILE, or name its variables, --columns ANGLE,INTENSITY or "
-            "ANGLE,FRAMES"
+            f"{path}: angle_deg is missing, it holds {held}; state the first angle and the step, "
+            "`first_and_step_deg=(-35, 0.5)`, or a file of angles, `angles_deg`, or name its variables, "
+            "`columns=ANGLE,INTENSITY` or ANGLE,FRAMES"
         )
     listed = arrays[angle].ravel() if angle is not None else np.array(table.angles_deg or ())
     counted = listed.size or None
@@ -211,7 +211,7 @@ def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     if array.ndim != 2:
         return {"frames": array}
     if array.shape[1] != 2:
-        turned = "is it transposed? Save array.T" if array.shape[0] == 2 else "one frame is for markerseek frame"
+        turned = "is it transposed? Save array.T" if array.shape[0] == 2 else "one frame is for `load_frame()`"
         raise RecordError(
             f"{path}: {array.dtype} of shape {array.shape}; two columns, angle and intensity, or frames of shape "
             f"({', '.join(AXES)}) are expected; {turned}"
@@ -242,7 +242,7 @@ def _picked(
     if value is None and len(deep) > 1:
         raise RecordError(
             f"{path}: frames expected, and several arrays have {len(AXES)} axes: {', '.join(deep)}; name one, "
-            f"--columns {angle or 'ANGLE'},{deep[0]}, or --columns {deep[0]} with --first-deg and --step-deg"
+            f"`columns={angle or 'ANGLE'},{deep[0]}`, or `columns={deep[0]}` with `first_and_step_deg`"
         )
     return angle, deep[0] if value is None and deep else value
 
@@ -271,7 +271,7 @@ def _degrees(
     if table.states_angles:
         raise RecordError(
             f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, "
-            f"and {name} has them; leave them out, or name the frames alone, --columns FRAMES"
+            f"and {name} has them; leave them out, or name the frames alone, `columns=FRAMES`"
         )
     angles = arrays[name]
     if angles.dtype.kind not in "iuf":
@@ -379,7 +379,7 @@ def _valid(
     if not table.skip_invalid:
         raise RecordError(
             f"{path}: {int((~finite).sum())} of {finite.size} angles hold a number that is not finite; leave those "
-            "angles out, or say so: --skip-invalid"
+            "angles out, or say so: `skip_invalid`"
         )
     warn_skipped(path, "angle number", [str(index + 1) for index in np.flatnonzero(~finite)])
     return finite
@@ -406,13 +406,13 @@ def in_scan_order(
     if NUMBERS not in arrays or value != "frames":
         if first_frame is not None:
             raise ConfigError(
-                f"{path}: a first frame is for the receive buffer of a Verasonics workspace; leave --first-frame out"
+                f"{path}: a first frame is for the receive buffer of a Verasonics workspace; leave `first_frame` out"
             )
         return {name: each for name, each in arrays.items() if name != NUMBERS}
     numbers = arrays[NUMBERS]
     empty = ~_held(arrays["frames"])
     if first_frame is not None and first_frame not in numbers:
-        raise ConfigError(f"{path}: --first-frame is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
+        raise ConfigError(f"{path}: `first_frame` is {first_frame}, the buffer has {numbers[0]} to {numbers[-1]}")
     if first_frame is not None:
         start: int | None = int(np.flatnonzero(numbers == first_frame)[0])
     else:
@@ -420,7 +420,7 @@ def in_scan_order(
     if start is None:
         raise RecordError(
             f"{path}: {_unknown(arrays)}, and the angle of a frame follows from its place in the scan; save Resource "
-            f"(its RcvBuffer.lastFrame) too, or name the frame with the first angle: --first-frame {numbers[0]} if the "
+            f"(its RcvBuffer.lastFrame) too, or name the frame with the first angle: `first_frame={numbers[0]}` if the "
             "ring has not gone round, or the angles are in the order of the buffer"
         )
     order = np.roll(np.arange(len(numbers)), -start)
@@ -445,7 +445,7 @@ def _start_by_angles(
         numbers = arrays[NUMBERS]
         raise RecordError(
             f"{path}: the angles begin anew at frame {numbers[jump]}, and the oldest frame is {numbers[start]}; name "
-            "the frame with the first of the angles: --first-frame"
+            "the frame with the first of the angles: `first_frame`"
         )
     return 0
 

@@ -185,7 +185,7 @@ def without_channels(
     if not channels:
         return bank
     if isinstance(bank, IntensityBank):
-        raise ConfigError(f"{path}: --without-channel is for frames, and it holds intensities; leave it out")
+        raise ConfigError(f"{path}: `without_channels` is for frames, and it holds intensities; leave it out")
     chosen = np.flatnonzero(chosen_channels(path, channels, count=len(bank.frame(0).samples)))
     # What the frames without these channels show is computed again.
     return replace(bank, left_out=tuple(sorted({*bank.left_out, *chosen.tolist()})), intensities=())
@@ -195,7 +195,7 @@ def chosen_channels(path: Path, channels: Sequence[int], *, count: int) -> Bool[
     """Which channels of a frame are named, counted from 1; `ConfigError` where there is no such channel."""
     for channel in channels:
         if not 1 <= channel <= count:
-            raise ConfigError(f"{path}: --without-channel is {channel}, the channels are 1 to {count}")
+            raise ConfigError(f"{path}: `without_channels` is {channel}, the channels are 1 to {count}")
     return np.isin(np.arange(1, count + 1), channels)
 
 
@@ -275,7 +275,7 @@ def require_angles(path: Path, angles_deg: Sequence[float]) -> None:
             raise RecordError(
                 f"{path}: an angle is {angle_deg:g} deg, it must be finite and within one turn, -{MAX_DEG:g} to "
                 f"{MAX_DEG:g} deg; leave it out, take a full turn off all angles, or write them in degrees "
-                "(of a table or arrays: --unit, or --deg-per-unit)"
+                "(of a table or arrays: `unit`, or `deg_per_unit`)"
             )
     for low_deg, high_deg in pairwise(angles_deg):
         if high_deg - low_deg < MIN_STEP_DEG:

@@ -34,20 +34,20 @@ def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, an
     orders = [order for order in permutations(AXES) if _fits(frames.shape, order, angles)]
     by_axis = dict(zip(axes, frames.shape, strict=True))
     if angles not in (None, by_axis["angles"]) or 0 in frames.shape:
-        offer = f"; state their order: --axes {_choice(orders)}" if orders and 0 not in frames.shape else ""
+        offer = f"; state their order: `axes={_choice(orders)}`" if orders and 0 not in frames.shape else ""
         given = "" if angles is None else f" for {angles} angles"
         raise RecordError(f"{path}: frames has the shape {frames.shape}{given}; {expected}{offer}")
     if stated is None and axes not in orders:
         raise RecordError(
             f"{path}: frames has the shape {frames.shape}, so that {by_axis['channels']} channels would have "
-            f"{by_axis['samples']} samples each: if the record is so short, state it, --axes {','.join(axes)}"
-            + (f"; else state the order of the axes, --axes {_choice(orders)}" if orders else "")
+            f"{by_axis['samples']} samples each: if the record is so short, state it, `axes={','.join(axes)}`"
+            + (f"; else state the order of the axes, `axes={_choice(orders)}`" if orders else "")
         )
     alike = [order for order in orders if dict(zip(order, frames.shape, strict=True)) == by_axis]
     if stated is None and len(alike) > 1:
         raise RecordError(
             f"{path}: frames has the shape {frames.shape}, and axes of equal length do not show which is which; state "
-            f"their order: --axes {_choice(alike)}"
+            f"their order: `axes={_choice(alike)}`"
         )
     return np.transpose(frames, [axes.index(each) for each in AXES])
 
@@ -226,7 +226,7 @@ def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) ->
     if 0 < sigma < 1:
         said.append(
             f"its noise is {sigma:.2g} counts only, and what is weaker than a count is lost: leave out what is "
-            "loud and no sound, or blank it (pickup_samples of --probe FILE.toml)"
+            "loud and no sound, or blank it (pickup_samples of `probe=FILE.toml`)"
         )
     note(path, "; ".join(said))
     return Scaling(factor=factor, zero=None)

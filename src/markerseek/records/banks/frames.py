@@ -110,7 +110,7 @@ def npy_samples(path: Path) -> np.ndarray:
         raise RecordError(
             f"{path}: {samples.dtype} of shape {samples.shape} found, (channels, samples) expected, with one row per "
             "channel (of samples × channels, save the transpose)"
-            + (f"; of many angles, see 'markerseek bank import {quoted(path)} scan.hdf5'" if samples.ndim == 3 else "")
+            + (f"; of many angles, see `read_bank({quoted(path)})`" if samples.ndim == 3 else "")
         )
     frames, _ = unpadded(samples[None])
     return np.asarray(frames[0])
@@ -139,12 +139,12 @@ def _otherwise(path: Path) -> str:
     """Advice for a file of another kind: the command that reads it."""
     suffix = path.suffix.lower()
     if path.is_file() and is_journal(path):
-        return f"it is the journal of a search, not one frame; see 'markerseek journal show {quoted(path)}'"
+        return f"it is the journal of a search, not one frame; see `read_journal({quoted(path)})`"
     if suffix in (*HDF5_SUFFIXES, ".csv", ".npz"):
-        return f"it would be a scan of many angles, not one frame; see 'markerseek bank info {quoted(path)}'"
+        return f"it would be a scan of many angles, not one frame; see `read_bank({quoted(path)})`"
     return (
         f"{suffix or 'a file without suffix'} is no format of frames; give a .mat, an .npy, or a folder of SonixDAQ "
-        "files, for 'markerseek frame' also an Ultrasonix .rf; B-mode images (.b8) are for 'markerseek tooltip'"
+        "files, for `load_frame()` also an Ultrasonix .rf; B-mode images (.b8) are for `sensitive_range()`"
     )
 
 
@@ -158,7 +158,7 @@ def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray
         raise RecordError(
             f"{path}: {_FRAME}, int16 of shape (32, samples, 4), and {_COUNT} expected, found {content(arrays)}; "
             "save channel data as an .npy of int16 (channels, samples) instead, or, if it holds a scan of many angles, "
-            f"see 'markerseek bank import {quoted(path)} scan.hdf5'"
+            f"see `read_bank({quoted(path)})`"
         )
     aligned = frame.shape[1]
     if count.size != 1 or not 1 <= count.flat[0] <= aligned or count.flat[0] != int(count.flat[0]):
@@ -189,7 +189,7 @@ def _require_complete(folder: Path, files: Mapping[int, str]) -> None:
     raise RecordError(
         f"{len(files)} channel files (.daq) found, {sonixdaq.CHANNEL_COUNT} expected; the first that is "
         f"missing is CH{missing:03d}: wait until the acquisition is complete, or acquire it again"
-        + ("" if files else f"; if it holds a scan of many angles, see 'markerseek bank info {quoted(folder)}'")
+        + ("" if files else f"; if it holds a scan of many angles, see `read_bank({quoted(folder)})`")
     )
 
 
@@ -265,8 +265,8 @@ def _burst(path: Path, files: Mapping[int, str], table: TableFormat) -> ArrayBan
     if not table.states_angles:
         raise RecordError(
             f"{path}: it is one acquisition of SonixDAQ files with {counted(pulses, 'pulse')}; if each pulse was "
-            "triggered at an angle of its own, state the angles: --first-deg -35 --step-deg 0.5, or --angles FILE; if "
-            f"all are of one angle, it is a frame: 'markerseek frame {quoted(path)}'"
+            "triggered at an angle of its own, state the angles: `first_and_step_deg=(-35, 0.5)`, or `angles_deg`; if "
+            f"all are of one angle, it is a frame: `load_frame({quoted(path)})`"
         )
     angles_deg = table.stated_deg(path, pulses, what="pulses")
     try:
@@ -291,8 +291,8 @@ def _stated_angles(path: Path, frames: list[Path], table: TableFormat) -> Float6
     named = [_angle_of(place) for place in frames]
     if all(each is not None for each in named) and any(each is not None and each.stated for each in named):
         raise ConfigError(
-            f"{path}: the names of its frames are angles, such as {frames[0].name}; leave --first-deg, --step-deg and "
-            "--angles out"
+            f"{path}: the names of its frames are angles, such as {frames[0].name}; leave `first_and_step_deg` "
+            "and `angles_deg` out"
         )
     if table.angles_deg is not None:
         return table.stated_deg(path, len(frames), what="frames")
@@ -313,7 +313,7 @@ def _named_angles(frames: list[Path]) -> Float64[np.ndarray, " angles"]:
             raise RecordError(
                 f"{place}: the angle cannot be read from this name; in the folder of a scan each frame is named by its "
                 "angle in degrees, -12.5 or, with a word before it, angle_-12.5deg: digits, a point, a hyphen for "
-                "minus; or state the angles: --first-deg -35 --step-deg 0.5, or --angles FILE"
+                "minus; or state the angles: `first_and_step_deg=(-35, 0.5)`, or `angles_deg`"
             )
         if found.word:
             words.setdefault(found.word, place)
@@ -332,8 +332,8 @@ def _named_angles(frames: list[Path]) -> Float64[np.ndarray, " angles"]:
     if not stated:
         raise RecordError(
             f"{frames[0]}: its number may count the frames or be an angle, and no word, sign, decimal or unit in this "
-            "folder says which; name each frame as in angle_12.5deg, or state the angles: --first-deg -35 --step-deg "
-            "0.5, or --angles FILE"
+            "folder says which; name each frame as in angle_12.5deg, or state the angles: "
+            "`first_and_step_deg=(-35, 0.5)`, or `angles_deg`"
         )
     return np.array([*by_angle])
 

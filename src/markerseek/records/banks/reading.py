@@ -59,20 +59,21 @@ def _read(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank | Fr
     with as_read_error(path):
         if not path.exists():
             record = record_of(path)
-            imported = f"markerseek bank import {quoted(record)} {quoted(path)}"
-            kept = f"; its scan did not become a bank, and is kept: '{imported}'"
+            imported = f"`journal_bank({quoted(record)}, {quoted(path)})`"
+            kept = f"; its scan did not become a bank, and is kept: {imported}"
             raise RecordError(f"{path}: there is no such file or folder{kept if record.exists() else ''}")
         if path.is_file() and is_journal(path):
             raise RecordError(
                 f"{path}: it is the journal of a run and no bank; its run is computed again by "
-                f"'markerseek journal replay {quoted(path)}', and its frames become a bank by "
-                f"'markerseek bank import {quoted(path)} frames.hdf5'"
+                f"`answer_again({quoted(path)})`, and its frames become a bank by "
+                f"`journal_bank({quoted(path)}, frames.hdf5)`"
             )
         if table.angle_field is not None and not is_sequence(path):
-            raise ConfigError(f"--angle-field {table.angle_field}: {path} is no sequence (.mha, .nrrd); leave it out")
+            raise ConfigError(f"`angle_field={table.angle_field}`: {path} is no sequence (.mha, .nrrd); leave it out")
         if table.angle_field is not None and table.states_angles:
             raise ConfigError(
-                f"--angle-field {table.angle_field}, and --first-deg or --angles both give the angles; leave one out"
+                f"`angle_field={table.angle_field}`, and `first_and_step_deg` or `angles_deg` both give the angles; "
+                "leave one out"
             )
         (bank_format, *_) = (each for each in FORMATS if each.recognises(path))
         return bank_format.read(path, table, blanked)
@@ -83,7 +84,7 @@ def _require_usual(path: Path, table: TableFormat, *, is_table: bool) -> None:
     said = structs.replace(table, without_channels=(), angle_field=None)
     of_angles = structs.replace(DEFAULT_FORMAT, first_and_step_deg=said.first_and_step_deg, angles_deg=said.angles_deg)
     if (said.axes, said.first_frame) != (None, None):
-        raise ConfigError(f"{path}: --axes and --first-frame are for arrays of frames; leave them out")
+        raise ConfigError(f"{path}: `axes` and `first_frame` are for arrays of frames; leave them out")
     if not is_table and said != of_angles:
         raise ConfigError(
             f"{path}: it is no CSV, and columns, units and rows to be left out are of a CSV; leave them out"
@@ -105,7 +106,7 @@ def read_hdf5(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank 
         return bank_of_arrays(path, arrays, table, ordered=ordered, blanked=blanked)
     _require_usual(path, table, is_table=False)
     if table.states_angles:
-        raise ConfigError(f"{path}: this recording has its angles; leave --first-deg, --step-deg and --angles out")
+        raise ConfigError(f"{path}: this recording has its angles; leave `first_and_step_deg` and `angles_deg` out")
     return without_channels(read_probed(path), path, table.without_channels)
 
 

@@ -264,12 +264,12 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
     if left_out:
         note(path, f"{len(left_out)} of {len(frames)} frames are left out: {first_of(left_out)}")
     if not kept:
-        raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: --angle-field")
+        raise RecordError(f"{path}: no frame has a valid image and angle; name the field with the angle: `angle_field`")
     stacked = np.stack(list(kept.values()))
     if turns:
         angles_deg = _twists(path, chosen, stacked.reshape(-1, 4, 4)[:, :3, :3])
     else:
-        cure = "state the angles, --first-deg -35 --step-deg 0.5, or --angles FILE; or write them in one of"
+        cure = "state the angles, `first_and_step_deg=(-35, 0.5)`, or `angles_deg`; or write them in one of"
         angles_deg = (stacked[:, 0] * deg_per_unit_of(path, chosen, cure=cure)).tolist()
     return dict(zip(kept, unwrapped(path, np.array(angles_deg)).tolist(), strict=True))
 
@@ -297,7 +297,7 @@ def _field_of_angles(path: Path, names: set[str], angle_field: str | None) -> st
         held = ", ".join(sorted(each for each in names if not each.endswith(("Status", "Valid")))[:8]) or "none"
         raise RecordError(
             f"{path}: no frame has {angle_field or ' or '.join(wanted)}; its fields are {held}; name the one with the "
-            "angle, --angle-field, or state the angles: --first-deg -35 --step-deg 0.5, or --angles FILE"
+            "angle, `angle_field`, or state the angles: `first_and_step_deg=(-35, 0.5)`, or `angles_deg`"
         )
     return chosen
 
@@ -328,7 +328,7 @@ def read_sequence(path: Path, *, angle_field: str | None = None, table: TableFor
         rows, columns, _ = sequence.shape
         raise RecordError(
             f"{path}: it holds {len(sequence.frame_fields)} B-mode images of {columns} × {rows} pixels: these are "
-            f"echoes, and show no photoacoustic marker; find an instrument's tip: 'markerseek tooltip {quoted(path)}'"
+            f"echoes, and show no photoacoustic marker; find an instrument's tip: `sensitive_range({quoted(path)})`"
         )
     angles = _stated_angles(sequence, table) if table.states_angles else angles_of(sequence, angle_field=angle_field)
     frames = enumerate(sequence.frames())
@@ -508,14 +508,14 @@ def _twists(path: Path, name: str, stacked: Float64[np.ndarray, "frames 3 3"]) -
     off = np.abs(stacked @ stacked.transpose(0, 2, 1) - np.eye(3)).max()
     # Six digits are usual.
     if off > 1e-3 or np.linalg.det(stacked).min() < 0:
-        raise RecordError(f"{path}: {name} is no rotation in each frame; name another: --angle-field")
+        raise RecordError(f"{path}: {name} is no rotation in each frame; name another: `angle_field`")
     third = int(np.argmax(np.min(stacked.diagonal(axis1=1, axis2=2), axis=0)))
     tilt_deg = np.degrees(np.arccos(np.clip(stacked[:, third, third].min(), -1, 1)))
     if tilt_deg > _MOST_TILT_DEG:
         raise RecordError(
             f"{path}: {name} tilts the axis {'xyz'[third]} by up to {tilt_deg:.3g} deg, at most {_MOST_TILT_DEG:g} deg "
             "are expected of a probe that turns about its axis; name a transform to the probe's frame at 0 deg: "
-            "--angle-field ProbeToProbeHome"
+            "`angle_field=ProbeToProbeHome`"
         )
     first = (third + 1) % 3
     second = (third + 2) % 3

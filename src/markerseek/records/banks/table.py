@@ -102,7 +102,7 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
             note(
                 path,
                 "its first column counts in steps of 1, and is taken as degrees; if it only counts, state the angles: "
-                "--columns 2 --first-deg -35 --step-deg 0.5",
+                "`columns=2` `first_and_step_deg=(-35, 0.5)`",
             )
     scan = merged(path, degrees, lambda: read)
     return IntensityBank(angles_deg=scan.angles_deg, intensities=tuple(scan.mean(read).tolist()))
@@ -160,8 +160,8 @@ def _columns(path: Path, rows: CsvRows, names: Sequence[str], table: TableFormat
         )
     if not names and rows.width == 2 and table.states_angles:
         raise ConfigError(
-            f"{path}: its columns have no names, and the first may hold the angles; leave --first-deg, --step-deg and "
-            "--angles out, or name the intensities alone, --columns 2"
+            f"{path}: its columns have no names, and the first may hold the angles; leave `first_and_step_deg` and "
+            "`angles_deg` out, or name the intensities alone, `columns=2`"
         )
     if not names and rows.width == 1 and table.states_angles:
         return _Columns(angle=None, intensity=0)
@@ -174,14 +174,14 @@ def _columns(path: Path, rows: CsvRows, names: Sequence[str], table: TableFormat
         return _Columns(angle=None, intensity=intensity)
     if angle is not None and table.states_angles:
         raise ConfigError(
-            f"{path}: its column {rows.names[angle]} has the angles; leave --first-deg, --step-deg and --angles out"
+            f"{path}: its column {rows.names[angle]} has the angles; leave `first_and_step_deg` and `angles_deg` out"
         )
     if angle is None or intensity is None:
         lacking = [name for name, found in zip(_COLUMNS, (angle, intensity), strict=True) if found is None]
         missing = f"column {lacking[0]} is" if len(lacking) == 1 else f"columns {' and '.join(lacking)} are"
         raise RecordError(
             f"{path}, line 1: the {missing} missing, it has {_head(rows)}; name the columns of angle and intensity: "
-            f"--columns ANGLE,INTENSITY{_perhaps(names, rows.names)}{_if_transposed(rows)}"
+            f"`columns=ANGLE,INTENSITY`{_perhaps(names, rows.names)}{_if_transposed(rows)}"
         )
     for index in (angle, intensity):
         _require_once(path, rows, rows.names[index])
@@ -226,7 +226,7 @@ def _perhaps(names: Sequence[str], written: Sequence[str]) -> str:
     named = [unit_in(name) for name in names]
     # Only a person knows which of the two is the angle, unless a name says so.
     first = 1 if named[1].is_angle and not named[0].is_angle else 0
-    scale = " with --deg-per-unit" if named[first].other and not named[first].unit else ""
+    scale = " with `deg_per_unit`" if named[first].other and not named[first].unit else ""
     # Quoted for the shell, because names have spaces.
     return f", here perhaps {shlex.quote(','.join((written[first], written[1 - first])))}{scale}"
 
@@ -278,7 +278,7 @@ def amplitudes(
     for index in np.flatnonzero(values < 0)[:1]:
         raise RecordError(
             f"{where(index)}: intensity is {values[index]}, it must not be negative; are these dB, 20·log10 of the "
-            "amplitude? Say so: --db. Or was a background subtracted? Then leave it in"
+            "amplitude? Say so: `db`. Or was a background subtracted? Then leave it in"
         )
     # Larger numbers overflow when the methods square them.
     for index in np.flatnonzero(values > MAX_INTENSITY)[:1]:
@@ -311,7 +311,7 @@ def _refuse_overloads(values: Float64[np.ndarray, " n"], where: Callable[[int], 
 def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
     """Say which rows were left out; ``what``: line, or number of an angle."""
     if names:
-        note(path, f"{len(names)} without a finite number left out (--skip-invalid): {what} {first_of(names)}")
+        note(path, f"{len(names)} without a finite number left out (`skip_invalid`): {what} {first_of(names)}")
 
 
 def _row(
@@ -332,7 +332,7 @@ def _row(
 def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: TableFormat) -> float | None:
     """The finite number in a cell; None if there is none and such rows are left out."""
     name = rows.names[column] if rows.names else f"column {column + 1}"
-    cure = "; leave that row out, or all such rows: --skip-invalid"
+    cure = "; leave that row out, or all such rows: `skip_invalid`"
     try:
         value = float(text)
     except ValueError:
@@ -342,7 +342,7 @@ def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: 
             raise RecordError(
                 f"{path}, line {line}: {name} is {cell!r}, which looks like a number and cannot be read; write it "
                 "without a unit and without thousands separators"
-                + (" (--skip-invalid leaves out only rows without a number)" if table.skip_invalid else "")
+                + (" (`skip_invalid` leaves out only rows without a number)" if table.skip_invalid else "")
             ) from None
         if table.skip_invalid:
             return None
@@ -359,5 +359,5 @@ def decibels(db: bool, column: str) -> bool:
     if _DECIBELS.search(column):
         return True
     if db and _LINEAR.search(column):
-        raise ConfigError(f"--db is given, and the column {column} names another unit; leave --db out, or rename it")
+        raise ConfigError(f"`db` is given, and the column {column} names another unit; leave `db` out, or rename it")
     return db

@@ -64,27 +64,27 @@ class TableFormat(msgspec.Struct, frozen=True, kw_only=True):
             )
         if self.columns is not None and bool(self.columns[0]) == self.states_angles:
             raise ConfigError(
-                f"--columns is {','.join(filter(None, self.columns))!r}: ANGLE,INTENSITY are needed, or INTENSITY "
-                "alone with --first-deg and --step-deg, or with --angles"
+                f"`columns` is {','.join(filter(None, self.columns))!r}: ANGLE,INTENSITY are needed, or INTENSITY "
+                "alone with `first_and_step_deg`, or with `angles_deg`"
             )
         if self.deg_per_unit is not None and not 0 < abs(self.deg_per_unit) < math.inf:
-            raise ConfigError(f"--deg-per-unit is {self.deg_per_unit:g}: a finite number is needed, and not 0")
+            raise ConfigError(f"`deg_per_unit` is {self.deg_per_unit:g}: a finite number is needed, and not 0")
         if self.deg_per_unit is not None and self.unit is not None:
             raise ConfigError(
-                f"--unit {self.unit} and --deg-per-unit {self.deg_per_unit:g} both say what a unit is; leave one out"
+                f"`unit={self.unit}` and `deg_per_unit={self.deg_per_unit:g}` both say what a unit is; leave one out"
             )
         if not math.isfinite(self.offset_deg):
-            raise ConfigError(f"--offset-deg is {self.offset_deg:g}: a finite number of degrees is needed")
+            raise ConfigError(f"`offset_deg` is {self.offset_deg:g}: a finite number of degrees is needed")
         if self.first_and_step_deg is not None and self.angles_deg is not None:
-            raise ConfigError("--angles and --first-deg with --step-deg both give the angles; leave one out")
+            raise ConfigError("`angles_deg` and `first_and_step_deg` both give the angles; leave one out")
         if self.first_and_step_deg is not None:
             first_deg, step_deg = self.first_and_step_deg
             if not (math.isfinite(first_deg) and 0 < abs(step_deg) < math.inf):
                 raise ConfigError(
-                    f"--first-deg {first_deg:g}, --step-deg {step_deg:g}: finite numbers are needed, a step not 0"
+                    f"`first_and_step_deg=({first_deg:g}, {step_deg:g})`: finite numbers are needed, a step not 0"
                 )
         if self.axes is not None and sorted(self.axes) != sorted(AXES):
-            raise ConfigError(f"--axes is {','.join(self.axes)!r}; write the three in their order: {','.join(AXES)}")
+            raise ConfigError(f"`axes` is {','.join(self.axes)!r}; write the three in their order: {','.join(AXES)}")
 
     @property
     def states_angles(self) -> bool:
@@ -117,9 +117,9 @@ class TableFormat(msgspec.Struct, frozen=True, kw_only=True):
             question = f"the angles run from {finite.min():g} to {finite.max():g}: are these radians?"
             named = unit_in(name).unit
             if named is None:
-                raise RecordError(f"{path}: {question} Say so: --unit rad, or --unit deg if they are degrees")
+                raise RecordError(f"{path}: {question} Say so: `unit=rad`, or `unit=deg` if they are degrees")
             if named == "deg":
-                note(path, f"{question} They are taken as degrees (--unit rad, --unit deg)")
+                note(path, f"{question} They are taken as degrees (`unit=rad`, `unit=deg`)")
         degrees = angles if scale == 1 else np.round(angles * scale, _DEG_DIGITS)
         return degrees + self.offset_deg if self.offset_deg else degrees
 
@@ -129,7 +129,7 @@ class TableFormat(msgspec.Struct, frozen=True, kw_only=True):
             return self.deg_per_unit
         if self.unit is not None:
             return DEG_PER[self.unit]
-        cure = "say how many degrees one is, --deg-per-unit, and where the probe is at 0, --offset-deg; or --unit"
+        cure = "say how many degrees one is, `deg_per_unit`, and where the probe is at 0, `offset_deg`; or `unit`"
         return deg_per_unit_of(path, name, cure=cure)
 
 

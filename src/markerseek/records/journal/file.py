@@ -92,7 +92,7 @@ def exists_error(path: Path) -> RecordError:
         return RecordError(f"{path}: it is a folder, and a journal is one file; name a new file in it")
     if path.is_file() and is_journal(path):
         return RecordError(
-            f"{path}: the journal exists already; name another file, or continue it: markerseek resume {quoted(path)}"
+            f"{path}: the journal exists already; name another file, or continue it: `resumed_run({quoted(path)})`"
         )
     return RecordError(f"{path}: this exists already and is no journal; name a new file")
 
@@ -103,8 +103,8 @@ def open_for_reading(path: Path) -> int:
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
     if not path.exists():
         raise RecordError(
-            f"{path}: there is no such journal; check the name ('markerseek journal list' shows those of "
-            "searches that named none)"
+            f"{path}: there is no such journal; check the name (those of searches that named none are in "
+            f"{journals_folder()})"
         )
     with open_input(path, most_bytes=_MAX_BYTES) as file:
         return os.dup(file.fileno())

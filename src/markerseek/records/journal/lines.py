@@ -234,7 +234,7 @@ class EntryReader(LineReader):
         if self.version != 1 and not head.startswith(MAGIC):
             raise RecordError(
                 f"{self.path}: it does not begin as a journal does, so that it is another kind of file, or damaged, "
-                "or from before the first release; check the name ('markerseek replay' searches recorded scans)"
+                "or from before the first release; check the name (`replayed()` searches recorded scans)"
             )
         first = self._next_first_1() if self.version == 1 else self._next_first()
         if first is None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Self
 
 from markerseek.core import Failed, Finished, RecordError
+from markerseek.files import quoted
 from markerseek.records.journal.entries import Configuration, Interrupted, JournalEntry, JournalEvent, without_frame
 from markerseek.records.journal.file import as_journal_error, exists_error, open_for_reading
 from markerseek.records.journal.line_file import LineFile
@@ -57,8 +58,8 @@ class Journal:
             reader = EntryReader(path, descriptor)
             if reader.version != FORMAT_VERSION:
                 raise RecordError(
-                    f"{path}: it was written by an older markerseek: 'markerseek journal show' and 'replay' read it, "
-                    "but it cannot be resumed; begin a new search"
+                    f"{path}: it was written by an older markerseek: `read_journal({quoted(path)})` and "
+                    f"`answer_again({quoted(path)})` read it, but it cannot be resumed; begin a new search"
                 )
             while (entry := reader.next()) is not None:
                 entries.append(entry)
@@ -108,8 +109,8 @@ class Journal:
             self._lost = self._lines.is_changed()
         if self._lost:
             raise RecordError(
-                f"{self.path}: it was changed, removed or replaced while the run was written; 'markerseek journal "
-                "show' prints as much of it as is whole"
+                f"{self.path}: it was changed, removed or replaced while the run was written; "
+                f"`read_journal({quoted(self.path)})` prints as much of it as is whole"
             )
 
     def interrupt(self, reason: str) -> None:

@@ -667,9 +667,7 @@ def answer_of(
     # An answer that is unsure for its width alone is of the marker: registration takes it.
     other = weaker_than_predicted or unmeasured or known.misfit or known.inconsistency
     if other is None and probability > STATED:
-        other = _other(
-            known, probability, more=f"{more}{', or state that there is a single source (--single)' if others else ''}"
-        )
+        other = _other(known, probability, more=f"{more}{', or state that there is a single source' if others else ''}")
     moves = _moves(known)
     if other is not None:
         return found.as_unsure("source", other if moves is None else f"{moves}; {other}")

@@ -118,8 +118,7 @@ def own_bank(path: Path, *, reference_deg: float | None) -> OfflineBank:
     """
     if isinstance(read_bank(path), FrameBank):
         raise ConfigError(
-            f"{path}: the bank holds frames, and intensities are needed; 'markerseek bank export {path} NEW.csv' makes "
-            "them"
+            f"{path}: the bank holds frames, and intensities are needed; `write_bank({path}, NEW.csv)` makes them"
         )
     return OfflineBank(path=path, material=path.stem, reference_deg=reference_deg)
 

@@ -55,7 +55,7 @@ def make_sections(
         if name not in makers:
             raise ConfigError(f"reproduce: {name!r} is unknown; there are: {', '.join(SECTIONS)}, all")
         if own is not None and name not in OFFLINE:
-            raise ConfigError(f"reproduce: {name} uses no bank; give --bank with {' or '.join(OFFLINE)}")
+            raise ConfigError(f"reproduce: {name} uses no bank; give `bank` with {' or '.join(OFFLINE)}")
     # Not `yield`: the names are checked at the call, before the first section takes its minutes.
     return (makers[name]() for name in names)
 

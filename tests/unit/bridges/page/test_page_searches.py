@@ -29,7 +29,7 @@ SPOT = Spot(left_px=(600.0, 500.0), right_px=(560.0, 500.0), sigma_px=0.1)
 BROWSER = "a browser at 127.0.0.1"
 STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
 RESUMED = "Start begins a new search;"
-IN_TERMINAL = "in the terminal, goes on with this one"
+IN_TERMINAL = "resuming this one in the terminal goes on with it"
 GO_ON = "Go on continues it; Start begins a new search"
 FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
 
@@ -145,10 +145,10 @@ LAST = {
         (True, None, GO_ON),
         (True, "fault", "Start begins a new search"),
         (False, None, "Start begins a new search"),
-        (False, "stopped", f"{RESUMED} markerseek resume, {IN_TERMINAL}"),
-        (False, "killed", f"{RESUMED} markerseek resume, {IN_TERMINAL}"),
+        (False, "stopped", f"{RESUMED} {IN_TERMINAL}"),
+        (False, "killed", f"{RESUMED} {IN_TERMINAL}"),
         # The journal holds the fault: without the option the terminal would refuse.
-        (False, "fault", f"{RESUMED} once the fault is repaired, markerseek resume --reset-fault, {IN_TERMINAL}"),
+        (False, "fault", f"{RESUMED} {IN_TERMINAL}, once the fault is repaired and reset"),
     ],
 )
 def test_what_a_person_can_do_next(stream, followed, simulated, last, said):

@@ -66,18 +66,18 @@ def test_an_npy_of_two_columns_and_one_of_frames(tmp_path):
         ({"angle_deg": ANGLES * 1e4, "intensity": INTENSITIES}, "within one turn"),
         ({"angle_deg": ANGLES, "intensity": INTENSITIES[:3]}, "for 4 angles"),
         ({"angle_deg": ANGLES, "intensity": -INTENSITIES}, "angle 2 deg: .* must not be negative; are these dB"),
-        ({"angle_deg": ANGLES, "frames": FRAMES * np.nan}, "4 of 4 angles hold .*: --skip-invalid"),
-        ({"angle": ANGLES / 57, "intensity": INTENSITIES}, "are these radians. Say so: --unit rad"),
-        ({"winkel": ANGLES, "frames": FRAMES}, "angle_deg is missing, .* --first-deg -35 --step-deg 0.5"),
-        ({"angle_deg": ANGLES, "peak": INTENSITIES}, "intensity or frames expected, .* --columns ANGLE,INTENSITY"),
+        ({"angle_deg": ANGLES, "frames": FRAMES * np.nan}, "4 of 4 angles hold .*: `skip_invalid`"),
+        ({"angle": ANGLES / 57, "intensity": INTENSITIES}, "are these radians. Say so: `unit=rad`"),
+        ({"winkel": ANGLES, "frames": FRAMES}, "angle_deg is missing, .* `first_and_step_deg=\\(-35, 0.5\\)`"),
+        ({"angle_deg": ANGLES, "peak": INTENSITIES}, "intensity or frames expected, .* `columns=ANGLE,INTENSITY`"),
         ({"angle_deg": ANGLES, "frames": FRAMES[:3]}, "for 4 angles"),
         (
             {"angle_deg": ANGLES, "frames": FRAMES.transpose(0, 2, 1)},
-            "30 channels would have 8 samples each: .* --axes angles,samples,channels",
+            "30 channels would have 8 samples each: .* `axes=angles,samples,channels`",
         ),
         (
             {"angle_deg": ANGLES, "frames": FRAMES.transpose(1, 2, 0)},
-            "state their order: --axes channels,samples,angles",
+            "state their order: `axes=channels,samples,angles",
         ),
         (
             {"angle_deg": ANGLES, "intensity": INTENSITIES, "sampling_hz": INTENSITIES},
@@ -118,7 +118,7 @@ def test_angles_without_numbers_are_left_out_and_named(tmp_path, values):
     values = values.copy()
     values[2] = np.nan
     path = save(tmp_path / "a.npz", angle_deg=ANGLES, **{"intensity" if values.ndim == 1 else "frames": values})
-    with noted(r"1 without a finite number left out \(--skip-invalid\): angle number 3"):
+    with noted(r"1 without a finite number left out \(`skip_invalid`\): angle number 3"):
         bank = read_arrays(path, TableFormat(skip_invalid=True))
     assert bank.angles_deg == (-1.0, 2.0, 7.0)
 
@@ -147,7 +147,7 @@ def test_the_only_array_of_three_axes_holds_the_frames(tmp_path, name, suffix):
     path = save(tmp_path / f"a{suffix}", **{name: FRAMES, "angle_deg": ANGLES, "gain": np.ones((8, 2))})
     np.testing.assert_array_equal(read_arrays(path).frame(0).samples, FRAMES[ORDER[0]])
     alone = save(tmp_path / f"b{suffix}", **{name: FRAMES})
-    with pytest.raises(RecordError, match=r"angle_deg is missing, .* --first-deg -35 --step-deg 0\.5"):
+    with pytest.raises(RecordError, match=r"angle_deg is missing, .* `first_and_step_deg=\(-35, 0\.5\)`"):
         read_arrays(alone)
     bank = read_arrays(alone, TableFormat(first_and_step_deg=(3.0, -0.5)))
     np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[3])
@@ -156,9 +156,7 @@ def test_the_only_array_of_three_axes_holds_the_frames(tmp_path, name, suffix):
 def test_of_several_arrays_of_three_axes_one_is_named(tmp_path):
     path = save(tmp_path / "a.npz", RF=FRAMES, filtered=FRAMES // 2)
     stated = {"first_and_step_deg": (3.0, 0.5)}
-    with pytest.raises(
-        RecordError, match=r"RF, filtered; name one, .* or --columns RF with --first-deg and --step-deg"
-    ):
+    with pytest.raises(RecordError, match=r"RF, filtered; name one, .* or `columns=RF` with `first_and_step_deg`"):
         read_arrays(path, TableFormat(**stated))
     bank = read_arrays(path, TableFormat(columns=("", "filtered"), **stated))
     np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[0] // 2)
@@ -175,7 +173,7 @@ def test_a_unit_in_the_name_of_a_variable_is_read(tmp_path, name, per_deg):
 def test_counts_are_refused_by_their_name_and_become_degrees_by_a_scale(tmp_path):
     np.savez(tmp_path / "a.npz", encoder_counts=8192 * ANGLES, intensity=INTENSITIES)
     named = {"columns": ("encoder_counts", "intensity")}
-    with pytest.raises(RecordError, match=r"'counts' is no unit of an angle; .* --deg-per-unit"):
+    with pytest.raises(RecordError, match=r"'counts' is no unit of an angle; .* `deg_per_unit`"):
         read_arrays(tmp_path / "a.npz", TableFormat(**named))
     bank = read_arrays(tmp_path / "a.npz", TableFormat(**named, deg_per_unit=1 / 8192, offset_deg=-5))
     assert bank.angles_deg == (-6.0, -4.5, -3.0, 2.0)

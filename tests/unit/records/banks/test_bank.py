@@ -65,14 +65,14 @@ def test_a_table_comes_back_as_another_writer_wrote_it(tmp_path: Path, rows: lis
         ("angle_deg,intensity\n1,2\n2,-1\n3,4\n", "line 3: intensity is -1.0, it must not be negative"),
         (
             "Winkel;Wert\n1;2\n2;1\n3;4\n",
-            r"it has Winkel, Wert; .* --columns ANGLE,INTENSITY, here perhaps Winkel,Wert$",
+            r"it has Winkel, Wert; .* `columns=ANGLE,INTENSITY`, here perhaps Winkel,Wert$",
         ),
         ("A;Max V\n1;2\n2;1\n3;4\n", r"here perhaps 'A,Max V'$"),
         ("Max V;angle\n1;2\n2;1\n3;4\n", r"here perhaps 'angle,Max V'$"),
-        ("encoder_counts;Max V\n1;2\n2;1\n", r"here perhaps 'encoder_counts,Max V' with --deg-per-unit$"),
+        ("encoder_counts;Max V\n1;2\n2;1\n", r"here perhaps 'encoder_counts,Max V' with `deg_per_unit`$"),
         (
             f"A report of {'long ' * 20}standing, which is prose\nand goes on, here\nto its, end\n",
-            r"it has A report of [long ]{20,60}…; name the columns of angle and intensity: --columns ANGLE,INTENSITY$",
+            r"it has A report of [long ]{20,60}…; name the columns of angle and intensity: `columns=ANGLE,INTENSITY`$",
         ),
         ("1,2,3\n2,1,3\n3,4,3\n", "angle_deg and intensity are missing, it has 3 columns without names"),
         ("angle_deg;intensity\n1;1.23,5\n2;1\n3;4\n", "line 2: intensity is '1.23,5', .* and cannot be read"),
@@ -114,7 +114,7 @@ def test_folders_are_ordered_by_their_angle_and_not_by_their_name(tmp_path: Path
         (("1", "2", "3"), "its number may count the frames or be an angle"),
         (
             ("frame_010", "frame_011", "frame_012"),
-            "name each frame as in angle_12.5deg, or state the angles: --first-deg",
+            "name each frame as in angle_12.5deg, or state the angles: `first_and_step_deg",
         ),
     ],
 )

@@ -165,12 +165,12 @@ def npy_header(text):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.hdf5", b"", "a scan of many angles, not one frame; see 'markerseek bank info .*a.hdf5'"),
-        ("a.csv", b"angle_deg,intensity", "see 'markerseek bank info .*a.csv'"),
-        ("a.npz", b"", "see 'markerseek bank info .*a.npz'"),
-        ("a.run", JOURNAL.read_bytes(), "journal of a search, not one frame; see 'markerseek journal show .*a.run'"),
+        ("a.hdf5", b"", r"a scan of many angles, not one frame; see `read_bank\(.*a.hdf5"),
+        ("a.csv", b"angle_deg,intensity", r"see `read_bank\(.*a.csv"),
+        ("a.npz", b"", r"see `read_bank\(.*a.npz"),
+        ("a.run", JOURNAL.read_bytes(), "journal of a search, not one frame; see `read_journal\\(.*a.run"),
         ("a.txt", b"", "give a .mat, an .npy, or a folder of SonixDAQ files, .* an Ultrasonix .rf; B-mode images"),
-        ("a.mat", savemat_bytes(angle_deg=np.arange(3.0)), "see 'markerseek bank import .*a.mat scan.hdf5'"),
+        ("a.mat", savemat_bytes(angle_deg=np.arange(3.0)), "see `read_bank\\(.*a.mat"),
     ],
 )
 def test_another_kind_of_file_names_the_command_for_it(tmp_path, name, content, message):
@@ -189,13 +189,13 @@ def test_nobody_is_advised_to_unpickle_a_file(tmp_path, content):
 
 def test_an_npy_of_many_angles_names_the_command_for_it(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((3, 2, 9), np.int16))
-    with pytest.raises(RecordError, match=r"see 'markerseek bank import .*a.npy scan.hdf5'"):
+    with pytest.raises(RecordError, match=r"see `read_bank\(.*a.npy\)`"):
         load_frame(tmp_path / "a.npy")
 
 
 def test_a_folder_of_many_angles_names_the_command_for_it(tmp_path):
     (tmp_path / "angle_-5deg").mkdir()
-    with pytest.raises(RecordError, match=r"0 channel files .* see 'markerseek bank info"):
+    with pytest.raises(RecordError, match=r"0 channel files .* see `read_bank\("):
         load_frame(tmp_path)
 
 
@@ -288,7 +288,7 @@ def test_a_counted_folder_takes_stated_angles_and_keeps_the_places_of_missing_fr
     frames = dict(enumerate(pulses_of(6), start=8))
     del frames[11]
     folder = counted_folder(tmp_path / "scan", frames)
-    with pytest.raises(RecordError, match=r"frame_008\.npy: its number may count the frames .* --first-deg -35"):
+    with pytest.raises(RecordError, match=r"frame_008\.npy: its number may count the frames .* `first_and"):
         read_bank(folder)
     with noted("the frames numbered 11 are missing; the others keep their angles"):
         bank = read_bank(folder, TableFormat(first_and_step_deg=(-4.0, 2.0)))
@@ -303,7 +303,7 @@ def test_a_counted_folder_takes_stated_angles_and_keeps_the_places_of_missing_fr
 def test_a_folder_of_angles_refuses_stated_ones(tmp_path):
     for name in ("-2deg", "0deg", "2deg"):
         write_daq(tmp_path / name, pulses_of(1))
-    with pytest.raises(ConfigError, match=r"the names of its frames are angles, such as -2deg; leave --first-deg"):
+    with pytest.raises(ConfigError, match=r"the names of its frames are angles, such as -2deg; leave `first_"):
         read_bank(tmp_path, TableFormat(first_and_step_deg=(0.0, 1.0)))
 
 
@@ -311,7 +311,9 @@ def test_a_folder_of_angles_refuses_stated_ones(tmp_path):
 def test_one_triggered_acquisition_holds_a_pulse_at_each_angle(tmp_path, new):
     pulses = pulses_of(5)
     folder = write_daq(tmp_path / "burst", pulses, new=new)
-    with pytest.raises(RecordError, match=r"with 5 pulses; if each pulse was triggered at an angle .*--first-deg -35"):
+    with pytest.raises(
+        RecordError, match=r"with 5 pulses; if each pulse was triggered at an angle .*`first_and_step_deg="
+    ):
         read_bank(folder)
     bank = read_bank(folder, TableFormat(first_and_step_deg=(6.0, -3.0), without_channels=(2,)))
     assert bank.angles_deg == (-6.0, -3.0, 0.0, 3.0, 6.0)

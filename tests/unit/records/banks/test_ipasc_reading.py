@@ -44,7 +44,7 @@ def test_todays_version_is_read():
 
 
 def test_a_bank_with_angles_refuses_stated_ones():
-    with pytest.raises(ConfigError, match="this recording has its angles; leave --first-deg"):
+    with pytest.raises(ConfigError, match="this recording has its angles; leave `first_and_step_deg"):
         read_bank(FIXTURES / "bank.hdf5", TableFormat(first_and_step_deg=(0.0, 1.0)))
 
 

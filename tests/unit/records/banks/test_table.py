@@ -91,7 +91,7 @@ def test_units_by_the_option_and_by_the_name_of_the_column(tmp_path: Path, unit:
 def test_a_range_below_two_asks_for_the_unit(tmp_path: Path) -> None:
     path = written(tmp_path, "angle,intensity\n-0.6,1\n0,3\n0.6,2\n")
     columns = ("angle", "intensity")
-    with pytest.raises(RecordError, match=r"from -0\.6 to 0\.6: are these radians\? Say so: --unit rad, or --unit deg"):
+    with pytest.raises(RecordError, match=r"from -0\.6 to 0\.6: are these radians\? Say so: `unit=rad`, or `unit=deg`"):
         read_bank(path, TableFormat(columns=columns))
     assert read_bank(path, TableFormat(columns=columns, unit="deg")).angles_deg == (-0.6, 0.0, 0.6)
     assert read_bank(path, TableFormat(columns=columns, unit="rad")).range.width_deg == pytest.approx(68.7549, abs=1e-4)
@@ -125,17 +125,17 @@ def test_any_order_and_repeated_angles_averaged_with_a_word(tmp_path: Path) -> N
 def test_rows_without_numbers_are_left_out_and_named(tmp_path: Path) -> None:
     path = written(tmp_path, "angle_deg,intensity\n-1,5\n0,nan\n1,7\n2,\n3,n/a\ninf,1\n4,2\n")
     with pytest.raises(
-        RecordError, match=r"line 3: intensity is nan, it must be finite; .*all such rows: --skip-invalid"
+        RecordError, match=r"line 3: intensity is nan, it must be finite; .*all such rows: `skip_invalid`"
     ):
         read_bank(path)
-    with noted(r"4 without a finite number left out \(--skip-invalid\): line 3, 5, 6, 7$"):
+    with noted(r"4 without a finite number left out \(`skip_invalid`\): line 3, 5, 6, 7$"):
         bank = read_bank(path, TableFormat(skip_invalid=True))
     assert bank == IntensityBank(angles_deg=(-1.0, 1.0, 4.0), intensities=(5.0, 7.0, 2.0))
 
 
 def test_decibels_are_asked_for_and_become_amplitudes(tmp_path: Path) -> None:
     path = written(tmp_path, "angle_deg,intensity\n-1,-40\n0,-20\n1,0\n")
-    with pytest.raises(RecordError, match=r"line 2: intensity is -40.0, it must not be negative; are these dB.* --db"):
+    with pytest.raises(RecordError, match=r"line 2: intensity is -40.0, it must not be negative; are these dB.* `db`"):
         read_bank(path)
     bank = read_bank(path, TableFormat(db=True))
     assert isinstance(bank, IntensityBank)
@@ -184,7 +184,7 @@ def test_a_unit_that_is_none_of_angle_is_refused_by_its_name_with_the_way_to_deg
     tmp_path: Path, name: str, other: str
 ) -> None:
     path = written(tmp_path, table(f"{name},intensity", ",", angles=(0.0, 250.0, 500.0, 750.0)))
-    with pytest.raises(RecordError, match=rf"'{other}' is no unit of an angle; .*--deg-per-unit, .* --offset-deg"):
+    with pytest.raises(RecordError, match=rf"'{other}' is no unit of an angle; .*`deg_per_unit`, .* `offset_deg`"):
         read_bank(path, TableFormat(columns=(name, "intensity")))
     bank = read_bank(path, TableFormat(columns=(name, "intensity"), deg_per_unit=-0.02, offset_deg=7.5))
     assert bank.angles_deg == (-7.5, -2.5, 2.5, 7.5)
@@ -200,12 +200,12 @@ def test_counts_may_have_thousands_separators(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"deg_per_unit": 0.0}, "--deg-per-unit is 0: a finite number is needed, and not 0"),
-        ({"deg_per_unit": math.nan}, "--deg-per-unit is nan"),
-        ({"offset_deg": math.inf}, "--offset-deg is inf"),
+        ({"deg_per_unit": 0.0}, "`deg_per_unit` is 0: a finite number is needed, and not 0"),
+        ({"deg_per_unit": math.nan}, "`deg_per_unit` is nan"),
+        ({"offset_deg": math.inf}, "`offset_deg` is inf"),
         ({"deg_per_unit": 2.0, "unit": "gon"}, "both say what a unit is; leave one out"),
-        ({"columns": ("", "b")}, "INTENSITY alone with --first-deg and --step-deg"),
-        ({"columns": ("a", "b"), "first_and_step_deg": (0.0, 1.0)}, "--columns is 'a,b'"),
+        ({"columns": ("", "b")}, "INTENSITY alone with `first_and_step_deg`"),
+        ({"columns": ("a", "b"), "first_and_step_deg": (0.0, 1.0)}, "`columns` is 'a,b'"),
     ],
 )
 def test_a_format_that_contradicts_itself_is_refused(values: dict[str, object], message: str) -> None:
@@ -265,7 +265,7 @@ def test_intensities_by_frames_take_stated_angles(tmp_path: Path) -> None:
     assert read_bank(named, stated).angles_deg == (1.0, 5.0, 9.0)
     with pytest.raises(RecordError, match="2 angles are given for 3 rows"):
         read_bank(named, TableFormat(columns=("", "b"), angles_deg=(1.0, 5.0)))
-    with pytest.raises(ConfigError, match="its column angle_deg has the angles; leave --first-deg"):
+    with pytest.raises(ConfigError, match="its column angle_deg has the angles; leave `first_and_step_deg"):
         read_bank(written(tmp_path, table("angle_deg,intensity", ",")), TableFormat(first_and_step_deg=(0.0, 1.0)))
 
 
@@ -273,7 +273,7 @@ def test_intensities_without_names_take_stated_angles(tmp_path: Path) -> None:
     steps = TableFormat(first_and_step_deg=(-2.0, 2.0))
     assert read_bank(written(tmp_path, "5.5\n7\n9\n"), steps).angles_deg == (-2.0, 0.0, 2.0)
     path = written(tmp_path, "1,5.5\n2,7\n3,9\n")
-    with pytest.raises(ConfigError, match=r"the first may hold the angles; .* --columns 2"):
+    with pytest.raises(ConfigError, match=r"the first may hold the angles; .* `columns=2`"):
         read_bank(path, steps)
     assert read_bank(path, TableFormat(first_and_step_deg=(-2.0, 2.0), columns=("", "2"))).intensities == (
         5.5,
@@ -288,7 +288,7 @@ def test_a_first_column_without_a_name_that_counts_is_asked_about(tmp_path: Path
     with notes_collected() as said:
         assert read_bank(path).notes == tuple(said)
     assert "its columns have no names" in said[0]
-    assert "if it only counts, state the angles: --columns 2 --first-deg" in said[1]
+    assert "if it only counts, state the angles: `columns=2` `first_and_step_deg" in said[1]
 
 
 def test_a_list_of_angles_has_the_unit_of_its_name(tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def test_where_no_journal_can_be_begun_the_remedy_is_given(
 def test_a_journal_given_as_a_bank_is_reported_as_a_journal(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     Journal.create(path, configuration()).close()
-    with pytest.raises(RecordError, match=f"{name}: it is the journal of a run.*'markerseek journal replay .*{name}'"):
+    with pytest.raises(RecordError, match=f"{name}: it is the journal of a run.*`answer_again\\(.*{name}"):
         read_bank(path)
 
 
