@@ -97,7 +97,8 @@ def join_changes(version: Version) -> str:
 
 def section_of(version: Version, changelog: str) -> str:
     """What the changelog says of a release."""
-    section = re.search(rf"^## {re.escape(str(version))} \(.*\)\n(.*?)(?=^<a id|^## |\Z)", changelog, re.M | re.S)
+    heading = rf"^## {re.escape(str(version))} \([\d-]+\)\n"
+    section = re.search(heading + r"(.*?)(?=^<a id|^## |\Z)", changelog, re.M | re.S)
     if section is None or not section[1].strip():
         sys.exit(f"release: CHANGELOG.md has no section of {version} after its files were joined")
     return section[1].strip()

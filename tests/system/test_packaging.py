@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import shutil
 import signal
 import subprocess
@@ -62,6 +63,14 @@ def test_the_changelog_has_releases_and_a_place_for_the_next_one() -> None:
     headings = re.findall(r"^## (.*)$", text, re.MULTILINE)
     assert headings
     assert all(re.fullmatch(r"\d+\.\d+\.\d+ \(\d{4}-\d\d-\d\d\)", heading) for heading in headings)
+
+
+def test_the_notes_of_a_release_are_its_section_of_the_changelog() -> None:
+    section_of = runpy.run_path(str(ROOT / "release" / "release.py"))["section_of"]
+    heads = [f"<a id='changelog-{version}'></a>\n## {version} (2026-01-02)\n\n" for version in ("0.2.0", "0.1.0")]
+    text = f"# Changelog\n\n{heads[0]}### Rigs\n\n- new (as said)\n\n{heads[1]}- first\n"
+    assert section_of("0.2.0", text) == "### Rigs\n\n- new (as said)"
+    assert section_of("0.1.0", text) == "- first"
 
 
 CHANGES = [path for path in (ROOT / "changelog.d").glob("*.md") if path.name != "README.md"]
