@@ -74,6 +74,7 @@ check: .venv/dev  ## look for faults without running: lint, format, types, impor
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m pytest -q tests/unit/test_house.py -k kept
 	$(BIN)/python -m repo_review --show errskip .
 
 bench: .venv-bench/ready  ## time the kernels side by side with other people's programs

@@ -1,4 +1,4 @@
-"""Programs that connect to the page without its token, in any number: STOP is answered within a second (P13)."""
+"""Programs that connect to the page without its token, in any number: STOP is answered within a second."""
 
 from __future__ import annotations
 

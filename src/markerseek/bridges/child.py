@@ -2,7 +2,7 @@
 
 The child has the bridge's terminal: a rig of devices asks there whether it may be armed, and ends with exit code 4 if
 nobody answers. Whoever reads its events sends it a heartbeat meanwhile: it stops, with the laser off, when the bridge
-is killed or hangs (decision 44). `Searches` starts the searches that other programs ask for, one at a time.
+is killed or hangs. `Searches` starts the searches that other programs ask for, one at a time.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from contextlib import suppress
 OPTION = "--heartbeat"
 
 SILENT_S = 4.0
-"""Longest time without a beat, in seconds: a search then has one more to stop (decision 44)."""
+"""Longest time without a beat, in seconds: a search then has one more to stop."""
 
 ORDERLY_S = 1.0
 """Time for an orderly end, in seconds; what hangs then is ended all the same."""

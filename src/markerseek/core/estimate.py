@@ -19,7 +19,7 @@ Doubt: TypeAlias = Literal["source", "width"]
 
 
 FALSE_FOUND = 1e-3
-"""Probability p that noise alone exceeds the threshold somewhere in a search (promise P9)."""
+"""Probability p that noise alone exceeds the threshold somewhere in a search."""
 
 
 class Floor(msgspec.Struct, frozen=True, kw_only=True):

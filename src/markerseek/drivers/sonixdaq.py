@@ -6,7 +6,7 @@ compared.
 
 No file contains which trigger it answers. Whenever files of an earlier trigger may still come, `settle` waits for
 longer than a readout takes before anything is triggered again. The number of pulses in the files must be that
-of the permit; the scanner varies it where the device allows (decision 16).
+of the permit; the scanner varies it where the device allows.
 """
 
 from __future__ import annotations

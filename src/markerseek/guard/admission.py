@@ -115,7 +115,7 @@ class Admission:
     def source_in_dark(self, reading: Reading) -> str | None:
         """Message that a dark frame holds a source; None if noise alone can explain it, or is not known.
 
-        The largest of M cells of noise exceeds σ·sqrt(2·ln(M/p)) with probability p (decision 6 of the safety notes).
+        The largest of M cells of noise exceeds σ·sqrt(2·ln(M/p)) with probability p.
         """
         sigma = reading.noise_sigma
         cells = reading.cells

@@ -2,7 +2,7 @@
 
 They are kept in an anonymous memory file (memfd), which the system frees when the last process closes it. The
 process that searches writes each image over an old one, and waits for nobody. A reader that is too late, or finds an
-image that is not whole, makes it of the samples in the journal (decision 78).
+image that is not whole, makes it of the samples in the journal.
 """
 
 from __future__ import annotations

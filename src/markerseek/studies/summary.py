@@ -1,8 +1,8 @@
 """Summary of a study's table: errors, answers and cost by policy and cell, and differences of errors.
 
 Errors are those of the searches that answer `Found`, and those of every search with a marker, whatever its answer. A
-claim is wrong if the answer is `Found` and off by more than `CLAIM_TOLERANCES` times the tolerance (promise P10); an
-interval of 95 % covers the truth or does not (P11). The table is in the order of the cells, and only one cell is in
+claim is wrong if the answer is `Found` and off by more than `CLAIM_TOLERANCES` times the tolerance; an
+interval of 95 % covers the truth or does not. The table is in the order of the cells, and only one cell is in
 memory.
 
 The 95 % intervals are Student's t for a mean, and those of Clopper and Pearson (1934) for a share.
@@ -81,7 +81,7 @@ def clopper_pearson(hits: int, count: int) -> tuple[float, float]:
 
 
 CLAIM_TOLERANCES = 2.0
-"""Error over the tolerance beyond which the claim of a `Found` is wrong (promise P10)."""
+"""Error over the tolerance beyond which the claim of a `Found` is wrong."""
 
 ALL_PAIRS = 6
 """Most policies for which every pair is compared; with more, pairs with the same number of acquisitions."""

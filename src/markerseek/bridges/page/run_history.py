@@ -82,7 +82,7 @@ def warm_up() -> None:
     samples = np.zeros((preset.array.elements, 2080), dtype=np.int16)
     ImageReader(preset).picture(ChannelFrame(header=NO_HEADER, samples=samples, sampling_hz=preset.sampling_hz))
     # A page runs for days: what its updates leave behind is collected as often as usual in Python, and not as rarely as
-    # in a command (decision 35). What has been loaded by now is passed over, so that this costs little.
+    # in a command. What has been loaded by now is passed over, so that this costs little.
     gc.freeze()
     gc.set_threshold(700)
 

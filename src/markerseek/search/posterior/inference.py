@@ -797,7 +797,7 @@ SHIFT_M = 0.105e-3
 INCOHERENT_SHIFT_M = 0.05e-3
 SCATTER_SHIFT_M = 1.5e-3
 """a₀, a₁ and a₂ in metres: the most likely values in 310 searches for simulated spots in four tissues, enlarged until
-the intervals cover (decision 52)."""
+the intervals cover."""
 
 USUAL_WIDTH_M = 5e-3
 """Width of a curve, as a length at the marker, to which `SHIFT_M` refers."""
