@@ -19,7 +19,7 @@ BENCH ?=
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo page test test-long test-changed coverage-docs check format changelog bench faults kills mutants peers ros2 setup docs figures dist wheel release lock clean
+.PHONY: help demo page test test-long test-changed coverage-docs check format changelog bench faults kills mutants peers ros2 setup docs pages figures dist wheel release lock clean
 
 help:  ## list these commands
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -113,6 +113,10 @@ setup: .venv/dev .venv/compiled $(ROS_READY)  ## set up the environments of the 
 docs: .venv/dev  ## make the documentation site in out/docs (warnings are errors), for reading offline
 	$(BIN)/python -m sphinx -W --keep-going -q -E -b html docs out/docs
 	@echo "open out/docs/index.html"
+
+pages: .venv/dev  ## fill in what pages take from the code and from docs/data
+	$(BIN)/python docs/public_names.py
+	$(BIN)/python docs/made.py
 
 figures: .venv/dev  ## draw the pictures of README, map and gallery
 	$(BIN)/markerseek search --seed 1 --no-journal --plot --out docs/figures/search.png
