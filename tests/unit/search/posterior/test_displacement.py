@@ -133,7 +133,7 @@ def test_without_cameras_the_same_markers_are_far_less_well_known() -> None:
     assert np.median(ratios) > 2
 
 
-def test_cameras_that_contradict_the_frames_do_not_narrow_the_interval() -> None:
+def test_with_cameras_that_contradict_the_frames_nothing_is_found() -> None:
     """What they say is turned away from the truth: depth and lateral position scatter on, and the turn with them."""
 
     class Turned(BreathingMarker):
@@ -148,9 +148,7 @@ def test_cameras_that_contradict_the_frames_do_not_narrow_the_interval() -> None
             return super().sample(probe_deg, at_s, -2 * self.displacement_mm(at_s), timing)
 
     for seed in range(3):
-        marker = Turned(np.random.default_rng(seed), amplitude_mm=1.0)
-        answer = at_rest(marker)
-        assert answer.sigma_deg is None or abs(answer.mean_deg - marker.angle_deg) < 3 * answer.sigma_deg
+        answer = at_rest(Turned(np.random.default_rng(seed), amplitude_mm=1.0))
         assert not isinstance(answer, Found)
 
 
