@@ -15,6 +15,7 @@ from types import FunctionType
 from sphinx.pycode import ModuleAnalyzer
 
 import markerseek
+from markerseek.core import shapes
 
 PAGE = Path(__file__).parent / "reference" / "api.md"
 
@@ -23,7 +24,11 @@ PACKAGES = (
     "contract",
 )
 
-WITHOUT_DOCSTRING = {"__version__": "The version of this package."}
+WITHOUT_DOCSTRING = {
+    "__version__": "The version of this package.",
+    # In tests these are classes of jaxtyping.
+    **dict.fromkeys(set(shapes.__all__) - {"CHECKED"}, "Array of this type; its shape stands in the brackets."),
+}
 
 
 def names_of(package: str) -> list[str]:
