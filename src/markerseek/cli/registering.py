@@ -155,7 +155,7 @@ def run_session(asked: SessionArguments, *, as_json: bool) -> SessionOver:
                     f"{record.folder / registration.SPOT_IS_SET}, or add --idle-s or --light-while-waiting"
                 )
         session = registration.RegistrationSession(room, plan=plan, record=record)
-        _watch(session, record.folder, as_json=as_json)
+        _watch(session, record.folder, as_json=as_json, hold=plan.hold)
         if not as_json:
             _say_size(record.folder, frames=not plan.no_frames)
         simulated = isinstance(room, registration.SimulatedRoom)
@@ -228,11 +228,14 @@ def _room(asked: SessionArguments, *, as_json: bool) -> Iterator[registration.Ro
         require_no_trace(place.trace)
         announce_compilation()
         rig_settings = simulated_settings(settings, asked.simulation, sweeps=asked.plan.sweep)
+        # Where the tissue moves, the cameras are to see it.
+        textured = rig_settings.motion.moves
+        if asked.plan.hold:
+            # The simulated person holds the ventilation whenever a marker is taken.
+            still = structs.replace(rig_settings.motion, breathing_mm=0.0)
+            rig_settings = structs.replace(rig_settings, motion=still)
         yield registration.SimulatedRoom(
-            # Where the tissue moves, the cameras are to see it.
-            registration.SimulatedRoomSettings(
-                rig=rig_settings, pace=asked.simulation.pace, textured=rig_settings.motion.moves
-            ),
+            registration.SimulatedRoomSettings(rig=rig_settings, pace=asked.simulation.pace, textured=textured),
             seed=asked.seed,
         )
         return
@@ -296,13 +299,16 @@ def _require_same(record: registration.SessionRecord, begun: registration.Begun)
             raise ConfigError(f"{record.folder}: the session was begun {how}; name the same, or begin a new session")
 
 
-def _watch(session: registration.RegistrationSession, folder: Path, *, as_json: bool) -> None:
-    """Print each step of a session; a signal stops the rig and ends the command."""
+def _watch(session: registration.RegistrationSession, folder: Path, *, as_json: bool, hold: bool) -> None:
+    """Print each step of a session; a signal stops the rig and ends the command.
+
+    ``hold``: whether the ventilation is held while a marker is searched.
+    """
     again = _continue_command(folder)
     with stopped_by_signals():
         try:
             with closing(session.steps()) as steps:
-                _show(steps, session)
+                _show(steps, session, hold=hold)
         except StoppedBySignal as stop:
             end_stopped(stop, as_json=as_json, kept=folder, resume=again)
         except MarkerseekError:
@@ -310,14 +316,15 @@ def _watch(session: registration.RegistrationSession, folder: Path, *, as_json: 
             raise
 
 
-def _show(steps: Iterator[registration.Step], session: registration.RegistrationSession) -> None:
-    """Print the steps; a search has a bar of its own."""
+def _show(steps: Iterator[registration.Step], session: registration.RegistrationSession, *, hold: bool) -> None:
+    """Print the steps; a search has a bar of its own, with its seconds where the ventilation is held."""
     for name, group in groupby(steps, lambda step: step.name if isinstance(step, registration.Searching) else None):
         if name is None:
             for step in group:
                 stderr.print(_line(step, session.view))
             continue
-        with progress_bar(None, what=f"searching marker {name}") as progress:
+        what = f"searching marker {name}{', the ventilation is held' if hold else ''}"
+        with progress_bar(None, what=what, seconds=hold) as progress:
             for step in group:
                 if isinstance(step, registration.Searching):
                     show_view(progress, step.view)

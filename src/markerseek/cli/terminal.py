@@ -22,6 +22,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
@@ -177,9 +178,14 @@ def time_left(seconds: float) -> str:
 
 
 @contextmanager
-def progress_bar(total: int | None, *, what: str) -> Iterator[Progress]:
-    """A progress bar on standard error; hidden if that is not a terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(24), MofNCompleteColumn())
+def progress_bar(total: int | None, *, what: str, seconds: bool = False) -> Iterator[Progress]:
+    """A progress bar on standard error; hidden if that is not a terminal.
+
+    ``seconds``: whether it counts the time since it appeared.
+    """
+    columns: tuple[ProgressColumn, ...] = (TextColumn("{task.description}"), BarColumn(24), MofNCompleteColumn())
+    if seconds:
+        columns = (*columns, TimeElapsedColumn())
     # In a log file, Rich would write one line for each update.
     with Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal) as progress:
         progress.add_task(what, total=total)

@@ -69,6 +69,13 @@ class SessionPlan(msgspec.Struct, frozen=True, kw_only=True):
             "dark until somebody says that the spot is set."
         ),
     ] = False
+    hold: Annotated[
+        bool,
+        Help(
+            "Ask to hold the ventilation while each marker is taken, count the seconds, and say when to go on: for "
+            "tissue that moves."
+        ),
+    ] = False
     no_frames: Annotated[
         bool,
         Help(

@@ -65,6 +65,9 @@ _WORTH = 0.1
 MOST_AT_REST = 6
 """Most acquisitions at rest of a search by sweeps that has detected nothing."""
 
+_GO_ON = "go on with the ventilation"
+"""What is said once a marker is taken for which the ventilation was held."""
+
 APART_M = 5e-3
 """Distance from a spot that was taken, below which another spot is the same: the person has not moved it yet."""
 
@@ -138,7 +141,7 @@ class RegistrationSession:
             waiting = Waiting(
                 name=self.view.next_name,
                 place=state.place,
-                said=self._asking(state.place),
+                said=self._with_hold(self._asking(state.place)),
                 dark=self._room.waits_dark,
             )
             yield self._recorded(waiting)
@@ -389,6 +392,17 @@ class RegistrationSession:
         x_px, y_px = place.left_px
         return f"light the next spot near ({x_px:.0f}, {y_px:.0f}) px of the left image"
 
+    def _with_hold(self, said: str) -> str:
+        """What the person has to do, and what to ask of the anaesthetist, where the ventilation is to be held."""
+        if not self._plan.hold:
+            return said
+        before = f"{_GO_ON}; " if self.view.markers else ""
+        took = f", for about {max(marker.rig_s for marker in self.view.markers):.0f} s" if self.view.markers else ""
+        return (
+            f"{before}{said}; then hold the ventilation at the end of exhalation until its marker is taken{took}, and "
+            "say so once it is held"
+        )
+
     def _again(self) -> Generator[Step, None, None]:
         """Measure the first marker that was chosen again."""
         assert self.view.last is not None  # noqa: S101  a registration holds
@@ -403,7 +417,7 @@ class RegistrationSession:
         waiting = Waiting(
             name=first.name,
             place=place,
-            said=f"light the spot of marker {first.name} again, to see whether it has moved",
+            said=self._with_hold(f"light the spot of marker {first.name} again, to see whether it has moved"),
             dark=self._room.waits_dark,
         )
         yield self._recorded(waiting)
@@ -447,7 +461,7 @@ class RegistrationSession:
         waiting = Waiting(
             name=name,
             place=place,
-            said=f"{self._asking(place)}; it takes no part in the registration, and checks it",
+            said=self._with_hold(f"{self._asking(place)}; it takes no part in the registration, and checks it"),
             dark=self._room.waits_dark,
         )
         yield self._recorded(waiting)
@@ -465,7 +479,8 @@ class RegistrationSession:
         late = "" if in_time else "no new spot was accepted in the time allowed; "
         took = f"{counted(len(self.view.markers), 'marker')} in {self.view.rig_s:.0f} s of the rig"
         registered = self.view.registration is not None
-        return Ended(registered=registered, said=f"{late}{self.view.said}; {took}", rig_s=self.view.rig_s)
+        go_on = f"; {_GO_ON}" if self._plan.hold else ""
+        return Ended(registered=registered, said=f"{late}{self.view.said}; {took}{go_on}", rig_s=self.view.rig_s)
 
 
 def _require_new(spot: Spot, seen: SeenMarker, markers: Sequence[SeenMarker]) -> None:

@@ -246,3 +246,20 @@ def test_a_session_that_is_continued_with_another_goal_or_target_says_so_to_all(
     view = SessionRecord.reopen(tmp_path / "s").view
     assert view.goal_m == pytest.approx(0.7e-3 if plan.tre_mm is None else plan.goal_m)
     assert view.target_trus_m == plan.target_trus_m
+
+
+def test_the_ventilation_is_to_be_held_for_each_marker_and_to_go_on_after_it() -> None:
+    session = RegistrationSession(FaultyRoom(), plan=SessionPlan(tolerance_mm=1.0, hold=True))
+    steps = [step for step in session.steps() if isinstance(step, Waiting | TakenMarker | Ended)]
+    first, taken_marker, second, ended = steps
+    assert isinstance(first, Waiting)
+    assert first.said.endswith(
+        "; then hold the ventilation at the end of exhalation until its marker is taken, and say so once it is held"
+    )
+    assert "go on" not in first.said
+    assert isinstance(taken_marker, TakenMarker)
+    assert isinstance(second, Waiting)
+    assert second.said.startswith("go on with the ventilation; light ")
+    assert f"until its marker is taken, for about {taken_marker.rig_s:.0f} s" in second.said
+    assert isinstance(ended, Ended)
+    assert ended.said.endswith("; go on with the ventilation")
