@@ -141,13 +141,18 @@ def test_the_intervals_of_ten_rigs_cover_their_truths() -> None:
             source_radius_m=rng.uniform(45e-3, 70e-3),
             noise=float(rng.choice([4.0, 20.0])),
         )
-        geometry = calibrate(samples, PRESET).geometry
+        try:
+            geometry = calibrate(samples, PRESET).geometry
+        except SearchError:
+            # In some the waves are found a cycle of the carrier away, and refused.
+            continue
         for name, errors in standardized.items():
             fitted = getattr(geometry, name)
             errors.append((fitted.value - truth[name]) / fitted.sigma)
         # An interval that covers because it is wide proves nothing.
         assert geometry.trigger_offset_s.sigma < 0.25e-6
     for errors in standardized.values():
+        assert len(errors) >= 8
         assert np.sqrt(np.mean(np.square(errors))) < 1.55
 
 
