@@ -190,9 +190,7 @@ def searched(number: int, *, acquisitions: Acquisitions, shape: Shape, amplitude
 class Line(NamedTuple):
     """A row of the table; shares in per cent."""
 
-    acquisitions: Acquisitions
-    motion: str
-    amplitude_mm: float
+    world: str
     searches: int
     found: float
     found_low: float
@@ -216,10 +214,9 @@ def line_of(rows: Sequence[Search]) -> Line:
     found = [row for row in rows if row.answer == "found"]
     others = [row for row in rows if row.answer != "found"]
     first = rows[0]
+    motion = f"{first.shape}, ± {first.amplitude_mm:g} mm" if first.amplitude_mm > 0 else "no motion"
     return Line(
-        first.acquisitions,
-        first.shape if first.amplitude_mm > 0 else "none",
-        first.amplitude_mm,
+        f"{first.acquisitions}, {motion}",
         len(rows),
         *percents(len(found), len(rows)),
         round(float(np.median([abs(row.error_deg) for row in found])), 3) if found else math.nan,
