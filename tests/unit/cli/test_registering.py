@@ -55,7 +55,7 @@ def test_a_fault_names_the_command_that_goes_on(
 
     monkeypatch.setattr(sys, "argv", ["markerseek", "register"])
     with pytest.raises(DeviceError):
-        registering._watch(Broken(), Path("kept"), as_json=False)  # type: ignore[arg-type]
+        registering._watch(Broken(), Path("kept"), as_json=False, hold=False)  # type: ignore[arg-type]
     said = " ".join(capsys.readouterr().err.split())
     assert "once the fault is repaired, continue with: markerseek register --continue kept" in said
 
