@@ -264,12 +264,17 @@ class MovableMarker:
 
 
 def movable(
-    seed: SupportsIndex, settings: SimulatedSettings, *, pace: float = 0.0, beside: DrawExtraSources | None = None
+    seed: SupportsIndex,
+    settings: SimulatedSettings,
+    *,
+    pace: float = 0.0,
+    beat: Callable[[], None] | None = None,
+    beside: DrawExtraSources | None = None,
 ) -> MovableMarker:
     """A simulated rig of channel data whose marker can be moved.
 
-    Gain and noise are those of a marker in the middle of the range. ``pace``: as of `simulated`. ``beside``: draws what
-    is beside the marker again for each move; None: only the clutter of the material.
+    Gain and noise are those of a marker in the middle of the range. ``pace`` and ``beat``: as of `simulated`.
+    ``beside``: draws what is beside the marker again for each move; None: only the clutter of the material.
     """
     seed = require_seed(seed)
     rng = np.random.default_rng(seed)
@@ -283,7 +288,7 @@ def movable(
         seed=seed,
         truth_deg=None,
         rng=rng,
-        clock=VirtualClock(pace=pace),
+        clock=VirtualClock(pace=pace, beat=beat),
     )
     return MovableMarker(rig=rig, world=world, settings=settings, rng=rng, beside=beside)
 

@@ -287,16 +287,17 @@ def _add_light(
 class SimulatedEndoscope:
     """Image pairs of a spot that a simulated operator shows, as a `StereoImages`.
 
-    A pair that comes when flashes were fired since the pairs of the last call shows the spot; all others show tissue
-    alone. Of the pairs that have come, a call makes the newest: of those with the spot at most as many as the settings
-    have frames, of the others at most `_DARK_PAIRS`.
+    A pair shows the spot if light fell on the tissue since the pair before it or, without ``is_lit``, since the pairs
+    of the last call; all others show tissue alone. Of the pairs that have come, a call makes the newest: of those with
+    the spot at most as many as the settings have frames, of the others at most `_DARK_PAIRS`.
 
     ``cameras``: the calibration, as the session has it. ``camera_to_trus``: where the left camera stands, the transform
     ``DaVinciToProbeHome``. ``flashes``: number of flashes fired so far: ``lambda: len(world.flashes)``. ``clock``: that
     of the rig. ``focal_error``, ``base_error``: by which share the calibration states the focal lengths of both
     cameras, and their distance, too large; ``vergence_px``: by how much farther to the right the right camera sees.
     ``tissue``: what the cameras look at; None: brightness without texture. ``displacement_m``: how far the tissue has
-    moved in the TRUS frame, at a time of the clock; None: it is at rest.
+    moved in the TRUS frame, at a time of the clock; None: it is at rest. ``is_lit``: whether a pulse was fired between
+    two times of the clock: `World.is_lit`. ``late_s``: how long after its exposure a pair comes.
     """
 
     name = "simulated endoscope"
@@ -315,6 +316,8 @@ class SimulatedEndoscope:
         vergence_px: float = 0.0,
         tissue: TexturedTissue | None = None,
         displacement_m: Callable[[float], Float64[np.ndarray, " 3"]] | None = None,
+        is_lit: Callable[[float, float], bool] | None = None,
+        late_s: float = 0.0,
     ) -> None:
         require_range("endoscope: focal_error", focal_error, low=-0.5, high=0.5)
         require_range("endoscope: base_error", base_error, low=-0.5, high=0.5)
@@ -334,6 +337,8 @@ class SimulatedEndoscope:
         )
         self._poses = [_Pose(since_s=-math.inf, lasts_s=0.0, before=camera_to_trus, after=camera_to_trus)]
         self._displacement_m = displacement_m
+        self._is_lit = is_lit
+        self._late_s = late_s
         # With their true focal lengths, but what they saw of untextured tissue is the same whatever these are.
         self._views: dict[Side, _View] = {
             side: _View(
@@ -408,9 +413,9 @@ class SimulatedEndoscope:
             for side, camera in _sides(self._true)
         }
 
-    def newest(self) -> list[StereoPair]:
-        """Pairs that came since the last call, the oldest first; see the class for how many."""
-        moments = self._come()
+    def newest(self, most: int = MAX_PAIRS) -> list[StereoPair]:
+        """Pairs that came since the last call, the oldest first; see the class for how many, ``most`` at most."""
+        moments = self._come()[-most:]
         limits = {True: min(self._settings.frames, MAX_PAIRS), False: _DARK_PAIRS}
         wanted = []
         for moment in reversed(moments):
@@ -424,8 +429,8 @@ class SimulatedEndoscope:
 
     def _come(self) -> list[_Moment]:
         """What the cameras saw in the frames that came since the last call."""
-        frames = int((self._clock.now_s() - self._began_s) * RATE_HZ + 1e-6)
-        if frames == self._frames:
+        frames = int((self._clock.now_s() - self._began_s - self._late_s) * RATE_HZ + 1e-6)
+        if frames <= self._frames:
             return []
         flashes = self._flashes()
         lit = flashes > self._seen_flashes
@@ -436,7 +441,10 @@ class SimulatedEndoscope:
         return [self._moment(frame, lit=lit) for frame in come]
 
     def _moment(self, frame: int, *, lit: bool) -> _Moment:
-        scene = self._scene(self._began_s + frame / RATE_HZ)
+        at_s = self._began_s + frame / RATE_HZ
+        if self._is_lit is not None:
+            lit = self._is_lit(at_s - 1 / RATE_HZ, at_s)
+        scene = self._scene(at_s)
         return _Moment(frame=frame, lit=lit, spot_px=self._places(scene), scene=scene)
 
     def _pair(self, moment: _Moment) -> StereoPair:
@@ -446,7 +454,7 @@ class SimulatedEndoscope:
                 self._motion_px = self._settings.motion_px * np.array([np.cos(direction), np.sin(direction)])
             self._lit_pairs += 1
         images = {side: self._image(side, moment) for side, _ in _sides(self._true)}
-        at_s = self._began_s + moment.frame / RATE_HZ
+        at_s = self._began_s + moment.frame / RATE_HZ + self._late_s
         return StereoPair(left=images["left"], right=images["right"], at_s=at_s)
 
     def _image(self, side: Side, moment: _Moment) -> UInt8[np.ndarray, "rows columns"]:

@@ -20,14 +20,14 @@ from markerseek.core import ChannelFrame, ConfigError, Float32, Frame, FrameHead
 from markerseek.sim.motion import TissueMotion, displaced, moments_s
 
 _SLICE_S = 0.02
-"""Longest real time between two beats of a wait, in seconds."""
+"""Longest time between two beats of a wait, in seconds."""
 
 
 class VirtualClock:
     """A clock that a wait sets forward.
 
     ``pace``: real seconds that a virtual second takes; 0 takes none, 1 runs at real speed; at most `MAX_PACE`.
-    ``beat``: called in each wait, and every 20 ms of real time; None calls nothing.
+    ``beat``: called in each wait, and every 20 ms of real time, or of virtual time without a pace; None calls nothing.
     """
 
     def __init__(self, *, pace: float = 0.0, beat: Callable[[], None] | None = None) -> None:
@@ -54,6 +54,12 @@ class VirtualClock:
 
     def _wait_with_beats(self, duration_s: float, beat: Callable[[], None]) -> None:
         began_s = self._now_s
+        if self._pace == 0:
+            for number in range(max(1, math.ceil(duration_s / _SLICE_S))):
+                self._now_s = began_s + number * _SLICE_S
+                beat()
+            self._now_s = began_s + duration_s
+            return
         ends_s = time.monotonic() + duration_s * self._pace
         beat()
         while (left_s := ends_s - time.monotonic()) > 0:
@@ -141,6 +147,17 @@ class World:
     def flash(self, *, pulses: int, at_s: float) -> None:
         """Light the tissue with the mean energy of this number of pulses, each with its jitter."""
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
+
+    def is_lit(self, from_s: float, until_s: float) -> bool:
+        """Whether a pulse was fired after one time of the rig's clock, and until another."""
+        for flash in reversed(self.flashes):
+            last_s = flash.at_s + (flash.pulses - 1) * self._pulse_period_s
+            if last_s <= from_s:
+                return False
+            pulses_s = flash.at_s + self._pulse_period_s * np.arange(flash.pulses)
+            if ((pulses_s > from_s) & (pulses_s <= until_s)).any():
+                return True
+        return False
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ChannelFrame:
         """Frame of channel data after a flash; after none, noise alone."""
