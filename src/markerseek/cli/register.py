@@ -209,6 +209,7 @@ def _of_session(over: SessionOver) -> Report:
         "left_out": list(view.left_out),
         "lost": list(view.lost),
         "rig_s": view.rig_s,
+        "scenes": {marker.name: marker.scene.shown for marker in view.markers if marker.scene is not None},
         "session": str(over.folder),
     }
     if over.truth is not None:

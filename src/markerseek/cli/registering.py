@@ -41,6 +41,21 @@ class SessionPlace:
     simulate: Annotated[
         bool, typer.Option("--simulate", help="A session on the simulated rig, with a simulated endoscope.")
     ] = False
+    textured: Annotated[
+        bool,
+        typer.Option(
+            "--textured",
+            help="The simulated endoscope sees tissue with texture, which is followed; so it does where the tissue "
+            "breathes.",
+        ),
+    ] = False
+    endoscope_moves: Annotated[
+        int | None,
+        typer.Option(
+            metavar="MARKER",
+            help="Somebody moves the simulated endoscope while this marker is searched, by 5 mm and 3 deg.",
+        ),
+    ] = None
     rig: Annotated[
         Path | None,
         typer.Option(help="A session on the rig of this file; a simulated one has a simulated endoscope."),
@@ -228,17 +243,24 @@ def _room(asked: SessionArguments, *, as_json: bool) -> Iterator[registration.Ro
         require_no_trace(place.trace)
         announce_compilation()
         rig_settings = simulated_settings(settings, asked.simulation, sweeps=asked.plan.sweep)
-        # Where the tissue moves, the cameras are to see it.
-        textured = rig_settings.motion.moves
+        # Where tissue or endoscope move, the cameras are to see it.
+        textured = place.textured or place.endoscope_moves is not None or rig_settings.motion.moves
         if asked.plan.hold:
             # The simulated person holds the ventilation whenever a marker is taken.
             still = structs.replace(rig_settings.motion, breathing_mm=0.0)
             rig_settings = structs.replace(rig_settings, motion=still)
-        yield registration.SimulatedRoom(
-            registration.SimulatedRoomSettings(rig=rig_settings, pace=asked.simulation.pace, textured=textured),
-            seed=asked.seed,
+        room_settings = registration.SimulatedRoomSettings(
+            rig=rig_settings,
+            pace=asked.simulation.pace,
+            textured=textured,
+            moves=() if place.endoscope_moves is None else (_move_during(place.endoscope_moves),),
+            endoscope_held=not textured,
         )
+        yield registration.SimulatedRoom(room_settings, seed=asked.seed)
         return
+    for name, wanted in (("--textured", place.textured), ("--endoscope-moves", place.endoscope_moves is not None)):
+        if wanted:
+            raise ConfigError(f"{name} is for a simulated rig, and {place.rig} is one of devices; leave it out")
     if asked.simulation != SceneOptions():
         given = ", ".join(asked.simulation.given())
         raise ConfigError(f"{given}: these are for a simulated rig, and {place.rig} is one of devices; leave them out")
@@ -260,6 +282,17 @@ def _room(asked: SessionArguments, *, as_json: bool) -> Iterator[registration.Ro
         yield registration.DeviceRoom(
             rig=rig, images=images, stereo=stereo, by=person(), wait_s=asked.plan.wait_s, idle_s=asked.plan.idle_s
         )
+
+
+def _move_during(marker: int) -> registration.EndoscopeMove:
+    """Return a move of the endoscope that begins 2 s after a place is lit, when its marker is searched."""
+    if not 1 <= marker <= registration.MOST_MARKERS:
+        raise ConfigError(
+            f"--endoscope-moves is {marker}, it must be the number of a marker, from 1 to {registration.MOST_MARKERS}"
+        )
+    return registration.EndoscopeMove(
+        marker=marker, after_s=2.0, shift_m=(3e-3, -4e-3, 0.0), turn_deg=(2.0, -1.0, 2.0), lasts_s=1.0
+    )
 
 
 def _begun(room: registration.Room, plan: registration.SessionPlan, *, seed: int) -> registration.Begun:
@@ -343,7 +376,8 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
         case registration.TakenMarker():
             where = f" at {step.candidates[0].angle_deg:.2f} deg" if step.candidates else ""
             why = f": {step.reason}" if step.reason is not None else ""
-            return f"  {escape(step.answer)}{where}, {step.acquisitions} frames, {step.rig_s:.1f} s{escape(why)}"
+            found = f"  {escape(step.answer)}{where}, {step.acquisitions} frames, {step.rig_s:.1f} s{escape(why)}"
+            return f"{found}{_scene_line(step)}"
         case registration.Registered():
             colour = "green" if view.goal_reached else "yellow" if step.decided else "dim"
             return f"  [{colour}]{escape(step.said)}[/]"
@@ -355,6 +389,14 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
             from markerseek.show import event_line
 
             return escape(event_line(step.view))
+
+
+def _scene_line(step: registration.TakenMarker) -> str:
+    """What moved during a search, in a line of its own; empty if nobody looked."""
+    if step.scene is None:
+        return ""
+    still = step.scene.is_known and not step.scene.moved
+    return f"\n  [{'dim' if still else 'yellow'}]{escape(step.scene.said)}[/]"
 
 
 def _refused_line(step: registration.SpotRefused) -> str:

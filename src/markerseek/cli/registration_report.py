@@ -135,8 +135,13 @@ def _refused_rows(refused: list[SpotRefused]) -> Rows:
 
 
 def _motion_rows(view: SessionView) -> Rows:
-    seen = [(each.name, each.endoscope.said) for each in view.markers if each.endoscope is not None]
-    return [("marker", "what the images show"), *(seen or [("–", "nobody looked: the endoscope is held")])]
+    said = [
+        (marker.name, seen.said)
+        for marker in view.markers
+        for seen in (marker.endoscope, marker.scene)
+        if seen is not None
+    ]
+    return [("marker", "what the images show"), *(said or [("–", "nobody looked: the endoscope is held")])]
 
 
 def _residual_table(view: SessionView) -> dict[str, Rows]:

@@ -45,6 +45,7 @@ def session_rows(
     ]
     if view.endoscope is not None:
         rows.append(("endoscope", view.endoscope.said))
+    rows += [(f"marker {name}", said) for name, said in view.motions]
     if view.lost:
         rows.append(("lost", f"marker {', '.join(view.lost)}: it is not known where the endoscope sees it now"))
     if view.left_out:

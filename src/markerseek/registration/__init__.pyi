@@ -32,6 +32,7 @@ from .report import (
 )
 from .robot_frames import dvrk_base_frame, static_transform_command
 from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
+from .search_scene import SearchScene
 from .session import RegistrationSession
 from .spots import SpotError, SpotFinder
 from .stations import station_names
@@ -82,6 +83,7 @@ __all__ = [
     "RegistrationReport",
     "RegistrationSession",
     "Room",
+    "SearchScene",
     "Searching",
     "SeenEndoscope",
     "SessionPlan",

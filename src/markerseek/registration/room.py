@@ -6,7 +6,10 @@ In the simulated room somebody lights the place that is asked for.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -69,12 +72,18 @@ class Room(Protocol):
     def arm(self) -> None:
         """Arm the rig in the name of the person who is there: each search disarms it at its end."""
 
+    def following(self, look: Callable[[StereoPair], None]) -> AbstractContextManager[None]:
+        """Hand the newest pairs of images on as time goes by, until the context ends; no other call of `images`."""
+
 
 BETWEEN_S = 1.0
 """Time between two looks for a spot, in seconds, where the laser fires in each while the session waits."""
 
 SHOWN_S = 0.5
 """Time between two image pairs that are shown while the session waits, in seconds."""
+
+FOLLOW_S = 0.15
+"""Least time from one pair that is followed to the next, in seconds: a pulse train of an acquisition takes 0.16 s."""
 
 _ASKED_S = 0.1
 """Time between two questions whether the spot is set, in seconds."""
@@ -162,6 +171,38 @@ class DeviceRoom:
         """Arm the rig in the name of the person who armed it for the session."""
         self.rig.arm(by=self.by)
 
+    @contextmanager
+    def following(self, look: Callable[[StereoPair], None]) -> Iterator[None]:
+        """Look at the newest pair again and again, in a thread of its own, so that nobody waits for it.
+
+        What the source or the look raises is raised at the end.
+        """
+        over = threading.Event()
+        problems: list[BaseException] = []
+
+        def follow() -> None:
+            rest_s = FOLLOW_S
+            try:
+                while not over.wait(rest_s):
+                    begun_s = time.monotonic()
+                    pairs = self.images.newest()
+                    if pairs:
+                        look(pairs[-1])
+                    # It takes half of one core at most.
+                    rest_s = max(FOLLOW_S, time.monotonic() - begun_s)
+            except BaseException as problem:  # noqa: BLE001  it is raised where it is waited for
+                problems.append(problem)
+
+        thread = threading.Thread(target=follow, name="follow the scene", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+        if problems:
+            raise problems[0]
+
 
 RELIEF_M = 5e-3
 """Range of the heights of the tissue."""
@@ -185,6 +226,9 @@ MOST_TRIES = 5
 BY_HAND_S = (120.0, 420.0)
 """Time of a search by hand for one registration: 2 to 3 minutes, and "as much as 7 min" (the paper)."""
 
+
+LATE_S = 0.06
+"""How long after its exposure a pair of textured tissue comes."""
 
 CONTRAST = 0.25
 """Standard deviation of the brightness of textured tissue over its mean."""
@@ -276,7 +320,11 @@ class SimulatedRoom:
         """Whether the session is told that nobody moves the endoscope."""
         rng = np.random.default_rng(seed)
         self._rng = rng
-        self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace, beside=settings.beside)
+        self._look: Callable[[StereoPair], None] | None = None
+        self._looked_s = -math.inf
+        # Textured tissue alone can be followed; a clock without a beat is faster.
+        beat = self._look_on if settings.textured else None
+        self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace, beat=beat, beside=settings.beside)
         self.rig: Rig = self._movable.rig
         """The simulated rig; another one for each place of the marker."""
         tissue_m = settings.rig.marker.radius_m
@@ -315,6 +363,8 @@ class SimulatedRoom:
             vergence_px=math.sqrt(2) * look.calibration_sigma_px * vergence,
             tissue=self._tissue,
             displacement_m=lambda at_s: motion.displacement_m(np.array([at_s]))[0],
+            is_lit=self._movable.world.is_lit if settings.textured else None,
+            late_s=LATE_S if settings.textured else 0.0,
         )
         self._spots_m: dict[str, Float64[np.ndarray, " 3"]] = {}
         self._sources_m: dict[tuple[float, ...], Float64[np.ndarray, " 3"]] = {}
@@ -358,6 +408,23 @@ class SimulatedRoom:
 
     def arm(self) -> None:
         """Nothing to arm: no hardware is involved."""
+
+    @contextmanager
+    def following(self, look: Callable[[StereoPair], None]) -> Iterator[None]:
+        """Look at the newest pair every `FOLLOW_S` of the rig's clock."""
+        self._look = look
+        try:
+            yield
+        finally:
+            self._look = None
+
+    def _look_on(self) -> None:
+        """Look at the newest pair, if it is time."""
+        if self._look is None or self.rig.scanner.clock.now_s() - self._looked_s < FOLLOW_S:
+            return
+        self._looked_s = self.rig.scanner.clock.now_s()
+        for pair in self.images.newest(1):
+            self._look(pair)
 
     def skip(self, taken: Sequence[TakenMarker]) -> None:
         """Go on behind the markers of a session that is continued; their spots are where its cameras saw them."""

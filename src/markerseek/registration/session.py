@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from contextlib import closing
-from dataclasses import replace
+from contextlib import closing, nullcontext
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TypeVar
 
@@ -23,20 +23,28 @@ from markerseek.core import (
     MarkerCurve,
     Measured,
     SearchPlan,
-    StereoPair,
     Swept,
     counted,
 )
 from markerseek.records.journal import Journal
+from markerseek.registration.camera_tissue import CameraRotation, CameraTissue
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
-from markerseek.registration.endoscope_motion import EndoscopeWatch, SeenEndoscope
+from markerseek.registration.endoscope_motion import (
+    EndoscopeMotion,
+    EndoscopeNotKnown,
+    EndoscopeWatch,
+    SeenEndoscope,
+    less_breath,
+)
 from markerseek.registration.plan import MOST_MARKERS, SessionPlan
 from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
 from markerseek.registration.report import registered_pairs, triple
 from markerseek.registration.room import Room
+from markerseek.registration.search_scene import SearchScene
+from markerseek.registration.search_watch import SearchWatch
 from markerseek.registration.spot_check import check_spot
-from markerseek.registration.spots import SPOT_PAIRS, Looked, SpotError, SpotFinder
+from markerseek.registration.spots import Looked, SpotError, SpotFinder
 from markerseek.registration.stations import CarriedMarkers, carry, stands_elsewhere, station_names
 from markerseek.registration.steps import (
     Continued,
@@ -55,6 +63,7 @@ from markerseek.registration.steps import (
 )
 from markerseek.registration.view import SessionView
 from markerseek.runs import Run, new_run, plan_on
+from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, scene_texture
 
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
@@ -67,6 +76,14 @@ MOST_AT_REST = 6
 
 _GO_ON = "go on with the ventilation"
 """What is said once a marker is taken for which the ventilation was held."""
+
+MOST_TEXTURELESS = 2
+"""How often in a row images without texture are accepted where somebody may move the endoscope."""
+
+MOST_LOOK_ON_S = 13.0
+"""Longest time after a search in which the cameras look on: one and a half of the longest breaths."""
+
+_LOOK_ON_S = 0.5
 
 APART_M = 5e-3
 """Distance from a spot that was taken, below which another spot is the same: the person has not moved it yet."""
@@ -107,10 +124,14 @@ class RegistrationSession:
         self._refused: tuple[str, str, int | None] | None = None
         """Name, reason and pulses of the spot that was refused last."""
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
+        self._clock: ClockOffset | None = None
+        """Offset of the cameras' clock, as the searches so far show it."""
         self._watch: EndoscopeWatch | None = None
         """Compares the images of the markers; None: the endoscope is held."""
         if not (self._plan.endoscope_held or room.endoscope_held):
             self._watch = self._watch_of_markers()
+        self._textureless = 0
+        """How often in a row the images had no texture."""
         self._possible: Poses | None = None
         """Possible poses of the cameras; drawn after each marker."""
 
@@ -124,6 +145,8 @@ class RegistrationSession:
         in_time = True
         if not self.view.moved:
             in_time = yield from self._markers()
+            if in_time:
+                yield from self._last_look()
             if self.view.registration is not None and self._plan.again:
                 yield from self._again()
             if self.view.registration is not None and self._plan.check:
@@ -146,13 +169,31 @@ class RegistrationSession:
             )
             yield self._recorded(waiting)
             taken = None
-            while taken is None and self._room.ask(waiting):
+            while taken is None and not self._is_blind and self._room.ask(waiting):
                 taken = yield from self._marker(waiting.name)
             if taken is None:
                 return False
             state = self._state()
             yield self._recorded(state)
         return True
+
+    @property
+    def _is_blind(self) -> bool:
+        """Whether the images had no texture twice in a row, so that a move of the endoscope would not be seen."""
+        return self._textureless >= MOST_TEXTURELESS
+
+    def _last_look(self) -> Generator[Step, None, None]:
+        """Look in the dark whether the endoscope has moved since the last marker; if so, all markers are carried."""
+        if self._watch is None or not self.view.markers:
+            return
+        try:
+            dark = self._spots.dark()
+        except SpotError as problem:
+            seen: SeenEndoscope | None = EndoscopeNotKnown(after=self.view.markers[-1].name, reason=str(problem))
+        else:
+            seen = self._less_breath(self._watch.look(dark[-1], after=self.view.markers[-1].name))
+        if stands_elsewhere(self.view.markers, seen):
+            yield self._recorded(self._state(seen))
 
     def _continued(self) -> Continued | None:
         """Return what is different from the session that is continued; None if nothing is."""
@@ -178,23 +219,34 @@ class RegistrationSession:
     def _watch_of_markers(self) -> EndoscopeWatch:
         """Return what compares images with those of the markers so far."""
         watch = EndoscopeWatch(self._room.stereo.cameras)
+        scenes = {marker.name: marker.scene for marker in self.view.markers}
         for name in dict.fromkeys(station_names(self.view.markers).values()):
-            watch.begin(name, None if self._record is None else self._record.kept_pair(name))
+            scene = scenes[name]
+            pair = None if self._record is None else self._record.kept_pair(name)
+            watch.begin(name, pair, end=None if scene is None else scene.end)
         return watch
 
     def _endoscope(self, looked: Looked) -> SeenEndoscope | None:
-        """Return whether the endoscope has moved since the markers so far."""
+        """Return whether the endoscope has moved since the markers so far, or the tissue at this moment."""
         if self._watch is None or not self.view.markers:
             return None
         return self._watch.look(looked.dark[-1], after=self.view.markers[-1].name)
 
-    def _keep(self, name: str, looked: Looked, endoscope: SeenEndoscope | None) -> None:
+    def _less_breath(self, endoscope: SeenEndoscope | None) -> SeenEndoscope | None:
+        """Return what one pair shows of the endoscope, less what may be the tissue's breath."""
+        breaths = [marker.scene.tissue for marker in self.view.markers if marker.scene and marker.scene.tissue]
+        if breaths and isinstance(endoscope, EndoscopeMotion):
+            return less_breath(endoscope, breaths[-1])
+        return endoscope
+
+    def _keep(self, taken: TakenMarker, looked: Looked) -> None:
         """Keep the images of a marker if the endoscope stands where it did not stand before."""
+        endoscope = taken.endoscope
         if self._watch is None or (endoscope is not None and endoscope.state == "at rest"):
             return
-        self._watch.begin(name, looked.dark[-1])
+        self._watch.begin(taken.name, looked.dark[-1], end=None if taken.scene is None else taken.scene.end)
         if self._record is not None:
-            self._record.keep_pair(name, looked.dark[-1])
+            self._record.keep_pair(taken.name, looked.dark[-1])
 
     def _marker(
         self, name: str, *, again: TakenMarker | None = None, check: bool = False
@@ -226,50 +278,48 @@ class RegistrationSession:
         """Look for the spot, search its marker, and look again; `SpotError` if it has to be done once more."""
         clock = self._room.rig.scanner.clock
         begun_s = clock.now_s()
-        looked = self._spots.look()
-        seen = self._spots.seen(name, looked.spot)
-        endoscope = self._endoscope(looked)
-        markers = carry(self.view.markers, now=endoscope)
-        if again is None:
-            _require_new(looked.spot, seen, markers.seen)
-        elsewhere = stands_elsewhere(self.view.markers, endoscope)
-        if elsewhere or self.view.displaced is not None:
-            # What the markers say of this spot, they say in the frame of the camera as it stands now.
-            self._possible = self._poses(markers.seen, self._choose(markers.seen))
+        begin = self._begin(name, again)
         # What the registration says of a spot must not lead the search that checks it.
-        prediction = None if check else self._prediction(seen)
+        prediction = None if check else self._prediction(begin.seen)
         journal = None if self._record is None else self._record.journal_path(name)
         yield self._recorded(
             SpotSeen(
                 name=name,
-                spot=looked.spot,
-                camera_m=triple(seen.camera_m),
+                spot=begin.looked.spot,
+                camera_m=triple(begin.seen.camera_m),
                 prediction=prediction,
                 journal=None if journal is None else journal.name,
                 pulses=self._room.fired,
-                endoscope=endoscope,
+                endoscope=begin.endoscope,
             )
         )
-        if again is not None and elsewhere and endoscope is not None:
-            raise SpotError(f"{endoscope.said}, so that marker {again.name} cannot be compared with where it was")
-        if check and elsewhere and endoscope is not None:
-            raise SpotError(f"{endoscope.said}, so that there is no registration to be checked: light one more marker")
+        if begin.elsewhere and begin.endoscope is not None:
+            _require_no_comparison(begin.endoscope, again, check=check)
         self._room.arm()
-        search = new_run(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)))
+        watch = SearchWatch(begin.texture, looked=begin.looked, spot_m=begin.seen.camera_m, stereo=self._room.stereo)
+        tissue = self._tissue(watch)
+        plan = plan_on(self._room.rig, self._search_plan(prediction))
+        search = new_run(self._room.rig, plan, tissue=tissue)
         if journal is not None:
             configuration = structs.replace(search.configuration, frames=not self._plan.no_frames)
             search = replace(search, configuration=configuration, journal=Journal.create(journal, configuration))
-        later = yield from self._searched(name, search)
+        yield from self._searched(name, search, watch, tissue)
         result = search.result()
         if isinstance(result.estimate, Found):
             self._curve = result.estimate.curve or self._curve
         if check and len(result.candidates) != 1:
             reason = f"the search answers {result.answer}, which checks nothing: light the spot elsewhere"
-            raise SpotError.at(looked.spot, reason)
-        self._spots.require_still(looked, later)
+            raise SpotError.at(begin.looked.spot, reason)
+        scene = self._told(watch)
+        self._require_still(begin, watch, scene)
+        seen = begin.seen
+        endoscope = begin.endoscope
+        if scene is not None and scene.end is not None:
+            seen = watch.at_end(seen, scene.end)
+            endoscope = begin.endoscope_at(scene.end)
         taken = TakenMarker(
             name=name,
-            spot=looked.spot,
+            spot=begin.looked.spot,
             camera_m=seen.camera_m.tolist(),
             camera_covariance_m2=seen.camera_covariance_m2.tolist(),
             camera_shared_m=seen.camera_shared_m.tolist(),
@@ -286,29 +336,115 @@ class RegistrationSession:
             again=None if again is None else again.name,
             check=check,
             endoscope=endoscope,
+            scene=scene,
         )
         if again is None and not check:
-            self._keep(name, looked, endoscope)
+            self._keep(taken, begin.looked)
         yield self._recorded(taken)
         return taken
 
-    def _searched(self, name: str, search: Run) -> Generator[Step, None, list[StereoPair]]:
-        """Run a search while the cameras look on; returns the last pairs."""
-        later: list[StereoPair] = []
+    def _begin(self, name: str, again: TakenMarker | None) -> _Begin:
+        """Look for the spot, and whether the endoscope has moved; `SpotError` if there is no new spot."""
+        looked = self._spots.look()
+        seen = self._spots.seen(name, looked.spot)
+        texture = scene_texture(looked.dark[-1], self._room.stereo.cameras)
+        self._require_texture(texture)
+        at_once = self._endoscope(looked)
+        endoscope = self._less_breath(at_once)
+        markers = carry(self.view.markers, now=endoscope)
+        if again is None:
+            _require_new(looked.spot, seen, markers.seen)
+        elsewhere = stands_elsewhere(self.view.markers, endoscope)
+        if elsewhere or self.view.displaced is not None:
+            # What the markers say of this spot, they say in the frame of the camera as it stands now.
+            self._possible = self._poses(markers.seen, self._choose(markers.seen))
+        return _Begin(
+            looked=looked, seen=seen, texture=texture, at_once=at_once, endoscope=endoscope, elsewhere=elsewhere
+        )
+
+    def _require_texture(self, texture: SceneTexture | NotKnown) -> None:
+        """Refuse images without texture, unless the endoscope is held."""
+        if self._watch is None or isinstance(texture, SceneTexture):
+            self._textureless = 0
+            return
+        self._textureless += 1
+        raise SpotError(
+            f"it would not be seen if the endoscope moved: {texture.reason}; light the tissue, focus on it, or say "
+            "that the endoscope is held"
+        )
+
+    def _require_still(self, begin: _Begin, watch: SearchWatch, scene: SearchScene | None) -> None:
+        """Refuse a spot that has slid during its search; where tissue or endoscope move, it moves with them."""
+        if scene is None or not scene.moved:
+            self._spots.require_still(begin.looked, watch.later)
+        elif scene.spot is not None:
+            reason = f"{scene.said}: light marker {begin.seen.name} again, and hold laser and tissue still"
+            raise SpotError.at(begin.looked.spot, reason)
+
+    def _tissue(self, watch: SearchWatch) -> CameraTissue | None:
+        """Return the tissue for a search; None if it was not seen to breathe during the last one."""
+        scene = self.view.markers[-1].scene if self.view.markers else None
+        if scene is None or scene.tissue is None or scene.tissue.period_s is None or self._clock is None:
+            return None
+        if not watch.follows or scene.clock is None:
+            return None
+        return CameraTissue(
+            watch=watch,
+            clock=self._room.rig.scanner.clock,
+            offset=self._clock,
+            breath=scene.tissue,
+            rotation=CameraRotation.of(self._possible),
+        )
+
+    def _await_rest(self, tissue: CameraTissue) -> None:
+        """Wait in the dark until the tissue was seen at its rest, for two breaths at most."""
+        clock = self._room.rig.scanner.clock
+        until_s = clock.now_s() + 2 * (tissue.breath_s or 0.0)
+        while not tissue.rest_is_known and clock.now_s() < until_s:
+            clock.wait(_LOOK_ON_S / 5)
+
+    def _searched(
+        self, name: str, search: Run, watch: SearchWatch, tissue: CameraTissue | None
+    ) -> Generator[Step, None, None]:
+        """Run a search while the cameras look on, and then until it can be told what moved."""
         try:
             # Closed here, so that an interrupt also stops the stage and disarms the laser.
-            with closing(search.events()) as events:
+            with (
+                self._room.following(watch.look) if watch.follows else nullcontext(),
+                closing(search.events()) as events,
+            ):
+                if tissue is not None:
+                    self._await_rest(tissue)
                 for event in events:
-                    if isinstance(event, Swept | Finished) or (isinstance(event, Measured) and not event.sample.dark):
-                        later = [*later, *self._room.images.newest()][-2 * SPOT_PAIRS :]
+                    lit = isinstance(event, Measured) and not event.sample.dark
+                    if not watch.follows and (lit or isinstance(event, Swept | Finished)):
+                        watch.keep(self._room.images.newest())
+                    if isinstance(event, Measured) and event.sample.frame is not None:
+                        watch.fire(event.sample.frame.header)
                     yield Searching(name=name, view=search.view)
+                self._look_on(watch)
         except (KeyboardInterrupt, GeneratorExit) as stop:
             search.interrupt(str(stop) or "the user")
             raise
         finally:
             if search.journal is not None:
                 search.journal.close()
-        return later
+
+    def _told(self, watch: SearchWatch) -> SearchScene | None:
+        """Return what moved during a search; None if nothing was followed."""
+        if not watch.follows:
+            return None
+        shown = watch.clock()
+        if shown is not None and (self._clock is None or shown.sigma_s < self._clock.sigma_s):
+            self._clock = shown
+        return watch.told(self._clock)
+
+    def _look_on(self, watch: SearchWatch) -> None:
+        """Look on after a search, in the dark, until it can be told what moved."""
+        clock = self._room.rig.scanner.clock
+        until_s = clock.now_s() + MOST_LOOK_ON_S
+        while not watch.is_settled and clock.now_s() < until_s:
+            clock.wait(_LOOK_ON_S)
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
         """Prediction for a spot from the markers so far; None if they allow none."""
@@ -324,10 +460,10 @@ class RegistrationSession:
         acquisitions = MOST_AT_REST if search.sweep and search.acquisitions is None else search.acquisitions
         return structs.replace(search, prior=self._curve, near=near, stay=True, acquisitions=acquisitions)
 
-    def _state(self) -> Registered:
-        """Registration from all markers."""
+    def _state(self, now: SeenEndoscope | None = None) -> Registered:
+        """Registration from all markers; ``now``: how the endoscope was seen to move after the last of them."""
         rig = self._room.rig
-        markers = carry(self.view.markers)
+        markers = carry(self.view.markers, now=now)
         choice = self._choose(markers.seen)
         self._possible = self._poses(markers.seen, choice)
         place = None
@@ -342,9 +478,10 @@ class RegistrationSession:
         return Registered(
             **structs.asdict(choice),
             place=place,
-            done=self.view.displaced is None and self._is_done(choice, place),
-            said="; ".join([self._said(choice, place), *_of_endoscope(self.view.markers, markers)]),
+            done=(self.view.displaced is None or now is not None) and self._is_done(choice, place),
+            said="; ".join([self._said(choice, place), *_of_endoscope(self.view.markers, markers, now)]),
             lost=markers.lost,
+            endoscope=now,
         )
 
     def _choose(self, markers: Sequence[SeenMarker]) -> Choice:
@@ -424,12 +561,14 @@ class RegistrationSession:
         if not self._room.ask(waiting):
             return
         taken = yield from self._marker(f"{first.name}-again", again=first)
+        if taken is not None and stands_elsewhere(self.view.markers, taken.endoscope):
+            yield self._recorded(self._state(taken.endoscope))
         if taken is not None and taken.candidates:
             yield self._recorded(self._movement(chosen, first, taken))
 
     def _movement(self, chosen: dict[str, int], first: TakenMarker, again: TakenMarker) -> MovedMarker:
         """How far the marker has moved from where the registration and its spot say that it is now."""
-        markers = carry(self.view.markers).seen
+        markers = carry(self.view.markers, now=again.endoscope).seen
         then = next(marker for marker in markers if marker.name == first.name)
         transform = registered_pairs(chosen_pairs(markers, chosen), spot=self._room.rig.spot).transform
         spots_m = transform.apply(np.array([then.camera_m, again.camera_m]))
@@ -477,10 +616,41 @@ class RegistrationSession:
 
     def _ended(self, *, in_time: bool) -> Ended:
         late = "" if in_time else "no new spot was accepted in the time allowed; "
+        if self._is_blind and self._refused is not None:
+            _, reason, _ = self._refused
+            late = f"{reason}; "
         took = f"{counted(len(self.view.markers), 'marker')} in {self.view.rig_s:.0f} s of the rig"
         registered = self.view.registration is not None
         go_on = f"; {_GO_ON}" if self._plan.hold else ""
         return Ended(registered=registered, said=f"{late}{self.view.said}; {took}{go_on}", rig_s=self.view.rig_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Begin:
+    """What the cameras saw before a search."""
+
+    looked: Looked
+    seen: SeenMarker
+    texture: SceneTexture | NotKnown
+    """What can be followed of the scene."""
+    at_once: SeenEndoscope | None
+    """Motion of the scene since the markers before, of which the tissue's breath may be a part."""
+    endoscope: SeenEndoscope | None
+    """The same without what may be the breath."""
+    elsewhere: bool
+    """Whether the endoscope has moved since the last marker, or may have."""
+
+    def endoscope_at(self, end: SceneMove) -> SeenEndoscope | None:
+        """Return whether the endoscope has moved by the end of the search."""
+        return self.at_once.until(end) if isinstance(self.at_once, EndoscopeMotion) else self.at_once
+
+
+def _require_no_comparison(endoscope: SeenEndoscope, again: TakenMarker | None, *, check: bool) -> None:
+    """Refuse to compare a marker with what was measured where the endoscope stood before."""
+    if again is not None and isinstance(endoscope, EndoscopeNotKnown):
+        raise SpotError(f"{endoscope.said}, so that marker {again.name} cannot be compared with where it was")
+    if check:
+        raise SpotError(f"{endoscope.said}, so that there is no registration to be checked: light one more marker")
 
 
 def _require_new(spot: Spot, seen: SeenMarker, markers: Sequence[SeenMarker]) -> None:
@@ -496,12 +666,13 @@ def _missed_m(markers: Sequence[SeenMarker]) -> list[Float64[np.ndarray, " 3"]]:
     return [marker.camera_m for marker in markers if not marker.candidates]
 
 
-def _of_endoscope(markers: Sequence[TakenMarker], now: CarriedMarkers) -> list[str]:
+def _of_endoscope(markers: Sequence[TakenMarker], carried: CarriedMarkers, now: SeenEndoscope | None) -> list[str]:
     """Say whether the endoscope has moved, or may have, and which markers do not count."""
     seen = markers[-1].endoscope if markers else None
     said = [seen.said] if seen is not None and stands_elsewhere(markers[:-1], seen) else []
-    if now.lost:
-        names = f"marker {', '.join(now.lost)}"
+    said += [now.said] if now is not None else []
+    if carried.lost:
+        names = f"marker {', '.join(carried.lost)}"
         said.append(
             f"the endoscope may see {names} elsewhere now, so that it does not count: light new spots, or say that the "
             "endoscope is held"

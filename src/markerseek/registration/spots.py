@@ -47,6 +47,9 @@ class Looked:
 
     spot: Spot
     dark: Sequence[StereoPair] = ()
+    lit: Sequence[StereoPair] = ()
+    flashes_s: Sequence[float] = ()
+    """Times of the flashes meanwhile, on the rig's clock."""
 
 
 class SpotError(Exception):
@@ -76,17 +79,19 @@ class SpotFinder:
         self._show = show
         # How long the light took to appear in the images, where they are late; None: it was not seen yet.
         self._late_s: float | None = None
+        self._flashes_s: list[float] = []
 
     def look(self) -> Looked:
         """Look for the spot, with the laser on and off; `SpotError` if there is none."""
         self._room.arm()
         self._room.images.newest()
-        dark = self._dark()
+        dark = self.dark()
+        self._flashes_s.clear()
         lit = self._lit(dark)
         self._show((lit or dark)[-1])
-        return Looked(spot=self._measured(lit, dark), dark=dark)
+        return Looked(spot=self._measured(lit, dark), dark=dark, lit=lit, flashes_s=tuple(self._flashes_s))
 
-    def _dark(self) -> list[StereoPair]:
+    def dark(self) -> list[StereoPair]:
         """Pairs with the laser off; `SpotError` if too few come."""
         late_s = self._late_s or 0.0
         # Late images still show the light of before.
@@ -110,7 +115,7 @@ class SpotFinder:
         for pairs in self._coming(LOOK_S + (MOST_LATE_S if late_s is None else late_s)):
             came_s = scanner.clock.now_s() - began_s
             if came_s < LOOK_S:
-                self._room.light()
+                self._fire()
             lit = lit_pairs(pairs, dark)
             if lit and late_s is None:
                 late_s = lit[0].at_s - began_s
@@ -119,6 +124,13 @@ class SpotFinder:
                 break
         self._late_s = late_s
         return lit
+
+    def _fire(self) -> None:
+        """Fire, and note when: the pulses of a train come evenly."""
+        clock = self._room.rig.scanner.clock
+        begun_s = clock.now_s()
+        pulses = self._room.light()
+        self._flashes_s.extend(np.linspace(begun_s, clock.now_s(), pulses + 1)[:-1].tolist())
 
     def _coming(self, within_s: float) -> Iterator[list[StereoPair]]:
         """The newest pairs, again and again until the time is over."""

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from markerseek.core import Float64
-from markerseek.geometry import effect_of_motion
 from markerseek.registration.choice import SeenMarker
 from markerseek.registration.endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, SeenEndoscope
 from markerseek.registration.steps import TakenMarker
@@ -122,7 +121,7 @@ def _moved(moving: _Moving, station: str, motion: EndoscopeMotion) -> _Moving:
     transform = motion.transform
     camera_m = transform.apply(marker.camera_m)
     by_motion_m = {name: transform.rotation @ each for name, each in moving.by_motion_m.items()}
-    by_motion_m[station] = _effect(camera_m, motion)
+    by_motion_m[station] = motion.effect_m(camera_m)
     return _Moving(marker=_turned(marker, camera_m, transform.rotation), by_motion_m=by_motion_m)
 
 
@@ -131,14 +130,8 @@ def _moved_back(moving: _Moving, station: str, motion: EndoscopeMotion) -> _Movi
     marker = moving.marker
     back = motion.transform.inverse()
     by_motion_m = {name: back.rotation @ each for name, each in moving.by_motion_m.items()}
-    by_motion_m[station] = -back.rotation @ _effect(marker.camera_m, motion)
+    by_motion_m[station] = -back.rotation @ motion.effect_m(marker.camera_m)
     return _Moving(marker=_turned(marker, back.apply(marker.camera_m), back.rotation), by_motion_m=by_motion_m)
-
-
-def _effect(camera_m: Float64[np.ndarray, " 3"], motion: EndoscopeMotion) -> Float64[np.ndarray, "3 6"]:
-    """Return the displacements of a point after a motion by its errors."""
-    offset_m = camera_m - 1e-3 * np.array(motion.middle_mm)
-    return np.asarray(effect_of_motion(offset_m[None])[0] @ motion.sigmas)
 
 
 def _turned(

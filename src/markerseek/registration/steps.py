@@ -20,6 +20,7 @@ from markerseek.registration.choice import Choice, SeenMarker
 from markerseek.registration.endoscope_motion import SeenEndoscope
 from markerseek.registration.poses import Place, Prediction
 from markerseek.registration.report import SpotCheck
+from markerseek.registration.search_scene import SearchScene
 
 Numbers: TypeAlias = list[list[float]]
 
@@ -149,7 +150,9 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
     check: bool = False
     """Whether it takes no part in the registration, and checks it."""
     endoscope: SeenEndoscope | None = None
-    """As of `SpotSeen`."""
+    """As of `SpotSeen`, at the end of the search and where the tissue rests: so is ``camera_m``."""
+    scene: SearchScene | None = None
+    """What the cameras saw move during the search; None: nobody looked."""
 
     def __post_init__(self) -> None:
         # Also of a record: its check sums say that it was not damaged, not that its numbers are possible.
@@ -214,6 +217,8 @@ class Registered(Choice, frozen=True, kw_only=True, tag="registered"):
     """The state in a sentence."""
     lost: tuple[str, ...] = ()
     """Markers that do not count: the endoscope has moved since, or may have, and it is not known by how much."""
+    endoscope: SeenEndoscope | None = None
+    """How the endoscope has moved after the last marker; None: it has not, as far as it was seen."""
 
 
 class MovedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="again"):

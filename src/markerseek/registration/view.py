@@ -251,6 +251,12 @@ class SessionView:
         """Markers of which it is not known where the endoscope sees them now."""
         return () if self.last is None else self.last.lost
 
+    @property
+    def motions(self) -> tuple[tuple[str, str], ...]:
+        """What moved during the search of a marker, or that it is not known: its name, and a sentence."""
+        scenes = [(marker.name, marker.scene) for marker in self.markers if marker.scene is not None]
+        return tuple((name, scene.said) for name, scene in scenes if scene.moved or not scene.is_known)
+
     def use_of(self, marker: TakenMarker) -> Use:
         """Return how the registration uses a marker."""
         if marker.name in self.lost:
@@ -310,6 +316,10 @@ def _after_registered(view: SessionView, step: Registered) -> SessionView:
     registration = None
     errors = view.errors
     report = step.report
+    if step.endoscope is not None:
+        # Markers that are carried hold where it stands now.
+        carried = step.endoscope.state != "not known"
+        view = replace(view, endoscope=step.endoscope, displaced=None if carried else step.endoscope)
     if report is not None:
         # Also of a session that is continued, which says again what its markers said before.
         report = structs.replace(report, checks=[each.check for each in view.checks if each.chosen == step.chosen])

@@ -2,14 +2,19 @@ from .as_published import published_sensitive_range
 from .clock_offset import ClockOffset, clock_offset
 from .images import SUFFIXES, Rectangle, brightness, decoded_image, opencv, says_its_end
 from .scene_motion import SceneFollower, SceneSeen, scene_motion
+from .scene_move import MOVED_DEG, MOVED_MM, SceneMove
 from .scene_watch import SceneWatch
 from .sensitive_range import SensitiveRange, TipFrame, sensitive_range
-from .spot import LaserSpot, NoSpot, SpotAnswer, TwoSpots, find_spot, lit_pairs
+from .spot import LIT_SHARE, LaserSpot, NoSpot, QuickSpot, SpotAnswer, TwoSpots, find_spot, lit_pairs, quick_spot
 from .texture import NotKnown, SceneTexture, scene_texture
 from .tissue_motion import DisplacementSeries, TissueMoves, tissue_motion
-from .told_apart import EndoscopeMoved, Moment, Sighting, SpotSlid, ToldApart, told_apart
+from .told_apart import RETURN_S, EndoscopeMoved, Moment, Sighting, SpotSlid, ToldApart, told_apart
 
 __all__ = [
+    "LIT_SHARE",
+    "MOVED_DEG",
+    "MOVED_MM",
+    "RETURN_S",
     "SUFFIXES",
     "ClockOffset",
     "DisplacementSeries",
@@ -18,8 +23,10 @@ __all__ = [
     "Moment",
     "NoSpot",
     "NotKnown",
+    "QuickSpot",
     "Rectangle",
     "SceneFollower",
+    "SceneMove",
     "SceneSeen",
     "SceneTexture",
     "SceneWatch",
@@ -38,6 +45,7 @@ __all__ = [
     "lit_pairs",
     "opencv",
     "published_sensitive_range",
+    "quick_spot",
     "says_its_end",
     "scene_motion",
     "scene_texture",

@@ -271,6 +271,8 @@ def _fitted(
     columns = columns + left
     # Height, x and y of the middle, ln of the radius, two of the ellipse, ln of the exponent, three of the plane.
     level = float(np.median(image[rows, columns]))
+    if not image[row, column] > level:
+        return None
     values = np.array([float(image[row, column]) - level, column, row, math.log(4.0), 0, 0, 0, level, 0, 0])
     centre = values[1:3].copy()
     low = [0, column - half, row - half, 0, -0.9, -0.9, math.log(_EXPONENTS[0]), *[-np.inf] * 3]
@@ -367,6 +369,43 @@ def _jackknife(
         rest = normal - slopes[inside].T @ slopes[inside]
         squares += np.linalg.lstsq(rest, -slopes[inside].T @ left[inside], rcond=None)[0] ** 2
     return squares
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QuickSpot:
+    """A spot in one image, found within a millisecond: its middle is some 0.1 px off that of a `LaserSpot`."""
+
+    x_px: float
+    y_px: float
+    """``x_px`` and ``y_px``: centroid of what exceeds half of its height."""
+    counts: float
+    """Its height over its surroundings."""
+
+
+def quick_spot(
+    image: UInt8[np.ndarray, "rows columns"], *, dark: UInt8[np.ndarray, "rows columns"]
+) -> QuickSpot | None:
+    """Find the laser spot in a part of one image; None if there is none, or another place is as bright.
+
+    ``dark``: the same part of the scene with the laser off.
+    """
+    cv2 = opencv(_PURPOSE)
+    light = cv2.GaussianBlur(image.astype(np.float32) - dark, (0, 0), _BLUR_PX)
+    light -= np.median(light)
+    scatter = float(np.median(np.abs(light))) / 0.6745
+    peak = float(light.max())
+    if not peak > max(_NOISE_SIGMAS * scatter, MIN_COUNTS):
+        return None
+    count, labels = cv2.connectedComponents((light > SECOND_SHARE * peak).astype(np.uint8), connectivity=8)
+    rows, columns = np.nonzero(labels)
+    # One place, which is not cut off.
+    inside = rows.min() > 0 and rows.max() < len(light) - 1 and columns.min() > 0 and columns.max() < light.shape[1] - 1
+    if count != 2 or not inside:
+        return None
+    weights = light[rows, columns] - SECOND_SHARE * peak
+    return QuickSpot(
+        x_px=float(weights @ columns / weights.sum()), y_px=float(weights @ rows / weights.sum()), counts=peak
+    )
 
 
 LIT_SHARE = 0.5

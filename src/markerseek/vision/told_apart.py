@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
 from markerseek.core import Float64
-from markerseek.geometry import RigidTransform, StereoMotion, effect_of_motion, motion_about
+from markerseek.geometry import RigidTransform, StereoMotion, motion_about
+from markerseek.vision.scene_move import MOVED_DEG, MOVED_MM, SceneMove
 from markerseek.vision.tissue_motion import (
     DisplacementSeries,
     Matrix,
@@ -30,10 +31,6 @@ from markerseek.vision.tissue_motion import (
     as_vector,
     tissue_motion,
 )
-
-MOVED_MM = 0.25
-MOVED_DEG = 0.15
-"""Least displacement and rotation that are called a move of the endoscope: half of what must be noticed."""
 
 SLID_MM = 0.3
 """Least distance by which a spot is said to have slid."""
@@ -54,41 +51,12 @@ _SURPRISE = 1e-4
 """Probability of what is called a move, if nothing moved."""
 
 
-class EndoscopeMoved(msgspec.Struct, frozen=True, kw_only=True, tag="endoscope-moved"):
+class EndoscopeMoved(SceneMove, frozen=True, kw_only=True, tag="endoscope-moved"):
     """The endoscope has moved: the whole scene lies elsewhere in the camera's frame, and stays there."""
 
     from_s: float
     until_s: float
     """``from_s`` and ``until_s``: last time at the former place, and first time at the new one."""
-    displacement_mm: Vector
-    """Displacement of the scene's middle."""
-    rotation_deg: Vector
-    """Rotation of the scene: its axis, times its angle."""
-    middle_mm: Vector
-    """Where that middle is after the move."""
-    covariance: tuple[tuple[float, ...], ...]
-    """Covariance of the rotation about the middle (deg) and of its displacement (mm); shape (6, 6)."""
-
-    @property
-    def transform(self) -> RigidTransform:
-        """Map where a point was in the camera's frame before the move to where it is after it."""
-        return motion_about(
-            1e-3 * np.array(self.middle_mm),
-            rotation_deg=np.array(self.rotation_deg),
-            displacement_m=1e-3 * np.array(self.displacement_mm),
-        )
-
-    def carried(
-        self, point_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"]
-    ) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]]:
-        """Return where a point from before the move is after it, and its covariance, with that of the move."""
-        transform = self.transform
-        after_m = transform.apply(point_m)
-        away_m = after_m - 1e-3 * np.array(self.middle_mm)
-        # Of 1 rad and 1 m each; the covariance is in deg and mm.
-        effect = effect_of_motion(away_m[None])[0] * np.repeat([np.radians(1.0), 1e-3], 3)
-        rotation = transform.rotation
-        return after_m, rotation @ covariance_m2 @ rotation.T + effect @ np.array(self.covariance) @ effect.T
 
 
 class SpotSlid(msgspec.Struct, frozen=True, kw_only=True, tag="spot-slid"):

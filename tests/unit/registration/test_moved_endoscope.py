@@ -5,15 +5,18 @@ from __future__ import annotations
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from benchmarks.registration.forged_markers import ForgedScene
 from markerseek.core import SpotToSource
 from markerseek.geometry import RigidTransform
 from markerseek.registration import (
+    Ended,
     EndoscopeMotion,
     EndoscopeMove,
     EndoscopeNotKnown,
@@ -30,7 +33,10 @@ from markerseek.registration import (
     TakenMarker,
 )
 from markerseek.registration.choice import Choice, SeenMarker, choose
+from markerseek.registration.endoscope_motion import less_breath
 from markerseek.registration.stations import carry
+from markerseek.sim import STREAMING
+from markerseek.vision import TissueMoves
 from tests.registration_sessions import begin, registered, taken
 
 MIDDLE_M = np.array([0.0, 0.0, 0.1])
@@ -200,10 +206,128 @@ def test_a_session_goes_on_when_the_endoscope_is_moved_in_view_of_texture() -> N
     assert truth.target_error_m < view.registration.report.tre95_m < 4e-3
 
 
-def test_a_session_without_texture_does_not_register_an_endoscope_that_may_have_moved() -> None:
-    view, states = steps_of(SimulatedRoom(SimulatedRoomSettings(endoscope_held=False), seed=5), 3)
-    assert states[-1].lost == ("1", "2")
-    assert view.registration is None
-    assert "it is not known whether the endoscope has moved after marker 2: at marker 2" in states[-1].said
-    assert "too little texture" in states[-1].said
-    assert "light new spots" in states[-1].said
+def test_images_without_texture_are_refused_by_name_and_end_the_session() -> None:
+    room = SimulatedRoom(SimulatedRoomSettings(endoscope_held=False), seed=5)
+    steps = list(RegistrationSession(room, plan=SessionPlan(sweep=True)).steps())
+    (refused,) = [step for step in steps if isinstance(step, SpotRefused)]
+    assert "it would not be seen if the endoscope moved: the picture has too little texture" in refused.reason
+    assert "say that the endoscope is held" in refused.reason
+    assert not any(isinstance(step, TakenMarker) for step in steps)
+    ended = steps[-1]
+    assert isinstance(ended, Ended)
+    assert not ended.registered
+    assert ended.said.startswith(refused.reason)
+
+
+def after_four_markers(now: SeenEndoscope | None) -> tuple[ForgedScene, RegistrationSession]:
+    """A session of four markers, whose cameras then see the scene as stated."""
+    scene = ForgedScene(7)
+    session = RegistrationSession(SimulatedRoom(SimulatedRoomSettings(endoscope_held=False), seed=5))
+    for marker in scene.markers(scene.wide(4)):
+        session.view = session.view.after(as_taken(marker, None))
+    session.view = session.view.after(session._state())
+    session._watch = mock.Mock(look=mock.Mock(return_value=now))
+    session._spots = mock.Mock(dark=mock.Mock(return_value=[mock.Mock()]))
+    return scene, session
+
+
+def moved_scene(scene: ForgedScene) -> EndoscopeMotion:
+    """Move the endoscope of a scene by some millimetres and degrees; how its cameras see that."""
+    stood = scene.true
+    turn = Rotation.from_rotvec((2.0, -3.0, 1.0), degrees=True).as_matrix()
+    scene.true = replace(
+        stood, rotation=stood.rotation @ turn, translation_m=stood.apply(np.array([4e-3, -3e-3, 5e-3]))
+    )
+    there = scene.true.inverse()
+    true = RigidTransform(
+        source="DaVinciBefore",
+        target="DaVinci",
+        rotation=there.rotation @ stood.rotation,
+        translation_m=there.apply(stood.translation_m),
+    )
+    return structs.replace(forged_motion(true, np.random.default_rng(3)), after="4")
+
+
+def test_a_move_after_the_last_marker_is_noticed_and_the_registration_is_that_of_the_camera_now() -> None:
+    scene, session = after_four_markers(None)
+    before = session.view.registration
+    assert before is not None
+    motion = moved_scene(scene)
+    session._watch.look.return_value = motion
+    (state,) = session._last_look()
+    assert isinstance(state, Registered)
+    assert state.endoscope == motion
+    assert motion.said in state.said
+    after = session.view.registration
+    assert after is not None
+    assert session.view.displaced is None
+    error_m = scene.error_m(after.report)
+    assert error_m is not None
+    assert error_m < after.report.tre95_m
+    assert scene.error_m(before.report) > 3 * before.report.tre95_m
+
+
+def test_a_last_look_that_shows_nothing_withdraws_the_registration_and_one_at_rest_changes_nothing() -> None:
+    _, session = after_four_markers(NOT_KNOWN)
+    (state,) = session._last_look()
+    assert state.lost == ("1", "2", "3", "4")
+    assert session.view.registration is None
+    assert session.view.displaced == NOT_KNOWN
+    still = structs.replace(MOVED, displacement_mm=(0.01, 0.0, 0.0), rotation_deg=(0.01, 0.0, 0.0))
+    _, session = after_four_markers(still)
+    assert list(session._last_look()) == []
+    assert session.view.registration is not None
+
+
+def test_a_marker_that_is_measured_again_after_a_move_is_compared_with_its_carried_spot() -> None:
+    scene, session = after_four_markers(None)
+    first = session.view.markers[0]
+    assert session.view.last is not None
+    motion = moved_scene(scene)
+    source_m = np.array(first.candidates[0].position.position_m)
+    again = as_taken(scene.seen("1-again", scene.at(source_m[0], source_m[1])), motion)
+    # The light is where it was: only the cameras moved.
+    spot_m = motion.transform.apply(np.array(first.camera_m))
+    again = structs.replace(again, again="1", camera_m=spot_m.tolist(), candidates=first.candidates)
+    assert not session._movement(session.view.last.chosen, first, again).moved
+    elsewhere = structs.replace(again, camera_m=np.add(spot_m, [6e-3, 0.0, 0.0]).tolist())
+    assert session._movement(session.view.last.chosen, first, elsewhere).moved
+
+
+def test_a_breath_between_two_pairs_is_no_move_of_the_endoscope() -> None:
+    breath = TissueMoves(
+        from_s=0.0,
+        until_s=9.0,
+        rest_mm=(0.0, 0.0, 0.0),
+        swing_mm=(0.0, 2.0, 1.0),
+        covariance_mm2=((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (0.0, 0.0, 1e-3)),
+        period_s=4.0,
+        period_sigma_s=0.1,
+        pause_at_s=0.0,
+        pause_s=1.5,
+    )
+    in_breath = structs.replace(MOVED, displacement_mm=(0.05, 1.4, 0.7), rotation_deg=(0.0, 0.02, 0.0))
+    assert in_breath.state == "moved"
+    assert less_breath(in_breath, breath).state == "at rest"
+    # What is not along the breath, or beyond it, stays.
+    beside = structs.replace(MOVED, displacement_mm=(1.0, 1.4, 0.7), rotation_deg=(0.0, 0.02, 0.0))
+    assert less_breath(beside, breath).displacement_mm == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
+    beyond = structs.replace(MOVED, displacement_mm=(0.0, 4.0, 2.0))
+    assert less_breath(beyond, breath).displacement_mm == pytest.approx((0.0, 2.0, 1.0), abs=1e-9)
+
+
+@pytest.mark.long
+def test_a_session_goes_on_where_the_endoscope_moves_during_a_search() -> None:
+    move = EndoscopeMove(marker=2, after_s=3.0, shift_m=(3e-3, -2e-3, 4e-3), turn_deg=(2.0, -3.0, 4.0), lasts_s=0.5)
+    settings = SimulatedRoomSettings(rig=STREAMING, textured=True, moves=(move,), endoscope_held=False)
+    room = SimulatedRoom(settings, seed=5)
+    view, _ = steps_of(room, 4)
+    moved = view.markers[1]
+    assert moved.scene is not None
+    assert len(moved.scene.endoscope) == 1
+    assert moved.endoscope is not None
+    assert moved.endoscope.state == "moved"
+    truth = room.truth(view)
+    assert truth.target_error_m is not None
+    assert view.registration is not None
+    assert truth.target_error_m < view.registration.report.tre95_m

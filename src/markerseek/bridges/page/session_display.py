@@ -190,7 +190,8 @@ def session_table(view: SessionView) -> str:
         angle = f"{marker.candidates[number].angle_deg:.2f}" if marker.candidates else "–"
         use = view.use_of(marker)
         cells = (marker.name, marker.answer, angle, str(marker.acquisitions), residuals.get(marker.name, "–"), use)
-        tip = escape(marker.reason or "")
+        scene = None if marker.scene is None else marker.scene.said
+        tip = escape("; ".join(filter(None, (marker.reason, scene))))
         rows += f'<tr class="ms-use-{use.replace(" ", "-")}" title="{tip}">{_cells("td", cells)}</tr>'
     heads = ("marker", "answer", "angle [°]", "frames", "residual [mm]", "use")
     return f"<table><thead><tr>{_cells('th', heads)}</tr></thead><tbody>{rows}</tbody></table>"

@@ -1,0 +1,303 @@
+"""What the cameras see while a marker is searched: the scene, the tissue around the spot, and the spot on it.
+
+When it looks is up to the room.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from msgspec import structs
+from scipy.spatial.transform import Rotation
+
+from markerseek.core import ConfigError, Float64, FrameHeader, Int64, StereoPair, UInt8
+from markerseek.geometry import Camera
+from markerseek.registration.choice import SeenMarker
+from markerseek.registration.report import triple
+from markerseek.registration.search_scene import SearchScene
+from markerseek.registration.shared_errors import seen_point
+from markerseek.registration.spots import SPOT_PAIRS, Looked
+from markerseek.registration.stereo_files import StereoSettings
+from markerseek.vision import (
+    LIT_SHARE,
+    MOVED_DEG,
+    MOVED_MM,
+    RETURN_S,
+    ClockOffset,
+    EndoscopeMoved,
+    Moment,
+    NotKnown,
+    QuickSpot,
+    SceneMove,
+    SceneTexture,
+    SceneWatch,
+    SpotSlid,
+    TissueMoves,
+    ToldApart,
+    clock_offset,
+    quick_spot,
+    told_apart,
+)
+
+_MOST_OFFSET_S = 1.0
+"""Largest offset of the cameras' clock beyond what the look for the spot has shown of it."""
+
+_MIN_SIGHTINGS = 3
+"""Fewest pairs that show the spot, by whose mean it is placed."""
+
+_STILL_DEG = 0.01
+"""Standard deviation of a rotation of the scene where the endoscope has not moved."""
+
+_HALF_PX = 70
+"""Half the width of the part of an image in which the spot is looked for: it may slide by that much between two
+pairs."""
+
+
+class SearchWatch:
+    """Follows the scene, the tissue around the spot, and the spot while a marker is searched.
+
+    Parameters
+    ----------
+    texture
+        The reference, made of the last pair without light before the search; `NotKnown`: nothing is followed.
+    looked
+        The spot before the search.
+    spot_m
+        Its place in the left camera's frame.
+    stereo
+        Calibration of the cameras.
+    """
+
+    def __init__(
+        self,
+        texture: SceneTexture | NotKnown,
+        *,
+        looked: Looked,
+        spot_m: Float64[np.ndarray, " 3"],
+        stereo: StereoSettings,
+    ) -> None:
+        self._texture = texture
+        self._looked = looked
+        self._spot_m = spot_m
+        self._stereo = stereo
+        # The same session sees the same motion: only samples of patches are drawn.
+        rng = np.random.default_rng(0)
+        self._watch = None if isinstance(texture, NotKnown) else SceneWatch(texture, spot_m=spot_m, rng=rng)
+        self._reason = texture.reason if isinstance(texture, NotKnown) else None
+        # A single pair scatters by no more than all pairs of the look, if these scattered independently.
+        self._single_px = looked.spot.sigma_px * SPOT_PAIRS**0.5
+        self._lit: deque[StereoPair] = deque(maxlen=2 * SPOT_PAIRS)
+        self._firsts: dict[str, QuickSpot | None] = {}
+        # Times of pairs on the cameras' clock, and whether they show the spot; of flashes on that of the rig.
+        self._blinks = [(pair.at_s, False) for pair in looked.dark] + [(pair.at_s, True) for pair in looked.lit]
+        self._flashes_s = list(looked.flashes_s)
+        # Where the spot lay on the tissue, as that was at the reference.
+        self._on_tissue_m: list[Float64[np.ndarray, " 3"]] = []
+
+    @property
+    def follows(self) -> bool:
+        """Whether there is texture to follow."""
+        return self._watch is not None
+
+    @property
+    def moments(self) -> tuple[Moment, ...]:
+        """What was seen so far."""
+        return () if self._watch is None else self._watch.moments
+
+    @property
+    def later(self) -> list[StereoPair]:
+        """The last pairs that showed the spot; where nothing is followed, the last pairs."""
+        return list(self._lit)
+
+    def keep(self, pairs: Sequence[StereoPair]) -> None:
+        """Keep pairs of a scene without texture."""
+        self._lit.extend(pairs)
+
+    def look(self, pair: StereoPair) -> None:
+        """Look at the newest pair, with the laser's light or without."""
+        if self._watch is None:
+            self.keep([pair])
+            return
+        moment = self._watch.look(pair)
+        self._reason = self._reason if self._watch.not_known is None else self._watch.not_known.reason
+        if moment.tissue is None:
+            return
+        displacement_m = moment.tissue.value_m
+        cameras = self._stereo.cameras
+        left_px = self._sighted(pair.left, "left", cameras.left, self._spot_m, displacement_m)
+        right_m = cameras.left_to_right.apply(self._spot_m)
+        right_px = self._sighted(
+            pair.right, "right", cameras.right, right_m, cameras.left_to_right.rotation @ displacement_m
+        )
+        lit = left_px is not None and right_px is not None
+        self._blinks.append((pair.at_s, lit))
+        if left_px is None or right_px is None:
+            return
+        self._lit.append(pair)
+        try:
+            place_m, covariance_m2, _ = seen_point(
+                left_px, right_px, cameras, spot_px=self._single_px, calibration_px=self._stereo.calibration_sigma_px
+            )
+        except ConfigError:
+            # Both images do not show one place: a highlight in one of them.
+            return
+        self._on_tissue_m.append(place_m - displacement_m)
+        self._watch.place_spot(place_m, covariance_m2, at_s=pair.at_s)
+
+    def _sighted(
+        self,
+        image: UInt8[np.ndarray, "rows columns"],
+        side: str,
+        camera: Camera,
+        spot_m: Float64[np.ndarray, " 3"],
+        displacement_m: Float64[np.ndarray, " 3"],
+    ) -> Float64[np.ndarray, " 2"] | None:
+        """Return where an image shows the spot, near where the tissue has carried it; None if it does not."""
+        was_px = np.rint(getattr(self._looked.spot, f"{side}_px")).astype(int)
+        before_px, after_px = camera.project(np.stack([spot_m, spot_m + displacement_m]))
+        here_px = was_px + np.rint(after_px - before_px).astype(int)
+        dark = _part(getattr(self._looked.dark[-1], side), was_px)
+        part = _part(image, here_px)
+        if dark is None or part is None:
+            return None
+        found = quick_spot(part, dark=dark)
+        first = self._first(side, was_px, dark)
+        if found is None or first is None or found.counts < LIT_SHARE * first.counts:
+            return None
+        # It has moved in the image by as much as its centroid.
+        moved_px = here_px - was_px + [found.x_px - first.x_px, found.y_px - first.y_px]
+        return np.asarray(getattr(self._looked.spot, f"{side}_px") + moved_px, dtype=np.float64)
+
+    def _first(
+        self, side: str, was_px: Int64[np.ndarray, " 2"], dark: UInt8[np.ndarray, "part part"]
+    ) -> QuickSpot | None:
+        """Return the spot in the last lit pair before the search."""
+        if side not in self._firsts:
+            part = _part(getattr(self._looked.lit[-1], side), was_px)
+            self._firsts[side] = None if part is None else quick_spot(part, dark=dark)
+        return self._firsts[side]
+
+    def fire(self, header: FrameHeader) -> None:
+        """Note the flashes of a frame."""
+        self._flashes_s.extend(np.linspace(header.started_s, header.ended_s, header.pulses + 1)[:-1].tolist())
+
+    def clock(self) -> ClockOffset | None:
+        """Return the offset of the cameras' clock, from the flashes and the pairs that show them."""
+        if not self._blinks or not self._flashes_s:
+            return None
+        pairs_s, lit = np.array(sorted(self._blinks)).T
+        within_s = _MOST_OFFSET_S + (self._looked.spot.late_s or 0.0)
+        return clock_offset(pairs_s, lit > 0, np.sort(self._flashes_s), within_s=within_s)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether it can be told what moved: nothing did lately, or it was seen long enough."""
+        last_s = max((moment.at_s for moment in self.moments), default=0.0)
+        lately = [moment for moment in self.moments if moment.scene and moment.at_s > last_s - RETURN_S]
+        if not any(_stands_elsewhere(moment, self._spot_m) for moment in lately):
+            return True
+        told = self._told()
+        if told.tissue and told.tissue[-1].period_s is not None:
+            return True
+        return bool(told.endoscope) and told.endoscope[-1].until_s <= last_s - RETURN_S
+
+    def _told(self) -> ToldApart:
+        return told_apart([]) if self._watch is None else self._watch.told()
+
+    def told(self, clock: ClockOffset | None = None) -> SearchScene:
+        """Tell what moved; ``clock``: the offset of the cameras' clock, None if it is not known."""
+        told = self._told()
+        tissue = told.tissue[-1] if told.tissue else None
+        by_s = 0.0 if clock is None else clock.offset_s
+        return SearchScene(
+            pairs=sum(moment.spot is None for moment in self.moments),
+            known=told.known,
+            reason=self._reason if told.known < 1 else None,
+            tissue=None if tissue is None else _earlier(tissue, by_s),
+            spot=_earlier(told.spot[-1], by_s) if told.spot else None,
+            endoscope=tuple(_earlier(each, by_s) for each in told.endoscope),
+            end=self._end(told),
+            clock=clock,
+        )
+
+    def _end(self, told: ToldApart) -> SceneMove | None:
+        """Return how the scene lies at the end, where the tissue around the spot rests."""
+        since_s = told.endoscope[-1].until_s if told.endoscope else -math.inf
+        rested = self._rest(told, since_s)
+        if rested is None:
+            return None
+        rest_m, covariance_m2 = rested
+        turned = Rotation.identity()
+        covariance = np.diag([_STILL_DEG**2] * 3 + [0.0] * 3)
+        for each in told.endoscope:
+            turned = Rotation.from_rotvec(each.rotation_deg, degrees=True) * turned
+            covariance[:3, :3] += np.array(each.covariance)[:3, :3]
+        covariance[3:, 3:] += 1e6 * covariance_m2
+        return SceneMove(
+            displacement_mm=triple(1e3 * rest_m),
+            rotation_deg=triple(turned.as_rotvec(degrees=True)),
+            middle_mm=triple(1e3 * (self._spot_m + rest_m)),
+            covariance=tuple(tuple(row) for row in covariance.tolist()),
+        )
+
+    def _rest(
+        self, told: ToldApart, since_s: float
+    ) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]] | None:
+        """Return the displacement of the tissue at its rest since the last move, and its covariance; None: none."""
+        seen = [moment.tissue for moment in self.moments if moment.tissue is not None and moment.at_s >= since_s]
+        if told.tissue and told.tissue[-1].until_s > since_s:
+            tissue = told.tissue[-1]
+            return 1e-3 * np.array(tissue.rest_mm), 1e-6 * np.array(tissue.covariance_mm2)
+        if not told.endoscope or not seen:
+            return None
+        return (
+            np.median([each.value_m for each in seen], axis=0),
+            np.median([each.covariance_m2 for each in seen], axis=0),
+        )
+
+    def at_end(self, seen: SeenMarker, end: SceneMove) -> SeenMarker:
+        """Return the spot at the end of the search, where the tissue rests.
+
+        It lies there where it lay on the tissue in the mean of all pairs that show it, or before the search if fewer
+        than three do.
+        """
+        places_m = np.array(self._on_tissue_m)
+        place_m = places_m.mean(axis=0) if len(places_m) >= _MIN_SIGHTINGS else seen.camera_m
+        return replace(
+            seen,
+            camera_m=place_m + 1e-3 * np.array(end.displacement_mm),
+            camera_covariance_m2=seen.camera_covariance_m2 + 1e-6 * np.array(end.covariance)[3:, 3:],
+        )
+
+
+def _stands_elsewhere(moment: Moment, spot_m: Float64[np.ndarray, " 3"]) -> bool:
+    """Whether the scene lies elsewhere than at the reference, by more than what is called at rest."""
+    assert moment.scene is not None  # noqa: S101  as it was chosen
+    moved_m = float(np.linalg.norm(moment.scene.displacement_m(spot_m[None])[0]))
+    turned = Rotation.from_matrix(moment.scene.transform.rotation).magnitude()
+    return 1e3 * moved_m >= MOVED_MM or math.degrees(turned) >= MOVED_DEG
+
+
+_Timed = TypeVar("_Timed", TissueMoves, SpotSlid, EndoscopeMoved)
+
+
+def _earlier(value: _Timed, by_s: float) -> _Timed:
+    """Return what was seen, at the times of a clock that is behind."""
+    names = [name for name in ("from_s", "until_s", "pause_at_s") if getattr(value, name, None) is not None]
+    return structs.replace(value, **{name: getattr(value, name) - by_s for name in names})
+
+
+def _part(
+    image: UInt8[np.ndarray, "rows columns"], middle_px: Int64[np.ndarray, " 2"]
+) -> UInt8[np.ndarray, "part part"] | None:
+    """Return the part of an image around a pixel (x, y); None if it is not all in the image."""
+    x, y = middle_px.tolist()
+    rows, columns = image.shape
+    if not (_HALF_PX <= x < columns - _HALF_PX and _HALF_PX <= y < rows - _HALF_PX):
+        return None
+    return image[y - _HALF_PX : y + _HALF_PX + 1, x - _HALF_PX : x + _HALF_PX + 1]
