@@ -78,7 +78,7 @@ def register(tab: Page, link: str) -> list[bytes]:
         if not seen or picture != seen[-1]:
             seen.append(picture)
         if tab.evaluate(OVER):
-            return seen
+            return [*seen, tab.screenshot()]
         tab.wait_for_timeout(400)
     sys.exit("the session did not end")
 

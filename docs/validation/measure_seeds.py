@@ -27,6 +27,10 @@ PERSON_S = 10.0
 COLUMNS = ("receiver", "seed", "registered", "goal_reached", "markers", "rig_s", "tre_m", "tre95_m", "true_error_m")
 
 
+def _rounded(value: float | None) -> float | str:
+    return "" if value is None else round(value, 6)
+
+
 def session(receiver: str, seed: int, folder: Path) -> dict[str, object]:
     """Run one session by the command, and return its row."""
     words = ("register", "--simulate", *RECEIVERS[receiver], "--seed", str(seed), "--no-frames", "--json")
@@ -42,9 +46,10 @@ def session(receiver: str, seed: int, folder: Path) -> dict[str, object]:
         "goal_reached": told["goal_reached"],
         "markers": len(told["simulation"]["marker_errors_m"]),
         "rig_s": round(told["rig_s"], 1),
-        "tre_m": round(told["tre_m"], 6),
-        "tre95_m": round(told["tre95_m"], 6),
-        "true_error_m": round(told["simulation"]["target_error_m"], 6),
+        "tre_m": _rounded(told["tre_m"]),
+        "tre95_m": _rounded(told["tre95_m"]),
+        # A session that is not registered has no transform, and so no error.
+        "true_error_m": _rounded(told["simulation"]["target_error_m"]),
     }
 
 
@@ -85,7 +90,8 @@ def table() -> str:
             continue
         markers = _values(chosen, "markers")
         rig_s = _values(chosen, "rig_s")
-        true_mm = _values(chosen, "true_error_m", 1e3)
+        known = [row for row in chosen if row["true_error_m"]]
+        true_mm = _values(known, "true_error_m", 1e3)
         cells = (
             receiver,
             str(len(chosen)),
@@ -93,9 +99,9 @@ def table() -> str:
             _spread(markers, 0),
             _spread(rig_s, 0),
             _spread((rig_s + PERSON_S * markers) / 60, 1),
-            _spread(_values(chosen, "tre_m", 1e3), 2),
+            _spread(_values(known, "tre_m", 1e3), 2),
             _spread(true_mm, 2),
-            f"{np.sum(true_mm <= _values(chosen, 'tre95_m', 1e3))} of {len(chosen)}",
+            f"{np.sum(true_mm <= _values(known, 'tre95_m', 1e3))} of {len(known)}",
         )
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
