@@ -14,6 +14,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, following, registration, rigs
+from markerseek.bridges import igtl
 from markerseek.cli.open_rig import arm_rig, open_rig, person, require_no_trace, simulated_settings
 from markerseek.cli.options import Arm, AsJson, Out, Trace, with_values
 from markerseek.cli.registering import SpotIsSet
@@ -106,6 +107,15 @@ class FollowPlace:
         str | None,
         typer.Option(metavar="'LEFT RIGHT'", help="Where the images of both cameras come from; as of register."),
     ] = None
+    igtl_port: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            max=65535,
+            help="Serve the transform of the camera over OpenIGTLink on this port of this computer, ten times a "
+            "second, with its validity and error; 0 takes any that is free.",
+        ),
+    ] = None
     arm: Arm = False
     trace: Trace = None
     asked_by: Annotated[str | None, typer.Option(hidden=True, help="Who asked a bridge for it.")] = None
@@ -157,7 +167,11 @@ def command(
             if place.simulate
             else _on_rig(followed, place, plan, simulation, as_json=as_json)
         )
-        ended = _follow(run, as_json=as_json)
+        service = None
+        if place.igtl_port is not None:
+            service = opened.enter_context(igtl.FollowService("127.0.0.1", place.igtl_port, on_note=_note))
+            _note(f"OpenIGTLink clients connect to 127.0.0.1, port {service.port}")
+        ended = _follow(run, service, as_json=as_json)
     output.show(_report(run, ended))
 
 
@@ -175,13 +189,19 @@ class FollowRun:
     true_deg: list[float | None]
 
 
-def _follow(run: FollowRun, *, as_json: bool) -> str:
+def _note(sentence: str) -> None:
+    stderr.print(f"[dim]{escape(sentence)}[/]")
+
+
+def _follow(run: FollowRun, service: igtl.FollowService | None, *, as_json: bool) -> str:
     """Follow until the end, a signal, or a state that only a person ends; returns why it has ended."""
     said = ""
     with stopped_by_signals(), closing(run.follower.steps()) as steps:
         try:
             for step in steps:
                 run.steps.append(step)
+                if service is not None:
+                    service.show(step)
                 run.true_deg.append(None if run.room is None else run.room.angle_deg(step.at_s))
                 follows = step.word in _FOLLOWS
                 line = "follows the target" if follows else step.word

@@ -119,7 +119,13 @@ class Follower:
         self._endoscope = endoscope
         self._is_set = is_set
         self._alive = alive
-        self._machine = FollowMachine(plan, reach, lit=self._lit, begun_s=self._clock.now_s())
+        self._machine = FollowMachine(
+            plan,
+            reach,
+            acceleration_deg_s2=self._scanner.turning_acceleration_deg_s2,
+            lit=self._lit,
+            begun_s=self._clock.now_s(),
+        )
         self._reach = reach
         self._watched_s = -math.inf
         self._not_known = 0

@@ -32,8 +32,8 @@ BACK_S = 0.5
 STEP_DEG = 4.5
 """Longest turn: half a degree of room for the backlash, below what the guard permits."""
 
-AHEAD_S = 0.5
-"""Time by which a target that moves is seen ahead, in seconds: that of a short turn."""
+READINGS_S = 0.15
+"""Time that a turn takes longer than its way: three readings show that the probe is at rest."""
 
 LEAST_TURN_DEG = 0.2
 """Shortest turn: twice what a readback may be off by."""
@@ -88,11 +88,14 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True):
 class FollowMachine:
     """The state of following.
 
-    ``lit``: whether the target is seen by the laser's light, and so only with the probe at rest. ``begun_s``: when it
-    begins, on the rig's clock.
+    ``acceleration_deg_s2``: of the stage. ``lit``: whether the target is seen by the laser's light, and so only with
+    the probe at rest. ``begun_s``: when it begins, on the rig's clock.
     """
 
-    def __init__(self, plan: FollowPlan, reach: ProbeReach, *, lit: bool, begun_s: float) -> None:
+    def __init__(
+        self, plan: FollowPlan, reach: ProbeReach, *, acceleration_deg_s2: float, lit: bool, begun_s: float
+    ) -> None:
+        self._acceleration_deg_s2 = acceleration_deg_s2
         self._plan = plan
         self._reach = reach
         self._lit = lit
@@ -240,14 +243,14 @@ class FollowMachine:
         where = f"{abs(off_deg):.1f} deg from the image plane"
         if turning:
             return Decision(word="turning", said=f"turns, the target is {where}")
-        later_deg = off_deg + speed_deg_s * (now_s - aim.at_s + AHEAD_S)
+        later_deg = off_deg + speed_deg_s * (now_s - aim.at_s + self._turn_s(self._plan.within_deg))
         if max(abs(off_deg), abs(later_deg)) <= band_deg:
             return Decision(word="there", said=f"there: the target is {where}, within {band_deg:.1f} deg")
         if now_s < self._rests_until_s or (self._lit and aim.at_s < self._dark_until_s):
             # A lit target may have gone while the probe turned in the dark: it is seen before the next turn.
             return Decision(word="resting", said=f"rests between two turns, the target is {where}")
         # To where a target that moves on will be: at the end of the turn, and half the range further.
-        lead_s = now_s - aim.at_s + AHEAD_S + abs(off_deg) / self._plan.speed_deg_s
+        lead_s = now_s - aim.at_s + self._turn_s(abs(off_deg) + self._plan.within_deg)
         lead_deg = speed_deg_s * lead_s + math.copysign(self._plan.within_deg / 2, speed_deg_s) * (speed_deg_s != 0)
         most_deg = 2 * self._plan.within_deg
         to_deg = aim.angle_deg + min(max(lead_deg, -most_deg), most_deg)
@@ -258,6 +261,14 @@ class FollowMachine:
         if abs(way_deg) > STEP_DEG:
             way_deg = math.copysign(STEP_DEG, way_deg)
         return Decision(word="turning", said=f"turns, the target is {where}", turn_to_deg=probe_deg + way_deg)
+
+    def _turn_s(self, way_deg: float) -> float:
+        """Time of a turn from rest to rest."""
+        speed = self._plan.speed_deg_s
+        rate = self._acceleration_deg_s2
+        if way_deg <= speed**2 / rate:
+            return 2 * math.sqrt(way_deg / rate) + READINGS_S
+        return way_deg / speed + speed / rate + READINGS_S
 
     @property
     def _speed_deg_s(self) -> float:

@@ -242,6 +242,11 @@ class Scanner:
         stage = turning_stage(self._stage)
         return max(stage.play_deg(1.0), stage.play_deg(-1.0))
 
+    @property
+    def turning_acceleration_deg_s2(self) -> float:
+        """Acceleration of a stage that turns, in degrees per second squared; `ConfigError` if the rig cannot follow."""
+        return turning_stage(self._stage).acceleration_deg_s2
+
     def turn_to(
         self, angle_deg: float, *, speed_deg_s: float, goes_on: Callable[[], bool] = lambda: True
     ) -> Generator[float, None, float]:

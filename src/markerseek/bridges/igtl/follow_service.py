@@ -1,0 +1,103 @@
+"""Serves OpenIGTLink clients what a run that follows says: the transform of the camera, again and again, and its state.
+
+TRANSFORM ``DaVinciToProbeHome`` is as `streams` sends it, with ``TransformStatus`` and ``tre_m`` in its metadata; it is
+NaN while no registration holds, and once the run says nothing any more. STRING ``FollowState`` is the newest step.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Collection
+
+import msgspec
+import numpy as np
+
+from markerseek._closing import Closing
+from markerseek.bridges.igtl.commands import CommandAnswer, Request
+from markerseek.bridges.igtl.peer import IPAddress
+from markerseek.bridges.igtl.service import IgtlServer
+from markerseek.bridges.igtl.streams import StreamMessage
+from markerseek.following import FollowStep
+from markerseek.wire import igtl
+
+SENT_S = 0.08
+"""Time from one transform to the next, in seconds: more than ten a second."""
+
+SILENT_S = 1.0
+"""Time without a step after which the transform is withdrawn: the run hangs, or has ended."""
+
+
+class FollowService(Closing):
+    """The server, in a thread of its own, while it is open.
+
+    ``allowed``: addresses of other computers that may connect. ``on_note``: receives sentences for the terminal. Errors
+    as of `IgtlServer.open`.
+    """
+
+    def __init__(
+        self, host: str, port: int, *, allowed: Collection[IPAddress] = (), on_note: Callable[[str], None]
+    ) -> None:
+        self._newest: tuple[float, FollowStep] | None = None
+        self._loop = asyncio.new_event_loop()
+        self._server = IgtlServer(on_request=_refused, allowed=allowed, on_note=on_note)
+        try:
+            self.port = self._loop.run_until_complete(self._server.open(host, port))
+        except BaseException:
+            self._loop.close()
+            raise
+        self._closing = asyncio.Event()
+        self._thread = threading.Thread(target=self._serve, name="follow-igtl", daemon=True)
+        self._thread.start()
+
+    def show(self, step: FollowStep) -> None:
+        """Take a step of the run."""
+        self._newest = (time.monotonic(), step)
+
+    def close(self) -> None:
+        """End all connections; allowed twice."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._closing.set)
+            self._thread.join()
+
+    def _serve(self) -> None:
+        try:
+            self._loop.run_until_complete(self._send())
+        finally:
+            self._loop.close()
+
+    async def _send(self) -> None:
+        while not self._closing.is_set():
+            for message in follow_messages(self._step()):
+                self._server.publish(message, metadata={})
+            await asyncio.sleep(SENT_S)
+        await self._server.close()
+
+    def _step(self) -> FollowStep | None:
+        """The newest step, unless it is old."""
+        if self._newest is None:
+            return None
+        came_s, step = self._newest
+        return step if time.monotonic() - came_s <= SILENT_S else None
+
+
+def follow_messages(step: FollowStep | None) -> list[StreamMessage]:
+    """Return the messages of a step; None: nothing is known now."""
+    matrix = None
+    metadata = {"TransformStatus": "INVALID"}
+    if step is not None and step.davinci_to_trus is not None:
+        matrix = np.array(step.davinci_to_trus)
+        matrix[:3, 3] *= 1e3
+        metadata = {"TransformStatus": "OK", "tre_m": f"{step.tre_m:g}"}
+    transform = StreamMessage(device="DaVinciToProbeHome", content=igtl.Transform(matrix=matrix), metadata=metadata)
+    if step is None:
+        return [transform]
+    text = msgspec.json.encode(step).decode()
+    return [transform, StreamMessage(device="FollowState", content=igtl.Text(text=text))]
+
+
+def _refused(request: Request) -> CommandAnswer:
+    return CommandAnswer(
+        done=False, sentence=f"there is no command {request.name[:80]!r}: a run that follows takes none"
+    )

@@ -1,0 +1,79 @@
+"""A run that follows, as OpenIGTLink clients see it: the transform all the time, and withdrawn when it is silent."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from markerseek.bridges.igtl import FollowService
+from markerseek.bridges.igtl.follow_service import SILENT_S, follow_messages
+from markerseek.following import FollowStep
+from markerseek.wire import igtl
+
+STEP = FollowStep(
+    at_s=1.0,
+    word="there",
+    said="there",
+    probe_deg=1.0,
+    target_deg=1.2,
+    sigma_deg=0.3,
+    within_deg=1.0,
+    turning=False,
+    davinci_to_trus=[[1.0, 0.0, 0.0, 0.01], [0.0, 1.0, 0.0, -0.02], [0.0, 0.0, 1.0, 0.1], [0.0, 0.0, 0.0, 1.0]],
+    tre_m=0.7e-3,
+)
+
+
+def test_the_transform_is_in_millimetres_with_its_error() -> None:
+    transform, state = follow_messages(STEP)
+    assert isinstance(transform.content, igtl.Transform)
+    assert transform.content.matrix is not None
+    assert transform.content.matrix[:3, 3] == pytest.approx([10.0, -20.0, 100.0])
+    assert transform.metadata == {"TransformStatus": "OK", "tre_m": "0.0007"}
+    assert isinstance(state.content, igtl.Text)
+    assert '"word":"there"' in state.content.text
+
+
+@pytest.mark.parametrize("step", [None, structs.replace(STEP, word="tissue", davinci_to_trus=None, tre_m=None)])
+def test_a_registration_that_does_not_hold_is_withdrawn(step: FollowStep | None) -> None:
+    transform = follow_messages(step)[0]
+    assert isinstance(transform.content, igtl.Transform)
+    assert transform.content.matrix is None
+    assert transform.metadata == {"TransformStatus": "INVALID"}
+
+
+def received(connection: socket.socket, *, for_s: float) -> Iterator[tuple[float, igtl.Message]]:
+    """Transforms that come within so many seconds, with the time."""
+    framer = igtl.Framer(most_bytes=100_000)
+    ends_s = time.monotonic() + for_s
+    connection.settimeout(0.2)
+    while (now_s := time.monotonic()) < ends_s:
+        try:
+            data = connection.recv(65536)
+        except TimeoutError:
+            continue
+        for header, body in framer.feed(data):
+            if header.kind == "TRANSFORM":
+                yield now_s, igtl.decode(header, body)
+
+
+@pytest.mark.real_time
+def test_clients_get_it_ten_times_a_second_until_the_run_is_silent() -> None:
+    notes: list[str] = []
+    with FollowService("127.0.0.1", 0, on_note=notes.append) as service:
+        service.show(STEP)
+        with socket.create_connection(("127.0.0.1", service.port)) as connection:
+            came = list(received(connection, for_s=SILENT_S + 1.0))
+    valid = [at_s for at_s, message in came if message.metadata["TransformStatus"] == "OK"]
+    withdrawn = [message for _, message in came if message.metadata["TransformStatus"] == "INVALID"]
+    assert len(valid) >= 3
+    assert withdrawn
+    last = withdrawn[-1].content
+    assert isinstance(last, igtl.Transform)
+    assert last.matrix is None or np.isnan(last.matrix).all()
+    assert any("connected" in note for note in notes)
