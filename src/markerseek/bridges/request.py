@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, Self, TypeAlias
 from urllib.parse import urlencode
@@ -160,7 +161,10 @@ def _target_m(text: str | None) -> tuple[float, float, float] | None:
     try:
         x, y, z = (float(word) / 1e3 for word in words)
     except ValueError:
-        raise ConfigError(f"{TARGET.name} is {text!r:.40}, it must be three numbers, such as 0 0 40") from None
+        x = y = z = math.nan
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
+        reason = "it must be three finite numbers, such as 0 0 40"
+        raise ConfigError(f"{TARGET.name} is {text!r:.40}, {reason}")
     return x, y, z
 
 
