@@ -345,6 +345,7 @@ class RegistrationSession:
 
     def _begin(self, name: str, again: TakenMarker | None) -> _Begin:
         """Look for the spot, and whether the endoscope has moved; `SpotError` if there is no new spot."""
+        self._await_pause()
         looked = self._spots.look()
         seen = self._spots.seen(name, looked.spot)
         texture = scene_texture(looked.dark[-1], self._room.stereo.cameras)
@@ -395,6 +396,20 @@ class RegistrationSession:
             breath=scene.tissue,
             rotation=CameraRotation.of(self._possible),
         )
+
+    def _await_pause(self) -> None:
+        """Wait for a pause of the tissue's breath, as the last search showed it: a spot that moves is not measured."""
+        scene = self.view.markers[-1].scene if self.view.markers else None
+        if scene is None or scene.clock is None or scene.tissue is None or scene.tissue.period_s is None:
+            return
+        breath = scene.tissue
+        clock = self._room.rig.scanner.clock
+        until_s = clock.now_s() + 2 * scene.tissue.period_s
+        # Most of the pause must be left for the look.
+        while not (breath.in_pause(clock.now_s()) and breath.in_pause(clock.now_s() + 0.8 * breath.pause_s)):
+            if clock.now_s() >= until_s:
+                return
+            clock.wait(_LOOK_ON_S / 10)
 
     def _await_rest(self, tissue: CameraTissue) -> None:
         """Wait in the dark until the tissue was seen at its rest, for two breaths at most."""

@@ -22,6 +22,7 @@ from markerseek.registration import (
     EndoscopeNotKnown,
     Registered,
     RegistrationSession,
+    SearchScene,
     SeenEndoscope,
     SessionPlan,
     SessionView,
@@ -36,7 +37,7 @@ from markerseek.registration.choice import Choice, SeenMarker, choose
 from markerseek.registration.endoscope_motion import less_breath
 from markerseek.registration.stations import carry
 from markerseek.sim import STREAMING
-from markerseek.vision import TissueMoves
+from markerseek.vision import ClockOffset, TissueMoves
 from tests.registration_sessions import begin, registered, taken
 
 MIDDLE_M = np.array([0.0, 0.0, 0.1])
@@ -192,9 +193,11 @@ def steps_of(room: SimulatedRoom, markers: int) -> tuple[SessionView, list[Regis
     return session.view, states
 
 
+@pytest.mark.long
 def test_a_session_goes_on_when_the_endoscope_is_moved_in_view_of_texture() -> None:
     move = EndoscopeMove(marker=4, shift_m=(6e-3, -3e-3, 5e-3), turn_deg=(2.0, -1.0, 5.0))
-    room = SimulatedRoom(SimulatedRoomSettings(textured=True, moves=(move,), endoscope_held=False), seed=5)
+    settings = SimulatedRoomSettings(rig=STREAMING, textured=True, moves=(move,), endoscope_held=False)
+    room = SimulatedRoom(settings, seed=5)
     view, states = steps_of(room, 4)
     seen = [marker.endoscope for marker in view.markers]
     assert [each and each.state for each in seen] == [None, "at rest", "at rest", "moved"]
@@ -314,6 +317,33 @@ def test_a_breath_between_two_pairs_is_no_move_of_the_endoscope() -> None:
     assert less_breath(beside, breath).displacement_mm == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
     beyond = structs.replace(MOVED, displacement_mm=(0.0, 4.0, 2.0))
     assert less_breath(beyond, breath).displacement_mm == pytest.approx((0.0, 2.0, 1.0), abs=1e-9)
+
+
+def test_a_spot_is_looked_for_in_a_pause_of_the_breath() -> None:
+    _, session = after_four_markers(None)
+    breath = TissueMoves(
+        from_s=-9.0,
+        until_s=0.0,
+        rest_mm=(0.0, 0.0, 0.0),
+        swing_mm=(0.0, 2.0, 0.0),
+        covariance_mm2=((1e-3, 0.0, 0.0), (0.0, 1e-3, 0.0), (0.0, 0.0, 1e-3)),
+        period_s=4.0,
+        period_sigma_s=0.1,
+        pause_at_s=-1.0,
+        pause_s=1.5,
+    )
+    scene = SearchScene(pairs=60, known=1.0, tissue=breath, clock=ClockOffset(offset_s=0.1, sigma_s=0.01))
+    session.view = replace(
+        session.view, markers=(*session.view.markers[:-1], structs.replace(session.view.markers[-1], scene=scene))
+    )
+    clock = session._room.rig.scanner.clock
+    begun_s = clock.now_s()
+    session._await_pause()
+    # The next pause begins at 3 s.
+    assert 3.0 <= clock.now_s() <= 3.1
+    assert begun_s < 1.0
+    session._await_pause()
+    assert clock.now_s() <= 3.1
 
 
 @pytest.mark.long
