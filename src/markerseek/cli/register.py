@@ -16,7 +16,6 @@ from markerseek import registration
 from markerseek.cli.in_options import in_options
 from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.registering import SessionArguments, SessionOver, SessionPlace, require_no_session, run_session
-from markerseek.cli.registration_report import write_report
 from markerseek.cli.registration_rows import report_rows, session_rows
 from markerseek.cli.registrations import sessions_report
 from markerseek.cli.report import Output, Report, drawn, facts, file_line, matrix_lines, table
@@ -152,6 +151,8 @@ def command(
     if report_of is not None:
         if place.wanted or points is not None or frames is not None or journal or plot or list_:
             raise ConfigError(f"--report {report_of} writes the report of a session that is kept; leave the others out")
+        from markerseek.cli.registration_report import write_report
+
         Output(as_json=as_json).show(write_report(report_of, out))
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     if list_:
