@@ -47,7 +47,7 @@ def test_the_page_behind_a_tunnel_is_refused_with_the_option_and_served_with_it(
                 assert asked(port, "/", Host="localhost:9000", Cookie=cookie, Origin="http://evil.example")[0] == 403
             else:
                 assert status == 403
-                assert "start the page with its public address" in text
+                assert "as by markerseek page --public-url http://localhost:9000" in text
         finally:
             process.send_signal(signal.SIGINT)
             process.communicate(timeout=60)

@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 
 from markerseek._closing import Closing
-from markerseek.core import RecordError
+from markerseek.core import RecordError, plain
 from markerseek.registration import (
     SessionView,
     as_it_runs,
@@ -81,7 +81,7 @@ class FollowedSession(RegistrationSource):
             for step in islice(steps, known, None):
                 newest = next_view(newest, step)
         except RecordError as problem:
-            self.view = self.view.unreadable(str(problem))
+            self.view = self.view.unreadable(plain(str(problem)))
 
 
 def open_registration(path: Path) -> RegistrationSource:

@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from markerseek import vision
+from markerseek.cli.in_options import in_options
 from markerseek.cli.options import AngleField, AsJson, Out
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, counted, require_range
@@ -272,7 +273,7 @@ def _shown(
     measured: vision.SensitiveRange, names: dict[float, str], size_m: tuple[float, float], source: str, name: str
 ) -> Iterator[str | Table]:
     answer = "[bold yellow]no tip[/]" if measured.reference_deg is None else "[bold green]tip found[/]"
-    yield f"{answer} in {escape(name)}: {escape(_reason(measured))}"
+    yield f"{answer} in {escape(name)}: {escape(in_options(_reason(measured)))}"
     height_mm, width_mm = (1e3 * size for size in size_m)
     yield f"[dim]pixel {height_mm:g} × {width_mm:g} mm, {source}[/]"
     shown = measured.frames

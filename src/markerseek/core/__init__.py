@@ -130,6 +130,7 @@ from markerseek.core.undisplaced import (
     displacement_sigmas,
     undisplaced,
 )
+from markerseek.core.wording import plain, reworded
 
 __all__ = [
     "FALSE_FOUND",
@@ -266,9 +267,11 @@ __all__ = [
     "needs_package",
     "options_of",
     "place_sigmas_m",
+    "plain",
     "require_fields",
     "require_pace",
     "require_range",
+    "reworded",
     "rig_in_words",
     "undisplaced",
 ]

@@ -257,7 +257,7 @@ def _as_write_error(folder: Path) -> Iterator[None]:
     except OSError as problem:
         raise RecordError(
             f"{folder}: the session cannot be recorded: {problem.strerror or problem}; make room on the disk or check "
-            "the rights, then continue the session, or name another folder"
+            "the rights, then continue that session, or name another folder"
         ) from problem
 
 

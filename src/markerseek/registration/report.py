@@ -423,10 +423,10 @@ def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: s
     if len(fitting) > 1:
         return (
             f"{larger}, but the others also fit without {' or '.join(fitting[1:])}: check these, then leave the wrong "
-            f"one out, as by `without={worst}`"
+            f"one out, such as {worst}"
         )
     if fitting:
-        return f"{larger}: {same}, or leave it out by `without={worst}`"
+        return f"{larger}: {same}, or leave it out of the registration"
     alone = ", and without it the others do not fit either" if rests else ""
     return f"{larger}{alone}: {same}, and that no sigma is too small"
 

@@ -7,7 +7,7 @@ from typing import Literal, TypeVar
 
 import msgspec
 
-from markerseek.core import ConfigError, Doubt, MarkerCurve, MarkerPosition, RecordError, SearchError
+from markerseek.core import ConfigError, Doubt, MarkerCurve, MarkerPosition, RecordError, SearchError, plain
 from markerseek.files import MIB, as_read_error, read_json
 from markerseek.records.journal import RunView, escaped, is_journal, read_journal, salvage, size_bytes_of
 from markerseek.show import SearchResult, answer_line, answer_name, flat_result
@@ -152,4 +152,4 @@ def journal_summary(path: Path) -> JournalSummary:
 
 def _without(path: Path, problem: RecordError) -> str:
     # The list prints the path once, so that the message need not begin with it.
-    return escaped(str(problem).removeprefix(f"{path}: "))
+    return escaped(plain(str(problem)).removeprefix(f"{path}: "))

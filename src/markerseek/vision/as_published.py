@@ -75,7 +75,7 @@ def published_sensitive_range(
     # A wall or bone that the image shows in part can be brighter than any tip; what a person names is taken.
     cut_off = rectangle is None and tips[start].cut_off
     if cut_off:
-        edge = "the region reaches the edge of the image; name the rectangle around the tip, `roi`"
+        edge = "the region reaches the edge of the image; name the rectangle around the tip"
         tips[start] = replace(tips[start], visible=False, reason=edge)
     if not tips[start].visible:
         nothing = no_tip(angles, f"no tip in the brightest image, at {angles[start]:g} deg: {tips[start].reason}")
@@ -128,7 +128,7 @@ def _remark(rivals_deg: Sequence[float]) -> str:
         return ""
     return (
         f"two bright regions near one another, first at {rivals_deg[0]:g} deg: the one with the larger sum of grey "
-        "values is taken; name the rectangle around the tip alone, `roi`"
+        "values is taken; name the rectangle around the tip"
     )
 
 

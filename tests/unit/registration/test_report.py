@@ -79,7 +79,7 @@ def test_a_point_that_is_3_mm_off_is_named_among_nine(off_m: tuple[float, float,
         said = report(np.random.default_rng(seed), off_m=off_m)
         assert not said.registered
         assert said.worst == "2"
-        assert "leave it out by `without=2`" in str(said.reason)
+        assert "leave it out of the registration" in str(said.reason)
 
 
 def test_where_several_points_may_be_the_wrong_one_all_are_named() -> None:

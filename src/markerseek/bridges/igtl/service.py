@@ -23,7 +23,7 @@ from markerseek.bridges.igtl.commands import (
 from markerseek.bridges.igtl.peer import LOOPBACK, SLOW_S, IPAddress, Peer, plain_address
 from markerseek.bridges.igtl.streams import StreamMessage, Streams
 from markerseek.bridges.run_images import PicturedItem
-from markerseek.core import ConfigError, SearchError
+from markerseek.core import ConfigError, SearchError, plain
 from markerseek.wire import igtl
 
 ALIVE_S = 1.0
@@ -51,6 +51,7 @@ class SearchService:
     ) -> None:
         self._on_note = on_note
         self._tasks: list[asyncio.Task[None]] = []
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._searches = Searches(options, on_start=self._started, on_item=self._seen, on_end=self._ended)
         self._registration = registration
         self._streams = Streams(registration=None if registration is None else registration.view)
@@ -77,6 +78,11 @@ class SearchService:
         for stream in streams:
             self.server.publish(stream, metadata=self._streams.metadata)
 
+    def _publish_soon(self, streams: Iterable[StreamMessage]) -> None:
+        """Publish from the thread of a search, which only a service that was opened has."""
+        assert self._loop is not None  # noqa: S101  a client asks for each search
+        self._loop.call_soon_threadsafe(self._publish, streams)
+
     async def _live(self) -> None:
         while True:
             await asyncio.sleep(ALIVE_S)
@@ -93,11 +99,11 @@ class SearchService:
         self._publish(self._streams.started())
 
     def _seen(self, item: PicturedItem) -> None:
-        self._loop.call_soon_threadsafe(self._publish, self._streams.after(item))
+        self._publish_soon(self._streams.after(item))
 
     def _ended(self, outcome: Outcome) -> None:
         self._on_note(outcome.message)
-        self._loop.call_soon_threadsafe(self._publish, self._streams.ended(outcome))
+        self._publish_soon(self._streams.ended(outcome))
 
     def _requested(self, request: Request) -> CommandAnswer:
         match request.name:
@@ -246,6 +252,6 @@ class IgtlServer:
             taken = peer in self._peers or request.name == "StopSearch"
             answer = self._on_request(request) if taken else CommandAnswer(done=False, sentence=_FULL)
         except (ConfigError, SearchError) as refusal:
-            answer = CommandAnswer(done=False, sentence=str(refusal))
+            answer = CommandAnswer(done=False, sentence=plain(str(refusal)))
         now_s = time.time()  # noqa: TID251
         peer.answer(igtl.encode(answer_message(message, answer, time_s=now_s)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import logging
+import shlex
 import time
 import traceback
 from collections.abc import AsyncIterator, Collection
@@ -136,8 +137,8 @@ def _same(given: str, secret: str) -> bool:
 
 
 _TUNNEL = (
-    "through a tunnel (ssh -L, VS Code) start the page with its public address, as the browser has it: "
-    "http://localhost:9000"
+    "through a tunnel (ssh -L, VS Code) start the page with the address in the browser, as by markerseek "
+    + shlex.join(["page", "--public-url", "http://localhost:9000"])
 )
 
 

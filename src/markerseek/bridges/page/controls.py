@@ -12,7 +12,7 @@ from nicegui import ui
 from markerseek.bridges.page.page_searches import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.request import AnyRequest, SearchRequest, SessionRequest
-from markerseek.core import ConfigError, Option, SceneOptions, SimulationOptions, as_text
+from markerseek.core import ConfigError, Option, SceneOptions, SimulationOptions, as_text, plain
 from markerseek.registration import SessionPlan
 from markerseek.search import METHODS
 from markerseek.show import with_minus
@@ -196,6 +196,7 @@ class RunControls:
 
 def _with_labels(message: str, options: Mapping[str, Option]) -> str:
     """A message with the labels of the page in place of the names of settings, and of their options."""
+    message = plain(message, label=_label)
     for name, option in options.items():
         message = re.sub(rf"(?<![\w-])({option.flag}|{name})(?![\w-])", _label(name), message)
     return message

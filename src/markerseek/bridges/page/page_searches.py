@@ -49,6 +49,9 @@ from markerseek.registration import (
 from markerseek.show import STOPPED, Verdict, verdict_of
 from markerseek.sim import SimulatedSettings
 
+WITH_CAMERAS = ("page", "--rig", "RIG.toml", "--cameras", "STEREO.yaml", "--images", "LEFT RIGHT")
+"""Command that serves a page whose rig of devices can register."""
+
 SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
 """What laser and stage do if the search was killed, and could not see to them itself."""
 
@@ -61,7 +64,7 @@ class ChildSearch:
     """A search, followed by a thread of its own until it ends.
 
     ``asked``: what a person chose on the page. ``journal``: the journal of the command. ``goes_on``: the command that
-    continues it here; empty if a person must continue it in the terminal. ``simulated``: whether no hardware is
+    continues it, here if it is of a simulated rig, else in the terminal. ``simulated``: whether no hardware is
     involved. ``because``: why it was stopped, if that was no person.
     """
 
@@ -113,7 +116,7 @@ class ChildSearch:
     @property
     def can_go_on(self) -> bool:
         """Whether it was broken off, and can go on here."""
-        if self.outcome is None or self.outcome.answered or not self.goes_on or not self.journal.exists():
+        if self.outcome is None or self.outcome.answered or not (self._simulated and self.journal.exists()):
             return False
         return self.run is None or self.run.last.phase not in {"finished", "fault"}
 
@@ -129,8 +132,9 @@ class ChildSearch:
             return "Start begins a new search"
         # As the terminal says it: a fault that the journal holds is reset by a person who has looked at the rig.
         is_fault = self.run.last.phase == "fault"
-        when = ", once the fault is repaired and reset" if is_fault else ""
-        return f"Start begins a new search; resuming this one in the terminal goes on with it{when}"
+        resume = f"markerseek {shlex.join([*self.goes_on, *(['--reset-fault'] if is_fault else [])])}"
+        when = "once the fault is repaired, " if is_fault else ""
+        return f"Start begins a new search; {when}{resume}, in the terminal, goes on with this one"
 
     def verdict(self, view: RunView | None) -> Verdict:
         """What it says in large letters; ``view``: the event that is shown."""
@@ -348,14 +352,13 @@ class PageSearches:
             if isinstance(asked, SearchRequest):
                 journal = default_journal(method=asked.plan.method)
                 make_folder(journal.parent)
-                # Armed at once: nothing here emits light.
-                goes_on = ["resume", str(journal), "--arm"] if self.rig.simulated else []
+                # A simulated rig is made from the journal, and armed at once: nothing there emits light.
+                of_rig = ["--arm"] if self.rig.simulated else ["--rig", str(self.rig.file)]
+                goes_on = ["resume", str(journal), *of_rig]
                 command = [*self.rig.command(asked), "--journal", str(journal), f"--asked-by={asked_by}"]
                 self._begin(ChildSearch, command, asked, journal, goes_on)
             elif not self.rig.registers:
-                raise SearchError(
-                    "this rig cannot register: start the page with the calibration of its cameras and their images"
-                )
+                raise SearchError(f"this rig cannot register: start the page by markerseek {shlex.join(WITH_CAMERAS)}")
             else:
                 command = self.rig.command(asked)
                 folder = default_folder()
@@ -403,9 +406,7 @@ class PageSearches:
         """
         with self._idle():
             if not self.rig.registers:
-                raise SearchError(
-                    "this rig cannot register: start the page with the calibration of its cameras, and their images"
-                )
+                raise SearchError(f"this rig cannot register: start the page by markerseek {shlex.join(WITH_CAMERAS)}")
             asked = _asked_again(folder, further, usual)
             command = self.rig.command(asked)
             _keep(BegunSession(folder=str(folder), command=command, settings=asked.query(usual=SessionRequest())))

@@ -14,7 +14,7 @@ from nicegui.events import GenericEventArguments
 
 from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.run_history import RunHistory
-from markerseek.core import MarkerseekError, listed
+from markerseek.core import MarkerseekError, listed, plain
 
 
 class Slider(ui.slider):
@@ -135,7 +135,7 @@ class PageShell:
             try:
                 handler()
             except (MarkerseekError, OSError) as problem:
-                ui.notify(str(problem), type="negative", multi_line=True)
+                ui.notify(plain(str(problem)), type="negative", multi_line=True)
 
         element.classes("ms-command")
         element.on("click", checked, js_handler="() => emit(window.markerseekBeat)")

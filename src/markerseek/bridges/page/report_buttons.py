@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from nicegui import run, ui
 
-from markerseek.core import MarkerseekError
+from markerseek.core import MarkerseekError, plain
 
 
 def report_button(text: str, name: str, make: Callable[[], dict[str, bytes] | None]) -> ui.button:
@@ -20,7 +20,7 @@ async def _give(name: str, make: Callable[[], dict[str, bytes] | None]) -> None:
     try:
         made = await run.io_bound(make)
     except (MarkerseekError, OSError, subprocess.TimeoutExpired) as problem:
-        ui.notify(str(problem), type="negative", multi_line=True)
+        ui.notify(plain(str(problem)), type="negative", multi_line=True)
         return
     # None while the program ends.
     if made is not None:

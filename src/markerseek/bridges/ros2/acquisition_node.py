@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from markerseek.bridges.ros2.serving import Served, Serving, StepEnded
-from markerseek.core import AcquisitionError, ChannelFrame, Clock, Laser, LimitError, MarkerseekError, Receiver
+from markerseek.core import AcquisitionError, ChannelFrame, Clock, Laser, LimitError, MarkerseekError, Receiver, plain
 from markerseek.ros import degrees, messages, topics
 
 _TEXT = "std_msgs/msg/String"
@@ -82,11 +82,11 @@ class AcquisitionNode(Served):
             self._answer(request, error="it was cancelled")
         except (AcquisitionError, LimitError) as error:
             # The state is unchanged: the frame may be taken again, and a refused request fired nothing.
-            self._answer(request, error=str(error))
+            self._answer(request, error=plain(str(error)))
         except MarkerseekError as error:
             self._fail(error)
             self._make_safe()
-            self._answer(request, error=str(error))
+            self._answer(request, error=plain(str(error)))
         finally:
             self._acquiring = False
 

@@ -9,7 +9,7 @@ from markerseek.bridges.child import Outcome, Searches, SearchOptions
 from markerseek.bridges.request import SearchRequest
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.bridges.run_images import PicturedItem
-from markerseek.core import SearchError
+from markerseek.core import SearchError, plain
 from markerseek.records.journal import Configuration
 from markerseek.ros import RosNode, messages, topics
 
@@ -44,7 +44,7 @@ class SearchNode:
         try:
             self.start(asked_by=f"a ROS 2 node that called {topics.RUN} (ROS 2 does not tell which)")
         except SearchError as refusal:
-            return False, str(refusal)
+            return False, plain(str(refusal))
         return True, f"a search has begun; its answer comes on {topics.RESULT}"
 
     def start(self, *, asked_by: str | None = None) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from markerseek.bridges.ros2.sample_topics import publish_frames
 from markerseek.bridges.ros2.serving import Served, Serving, StepEnded
-from markerseek.core import LimitError, MarkerseekError, Stage
+from markerseek.core import LimitError, MarkerseekError, Stage, plain
 from markerseek.guard import State
 from markerseek.ros import joint_angle_deg, messages, topics
 
@@ -75,7 +75,7 @@ class StageNode(Served):
         try:
             self._guard.limits.require_search(angle_deg)
         except LimitError as problem:
-            return str(problem)
+            return plain(str(problem))
         if (other := self.node.other(topics.STATE)) is not None:
             return f"{other}: both would turn; end one of them"
         if self._moving:

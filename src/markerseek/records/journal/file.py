@@ -103,8 +103,8 @@ def open_for_reading(path: Path) -> int:
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
     if not path.exists():
         raise RecordError(
-            f"{path}: there is no such journal; check the name (those of searches that named none are in "
-            f"{journals_folder()})"
+            f"{path}: there is no such journal; check the name; those of searches that named none are listed "
+            "by `journals_in()`"
         )
     with open_input(path, most_bytes=_MAX_BYTES) as file:
         return os.dup(file.fileno())

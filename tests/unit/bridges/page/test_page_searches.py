@@ -29,7 +29,8 @@ SPOT = Spot(left_px=(600.0, 500.0), right_px=(560.0, 500.0), sigma_px=0.1)
 BROWSER = "a browser at 127.0.0.1"
 STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
 RESUMED = "Start begins a new search;"
-IN_TERMINAL = "resuming this one in the terminal goes on with it"
+RESUME = "markerseek resume JOURNAL --rig rig.toml"
+IN_TERMINAL = "in the terminal, goes on with this one"
 GO_ON = "Go on continues it; Start begins a new search"
 FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
 
@@ -94,7 +95,7 @@ def followed(tmp_path):
     def follow(child, *, simulated=True, waits=True):
         journal = tmp_path / "run.journal"
         journal.touch()
-        goes_on = ["resume", str(journal)] if simulated else []
+        goes_on = ["resume", str(journal), *([] if simulated else ["--rig", "rig.toml"])]
         live = ChildSearch(child, asked=USUAL, journal=journal, goes_on=goes_on, simulated=simulated)
         if waits:
             live.end(30)
@@ -145,16 +146,21 @@ LAST = {
         (True, None, GO_ON),
         (True, "fault", "Start begins a new search"),
         (False, None, "Start begins a new search"),
-        (False, "stopped", f"{RESUMED} {IN_TERMINAL}"),
-        (False, "killed", f"{RESUMED} {IN_TERMINAL}"),
+        (False, "stopped", f"{RESUMED} {RESUME}, {IN_TERMINAL}"),
+        (False, "killed", f"{RESUMED} {RESUME}, {IN_TERMINAL}"),
         # The journal holds the fault: without the option the terminal would refuse.
-        (False, "fault", f"{RESUMED} {IN_TERMINAL}, once the fault is repaired and reset"),
+        (
+            False,
+            "fault",
+            f"{RESUMED} once the fault is repaired, {RESUME} --reset-fault, {IN_TERMINAL}",
+        ),
     ],
 )
 def test_what_a_person_can_do_next(stream, followed, simulated, last, said):
     child = ScriptedChild([] if last is None else [*stream[:5], *LAST[last]])
     child.outcome = lambda: Outcome(exit_code=1, answer={"error": "it did not arrive"})
     live = followed(child, simulated=simulated)
+    said = said.replace("JOURNAL", str(live.journal))
     assert (live.next_step, live.can_go_on) == (said, said == GO_ON)
     assert live.verdict(None if last is None else live.run.last).next_step == said
 
