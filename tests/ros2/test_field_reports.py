@@ -24,8 +24,8 @@ pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 from markerseek import rigs
 from markerseek.core import ConfigError, DeviceTimeoutError, Interval, NotConnectedError
 from markerseek.drivers import Ros2Stage, Ros2StageSettings, SystemClock
-from markerseek.ros import RosNode, reach, require_middleware, topics
-from markerseek.ros.node import Once
+from markerseek.ros import RosNode, require_middleware, set_up_discovery, topics
+from markerseek.ros.node import DuplicateFilter
 from tests.ros2.plain_rig import acquisition_of, armed_guard
 from tests.ros2.stage_bench import Bench
 
@@ -217,23 +217,23 @@ def info(publisher: bytes | None, number: int | None, stamp_ns: int = 0) -> dict
 
 
 def test_b1_the_copies_of_a_message_are_one_message() -> None:
-    once = Once()
-    assert [once.is_new(info(b"a", number)) for number in (1, 1, 2, 3, 2, 3, 4)] == [
+    duplicates = DuplicateFilter()
+    assert [duplicates.is_new(info(b"a", number)) for number in (1, 1, 2, 3, 2, 3, 4)] == [
         *(True, False, True, True),
         *(False, False, True),
     ]
     # The next publisher counts from the beginning.
-    assert once.is_new(info(b"b", 1))
+    assert duplicates.is_new(info(b"b", 1))
     # A move that was lost and sent again does not come after the stop that followed it.
-    assert [once.is_new(info(b"c", number)) for number in (2, 1)] == [True, False]
+    assert [duplicates.is_new(info(b"c", number)) for number in (2, 1)] == [True, False]
 
 
 @pytest.mark.parametrize("number", [None, 1])
 def test_b1_copies_are_told_apart_where_rclpy_names_no_publisher(number: int | None) -> None:
-    once = Once()
+    duplicates = DuplicateFilter()
     # Two clocks: what is stamped earlier is not what was sent earlier.
     stamps_ns = (5, 5, 3, 4, 3)
-    assert [once.is_new(info(None, number, each)) for each in stamps_ns] == [True, False, True, True, False]
+    assert [duplicates.is_new(info(None, number, each)) for each in stamps_ns] == [True, False, True, True, False]
 
 
 def test_b6_a_node_of_default_settings_and_ours_see_one_another(start: Start, peer: Any) -> None:
@@ -303,4 +303,4 @@ def test_b6_a_middleware_that_is_not_installed_is_a_sentence(tmp_path: Path, mon
 def test_b6_the_middleware_that_is_installed_may_be_named(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setenv("RMW_IMPLEMENTATION", name)
     require_middleware()
-    assert reach().endswith(HERE_ONLY)
+    assert set_up_discovery().endswith(HERE_ONLY)

@@ -81,7 +81,7 @@ def pulse_table(
     step_m = max(_STEP_NP / strongest, longest_m / _MAX_RANGES) if strongest > 0 else math.inf
     path_m = np.arange(math.ceil(longest_m / step_m) + 1) * step_m if strongest > 0 else np.zeros(1)
     spectra = product * np.exp(-path_m[:, np.newaxis] * attenuation)
-    first, lines = _lines(spectra, source)
+    first, lines = _by_phase(spectra, source)
     return PulseTable(
         lines=lines,
         first=first,
@@ -98,7 +98,7 @@ def _envelope_peak(spectrum: Complex128[np.ndarray, " frequencies"]) -> float:
     return float(np.abs(analytic).max())
 
 
-def _lines(
+def _by_phase(
     spectra: Complex128[np.ndarray, "ranges frequencies"], source: GaussianAbsorber
 ) -> tuple[int, Float32[np.ndarray, "ranges phases length"]]:
     """Pulses laid out by phase, and the sample after the arrival at which they begin."""

@@ -127,7 +127,7 @@ def ros_node(
     """
     if network is None:
         network = ros.Network(arguments=arguments)
-        stderr.print(ros.reach(), markup=False)
+        stderr.print(ros.set_up_discovery(), markup=False)
     with ros.RosNode(name, network=network) as node:
         node.require_alone(publishes)
         yield node

@@ -37,7 +37,7 @@ from markerseek.drivers.entry import Entry, Opening, StageKeys
 from markerseek.drivers.plus import VERSION_CURE, IgtlMessages, connect_plus, require_device
 from markerseek.drivers.standard_stage import require_inside
 from markerseek.guard import Limits
-from markerseek.ros import RosNode, joint_angle_deg, messages, reach, topics
+from markerseek.ros import RosNode, joint_angle_deg, messages, set_up_discovery, topics
 from markerseek.wire import igtl
 
 _SLICE_S = 0.02
@@ -314,7 +314,7 @@ class Ros2Encoder:
         """Why the last message was not used; empty if it was."""
         if self._node.publishes(self._topic):
             return self._stamps.unused or self._joints
-        return f"nobody publishes {self._topic}; its node is looked for in {reach()}"
+        return f"nobody publishes {self._topic}; its node is looked for in {set_up_discovery()}"
 
     def read(self) -> float | None:
         """Newest angle since the last call, in degrees; None if there is none; NaN if the message holds no angle."""

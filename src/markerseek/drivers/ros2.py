@@ -31,7 +31,7 @@ from markerseek.core import (
 from markerseek.drivers.entry import Entry, LaserKeys, Opening, ReceiverKeys, StageKeys
 from markerseek.drivers.standard_laser import LaserPermits
 from markerseek.drivers.standard_stage import require_inside
-from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, reach, topics
+from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, set_up_discovery, topics
 
 _LOG = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ def require_found(
     early_s = min(_PATIENCE_S, connect_s)
     if wait_until(node, clock, found, timeout_s=early_s):
         return
-    where = f"it is looked for in {reach()}"
+    where = f"it is looked for in {set_up_discovery()}"
     if connect_s > early_s:
         _LOG.warning("%s so far; %s; waiting up to %g s", missing, where, connect_s)
         if wait_until(node, clock, found, timeout_s=connect_s - early_s):

@@ -1,6 +1,6 @@
 from . import messages, topics
 from .messages import MAX_AGE_S, MAX_AHEAD_S, StampedCommands, degrees, joint_angle_deg
-from .node import Network, RosNode, reach, require_middleware
+from .node import Network, RosNode, require_middleware, set_up_discovery
 
 __all__ = [
     "MAX_AGE_S",
@@ -11,7 +11,7 @@ __all__ = [
     "degrees",
     "joint_angle_deg",
     "messages",
-    "reach",
     "require_middleware",
+    "set_up_discovery",
     "topics",
 ]

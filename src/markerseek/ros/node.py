@@ -45,7 +45,7 @@ def message_text(message: Any) -> str:
     return f"{type(message).__name__}{at} {text[:_SHOWN]}".rstrip()
 
 
-def reach() -> str:
+def set_up_discovery() -> str:
     """Keep to this computer, unless the user chose a transport; returns where nodes are looked for.
 
     Where the user has no profiles of the middleware, ours notices soon that a process is gone.
@@ -102,7 +102,7 @@ def require_middleware() -> None:
         )
 
 
-class Once:
+class DuplicateFilter:
     """Accepts each message once, and refuses a message that is older than the last of its publisher.
 
     A reliable and a best-effort subscription both receive from a reliable publisher. The reliable subscription receives
@@ -150,7 +150,7 @@ class Network:
 
     def __init__(self, *, arguments: Sequence[str] = ()) -> None:
         require_domain()
-        reach()
+        set_up_discovery()
         require_middleware()
         _keep_logs_somewhere()
         with needs_package("rclpy", extra="ros2", purpose="ROS 2"):
@@ -233,12 +233,12 @@ class RosNode(Closing):
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
-        once = Once()
+        duplicates = DuplicateFilter()
         made = self._subscriptions[topic] = []
 
         def take(message: Any, info: Mapping[str, Any]) -> None:
             self.network.handled += 1
-            if once.is_new(info):
+            if duplicates.is_new(info):
                 _note(topic, "<", message)
                 callback(message)
 

@@ -43,8 +43,8 @@ _TAIL_ERROR = 0.2
 """Relative differences from a curve of the family up to which it explains samples: root mean square at the top, and
 elsewhere."""
 
-_DEEP_ERROR = 0.01
-"""Difference over the highest sample that counts nowhere (`likelihood.DEEP_ERROR`)."""
+_FAR_TAIL_ERROR = 0.01
+"""Difference over the highest sample that counts nowhere (`likelihood.FAR_TAIL_ERROR`)."""
 
 MOST = 0.85
 """Share of the samples beside the top that it has to explain: others are of another source."""
@@ -153,7 +153,7 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
     off = np.abs(intensity - height)
     fits_top = np.sqrt(((off[..., top] / intensity[top]) ** 2).mean(axis=-1)) <= TOP_ERROR
     beyond = off[..., ~top] - _TAIL_ERROR * height[..., ~top]
-    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, _DEEP_ERROR)
+    fits_rest = np.quantile(beyond, MOST, axis=-1) <= math.hypot(scatter, _FAR_TAIL_ERROR)
     return bool((fits_top & fits_rest).any())
 
 

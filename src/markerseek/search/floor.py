@@ -11,15 +11,16 @@ N frames have M·N cells. The threshold for a share p of false finds is therefor
    intensity, each being the largest of M cells: σ = (largest dark intensity)/sqrt(2·ln(1/(1 − 2^(−1/M)))), as if it
    were the median of such maxima, which the largest of few dark samples usually exceeds;
 2. the lit frames' own ``noise_sigma``: its median, or that of the strongest frame where larger, so that a burst raises
-   its own floor;
+   its own threshold;
 3. the lower quartile of the intensities at 12 angles or more, each weighted by the part of the range around it
    (for equal steps the plain quartile); the threshold follows as from dark samples, with the quartile for the median.
    The quartile may be a marker's tail, so that σ itself is taken smaller where the curve is smoother than noise.
    Intensities of a file need not be maxima of an image: where those of even steps scatter more than such maxima, as
-   amounts of normal noise do by s = σ·sqrt(1 − 2/π), the threshold is what that noise reaches above the quartile,
-   σ·sqrt(2·ln(N/p)), and σ is no less than that of the scatter. Where they scatter too little for noise of any kind,
-   they lie on a background, and the threshold is what noise of the scatter s reaches above it (`_noise_above`);
-4. nothing: the floor is unknown.
+   absolute values of normal noise do by s = σ·sqrt(1 − 2/π), the threshold is what that noise reaches above the
+   quartile, σ·sqrt(2·ln(N/p)), and σ is no less than that of the scatter. Where they scatter too little for noise of
+   any kind, they lie on a background, and the threshold is what noise of the scatter s reaches above it
+   (`_noise_above`);
+4. nothing: the threshold is unknown.
 
 The threshold is never below the largest dark intensity: real noise has tails and bursts.
 """
@@ -38,7 +39,8 @@ from markerseek.search.background import Background, background_of, background_s
 from markerseek.search.curve import Curve, curve_of, lower_quartile, scatter_of
 
 MAX_CELLS = 128 * 2080
-"""Cells where a reading with known σ does not state them: as many as a frame has samples, so that the floor is high."""
+"""Cells where a reading with known σ does not state them: as many as a frame has samples, so that the threshold is
+high."""
 
 FEWEST_CELLS = 30
 """Cells where σ is read off the maxima themselves: fewer than any image has, because fewer cells leave more room above
@@ -134,12 +136,12 @@ def _from_quartile(lit: Sequence[Sample]) -> SearchNoise:
     quartile = lower_quartile(curve)
     scatter = scatter_of(curve)
     of_maxima = quartile / _quantile_factor(0.25, cells=cells)
-    of_amounts = scatter / math.sqrt(1 - 2 / math.pi) if _is_even(curve) else 0.0
+    of_absolute_values = scatter / math.sqrt(1 - 2 / math.pi) if _is_even(curve) else 0.0
     level = max(
         of_maxima * noise_factor(cells=cells, frames=len(lit)),
-        quartile + of_amounts * noise_factor(cells=1, frames=len(lit)),
+        quartile + of_absolute_values * noise_factor(cells=1, frames=len(lit)),
     )
-    sigma = min(max(of_maxima, of_amounts), SMOOTHNESS * scatter)
+    sigma = min(max(of_maxima, of_absolute_values), SMOOTHNESS * scatter)
     background = background_of(curve, scatter=scatter)
     if background is not None:
         level = _noise_above(scatter, samples=len(lit))
@@ -150,9 +152,9 @@ def _from_quartile(lit: Sequence[Sample]) -> SearchNoise:
 def _noise_above(scatter: float, *, samples: int) -> float:
     """Return what noise of this scatter reaches above the lower quartile.
 
-    Maxima of images are distributed as Gumbel says, with longer tails than amounts: they exceed their quartile by
-    (ln(N/p) + ln ln 4)·sqrt(6)/π standard deviations in a share p of N samples. The scatter of few samples may come out
-    too small; the factor was fitted to 20,000 tables each of 12 to 300 such maxima.
+    Maxima of images are distributed as Gumbel says, with longer tails than absolute values of normal noise: they exceed
+    their quartile by (ln(N/p) + ln ln 4)·sqrt(6)/π standard deviations in a share p of N samples. The scatter of few
+    samples may come out too small; the factor was fitted to 20,000 tables each of 12 to 300 such maxima.
     """
     unsure = 1 + 3 / math.sqrt(samples)
     return unsure * scatter * math.sqrt(6) / math.pi * (math.log(samples / FALSE_FOUND) + math.log(math.log(4)))

@@ -17,7 +17,7 @@ from markerseek.signals.filtering import ENVELOPE_MARGIN, envelope, quadrature_t
 from markerseek.signals.noise_gain import noise_peaks
 from markerseek.signals.presets import ProbePreset
 
-_FINE = np.arange(-3, 4) * 0.25
+_FINE_COLUMNS = np.arange(-3, 4) * 0.25
 
 
 def strongest_peaks(
@@ -61,7 +61,7 @@ def refine_peak(
     row, column = place
     first = max(0, row - ENVELOPE_MARGIN - 1)
     depth = grid.depth_m[first : row + ENVELOPE_MARGIN + 2]
-    fine = _FINE * preset.array.pitch_m
+    fine = _FINE_COLUMNS * preset.array.pitch_m
     lateral = grid.lateral_m[column] + fine
     patch = envelope(image_at(lateral_m=lateral, depth_m=depth)).astype(np.float64)
     low = max(0, row - first - 1)
@@ -69,8 +69,8 @@ def refine_peak(
     best = np.unravel_index(int(np.argmax(patch[low:high])), patch[low:high].shape)
     i = int(best[0]) + low
     j = int(best[1])
-    down, height = _top(patch[:, j], i)
-    side, across = _top(patch[i], j)
+    down, height = _interpolated_peak(patch[:, j], i)
+    side, across = _interpolated_peak(patch[i], j)
     # The two parabolas share their middle value, which is counted once.
     return (
         float(lateral[j] + side * (fine[1] - fine[0])),
@@ -79,7 +79,7 @@ def refine_peak(
     )
 
 
-def _top(values: Float64[np.ndarray, " n"], place: int) -> tuple[float, float]:
+def _interpolated_peak(values: Float64[np.ndarray, " n"], place: int) -> tuple[float, float]:
     """`parabola_peak` at a place in a row of values; at its ends the value itself."""
     if not 0 < place < len(values) - 1:
         return 0.0, float(values[place])
@@ -89,10 +89,10 @@ def _top(values: Float64[np.ndarray, " n"], place: int) -> tuple[float, float]:
 BLOCK_M = 2e-3
 """Approximate width and depth of a block in metres."""
 
-_SIDE = 3
+_NEIGHBOURS = 3
 """Columns on each side of a peak from which it is interpolated."""
 
-_SHIFTS = np.array([-0.5, -0.25, 0.25, 0.5])
+_BETWEEN_COLUMNS = np.array([-0.5, -0.25, 0.25, 0.5])
 """Places between the columns, in pitches from the peak's."""
 
 
@@ -115,7 +115,7 @@ class BlockGrid:
             float(depth_m[0] + (self._rows - 1) / 2 * step_m),
         )
         self._step_m = (self._columns * pitch_m, self._rows * step_m)
-        self._between = _between(preset)
+        self._weights = _interpolation_weights(preset)
         share = self._rows * self._columns / (len(depth_m) * len(lateral_m))
         self._noise_peaks = share * noise_peaks(preset, depth_m=depth_m)
 
@@ -133,7 +133,7 @@ class BlockGrid:
         """
         out = np.empty(self._shape, np.float32)
         place = rows.start, rows.stop, self._rows, self._columns
-        block_maxima(image, envelope, *place, quadrature_taps(), self._between, out)
+        block_maxima(image, envelope, *place, quadrature_taps(), self._weights, out)
         return LocalMaxima(
             first_lateral_m=self._first_m[0],
             first_depth_m=self._first_m[1],
@@ -145,7 +145,7 @@ class BlockGrid:
         )
 
 
-def _between(preset: ProbePreset) -> Float32[np.ndarray, "shifts columns"]:
+def _interpolation_weights(preset: ProbePreset) -> Float32[np.ndarray, "shifts columns"]:
     """Weights of the columns about a peak for places a quarter and a half of a pitch to either side of it.
 
     They are those of least mean square error (Wiener) for the image's autocorrelation r along the array, which is also
@@ -160,6 +160,6 @@ def _between(preset: ProbePreset) -> Float32[np.ndarray, "shifts columns"]:
     def correlation(pitches: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
         return np.asarray(np.sinc(np.multiply.outer(pitches, per_pitch)).mean(axis=-1))
 
-    away = np.arange(-_SIDE, _SIDE + 1.0)
-    shape = correlation(away - _SHIFTS[:, None])
+    away = np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1.0)
+    shape = correlation(away - _BETWEEN_COLUMNS[:, None])
     return np.linalg.solve(correlation(away[:, None] - away), shape.T).T.astype(np.float32)

@@ -23,8 +23,8 @@ from markerseek.ros import (
     joint_angle_deg,
     messages,
     node,
-    reach,
     require_middleware,
+    set_up_discovery,
 )
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -176,19 +176,21 @@ def test_nodes_are_looked_for_on_this_computer_unless_the_user_chose(
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     monkeypatch.setenv(names[0], "UDPv4")
-    assert reach() == "ROS 2 domain 7 (ROS_DOMAIN_ID), by FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
+    assert set_up_discovery() == "ROS 2 domain 7 (ROS_DOMAIN_ID), by FASTDDS_BUILTIN_TRANSPORTS=UDPv4"
     monkeypatch.setenv(names[0], "SHM")
-    assert reach().endswith(
+    assert set_up_discovery().endswith(
         "in shared memory only (FASTDDS_BUILTIN_TRANSPORTS=SHM), where nodes of default settings are not; unset it"
     )
     monkeypatch.delenv(names[0])
     # What was set for one transport is not taken for a choice of the user.
-    assert "on this computer only (127.0.0.1 and shared memory)" in reach()
+    assert "on this computer only (127.0.0.1 and shared memory)" in set_up_discovery()
     monkeypatch.setenv(names[1], "profiles.xml")
-    assert reach().endswith("as profiles.xml says (FASTDDS_DEFAULT_PROFILES_FILE)")
+    assert set_up_discovery().endswith("as profiles.xml says (FASTDDS_DEFAULT_PROFILES_FILE)")
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    assert reach().endswith(", ROS_AUTOMATIC_DISCOVERY_RANGE=OFF, as rmw_zenoh_cpp is set up (RMW_IMPLEMENTATION)")
+    assert set_up_discovery().endswith(
+        ", ROS_AUTOMATIC_DISCOVERY_RANGE=OFF, as rmw_zenoh_cpp is set up (RMW_IMPLEMENTATION)"
+    )
 
 
 def test_a_middleware_is_looked_for_where_ros_has_its_packages(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ from markerseek.search.evidence import (
 )
 from markerseek.search.floor import MAX_CELLS, SearchNoise, above_background, noise_above_background
 from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
-from markerseek.search.posterior.likelihood import DEEP, DEEP_ERROR, displaced_sigma_deg, radius_m
+from markerseek.search.posterior.likelihood import FAR_TAIL, FAR_TAIL_ERROR, displaced_sigma_deg, radius_m
 from markerseek.search.posterior.sources import (
     BESIDE_DEG,
     RIVAL_DB,
@@ -446,7 +446,7 @@ def _prediction(
     height = np.hypot(signal, noise)
     laser = np.array([LASER_ERROR if sample.sweep is None else posterior.sample_error for sample in samples])
     # As in the likelihood: the form of deep tails is known that well at best.
-    deep = np.where(fallen > -math.log(DEEP), DEEP_ERROR * math.exp(float(np.mean(posterior.log_snr))), 0.0)
+    deep = np.where(fallen > -math.log(FAR_TAIL), FAR_TAIL_ERROR * math.exp(float(np.mean(posterior.log_snr))), 0.0)
     moved = _moved(posterior, samples, mean=mean)
     own = (signal * log_height.std(axis=0)) ** 2 + (error**2 + laser**2 + moved**2) * height**2
     spread = np.sqrt(own + np.maximum(deep, 1.0) ** 2)

@@ -70,8 +70,8 @@ and 0.92 with peaks of 5.6, 7.5, 11, 32 and 100σ."""
 STRONG_SNR = 8.0
 """Intensity over σ from which ln y is normal."""
 
-DEEP = 0.08
-DEEP_ERROR = 0.01
+FAR_TAIL = 0.08
+FAR_TAIL_ERROR = 0.01
 """Share of the strongest intensity below which the form of a curve is unknown, and by what share of it: the tails of
 edge waves, of an exponential and of a Gaussian are orders of magnitude apart, and where little noise shows them, many
 samples, which would outvote those of the top."""
@@ -155,8 +155,8 @@ class Scale:
         # An intensity of 0 has no logarithm; a hundredth of σ is as improbable.
         intensity = max(reading.intensity, 0.01 * sigma)
         cells = reading.cells or self.cells
-        if intensity < DEEP * self.unit and sigma < DEEP_ERROR * self.unit:
-            sigma = DEEP_ERROR * self.unit
+        if intensity < FAR_TAIL * self.unit and sigma < FAR_TAIL_ERROR * self.unit:
+            sigma = FAR_TAIL_ERROR * self.unit
             cells = 1
         # Where the image is looked up at a known place, few cells say what g says, and say it better.
         anywhere = use_lateral and reading.local_maxima is None
@@ -302,7 +302,7 @@ LIT_RATIO = 1.3
 """A pulse at the noise had no light if the pulses before and after exceed the largest noise by this factor."""
 
 
-NOISE_SHARE = 0.01
+NOISE_EXCEEDANCE = 0.01
 """Probability with which noise alone has a larger peak in one frame than a pulse without light."""
 
 
@@ -334,7 +334,7 @@ def _noise_level(sample: Sample) -> float:
     reading = sample.reading
     if reading.noise_sigma is None or reading.cells is None:
         return 0.0
-    return reading.noise_sigma * noise_factor(cells=reading.cells, frames=1, false_found=NOISE_SHARE)
+    return reading.noise_sigma * noise_factor(cells=reading.cells, frames=1, false_found=NOISE_EXCEEDANCE)
 
 
 def later(samples: Sequence[Sample], delay_s: float) -> list[Sample]:

@@ -19,7 +19,7 @@ from markerseek._compiled import compiled
 from markerseek.core import PAPER_RANGE, ByHand, Float64, Int64, Interval, Reading, Sample
 from markerseek.search.floor import noise_of
 from markerseek.search.posterior.inference import AnglePosterior, Inference
-from markerseek.search.posterior.likelihood import DEEP_ERROR
+from markerseek.search.posterior.likelihood import FAR_TAIL_ERROR
 from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
@@ -216,7 +216,7 @@ def expected_sigmas_deg(
     variance = np.empty(candidates.size)
     # Noise below the error of deep tails is no more use than that: a sample there would be expected to tell much, tell
     # nothing, and be taken for ever.
-    quiet = max(0.0, float(posterior.log_snr.mean()) + math.log(DEEP_ERROR))
+    quiet = max(0.0, float(posterior.log_snr.mean()) + math.log(FAR_TAIL_ERROR))
     expected_variance(
         candidates,
         posterior.theta_deg,
