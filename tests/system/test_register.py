@@ -168,7 +168,9 @@ def test_a_point_that_does_not_fit_is_named_and_nothing_is_registered(shell: She
     assert code == 3
     assert (report["registered"], report["davinci_to_trus"], report["worst"]) == (False, None, "4")
     assert "(FRE 10.03 mm, 1.41 mm expected); point 4 fits worst: check" in report["reason"]
-    assert "leave it out by --without 4" in report["reason"]
+    assert report["reason"].endswith("or leave it out of the registration")
+    _, out, _ = shell("register", tmp_path / "p.csv")
+    assert "or leave it out of the registration (--without)" in " ".join(out.split())
     code, out, _ = shell("register", tmp_path / "p.csv", "--json", "--without", 4)
     report = json.loads(out)
     assert (code, report["registered"], report["without"]) == (0, True, ["4"])

@@ -228,7 +228,7 @@ def _require_new(path: Path) -> None:
         head = file.read(len(b"00000000 {"))
     if head and not head.startswith(MAGIC) and not _FORMER_HEAD.match(head):
         raise RecordError(f"{path}: it is a file of another program; name another folder")
-    raise RecordError(f"{path.parent}: it holds a session already; continue that one, or name another folder")
+    raise RecordError(f"{path.parent}: it holds a session already; continue that session, or name another folder")
 
 
 def _convert(path: Path) -> None:

@@ -96,7 +96,7 @@ def test_a_folder_with_a_session_or_a_file_of_another_program_is_not_taken(tmp_p
     path = written(tmp_path / "s")
     whole = path.read_bytes()
     for content, said in (
-        (whole, "it holds a session already; continue it by --continue"),
+        (whole, "it holds a session already; continue that session"),
         (whole[:50], "it holds a session already"),
         (b"name,value\n1,2\n", "it is a file of another program; name another folder"),
     ):

@@ -120,7 +120,7 @@ def test_a_bright_wall_that_reaches_the_edge_is_no_tip_unless_a_person_names_it(
     images = [drawn(np.random.default_rng(k), (*edge, 14.0, 190.0 + k)) for k in range(3)]
     walls = published_sensitive_range((0.0, 1.0, 2.0), images, pixel_m=PIXEL_M)
     assert walls.reference_deg is None
-    assert "reaches the edge of the image; name the rectangle around the tip, `roi`" in walls.remark
+    assert "reaches the edge of the image; name the rectangle around the tip" in walls.remark
     assert not any(frame.tip.visible for frame in walls.frames if frame.tip is not None)
     row, column = (int(max(0, each - 30)) for each in edge)
     named = Rectangle(row=row, column=column, rows=60, columns=60)
