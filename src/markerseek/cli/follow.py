@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 import msgspec
@@ -21,13 +22,17 @@ from markerseek.cli.registering import SpotIsSet
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.signals import Heartbeat, StoppedBySignal, end_stopped, require_pipe, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, stderr
-from markerseek.core import USUAL_SEED, ConfigError, SceneOptions
+from markerseek.core import USUAL_SEED, ConfigError, SceneOptions, require_range
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HELD = 3
 """Exit code where a person must come: the probe stays."""
+
+SPEED_MM_S = 2.0
+ERROR_MM = 0.5
+"""Speed and error of a simulated room, where nobody names them."""
 
 SIMULATED_S = 30.0
 """Time that is simulated, where nobody names one."""
@@ -90,23 +95,40 @@ class FollowPlace:
         ),
     ] = None
     speed_mm_s: Annotated[
-        float, typer.Option(help="Largest speed of a simulated target that moves to and fro, in mm/s.")
-    ] = 2.0
-    error_mm: Annotated[float, typer.Option(help="Error of the simulated registration, drawn, in mm.")] = 0.5
+        float | None,
+        typer.Option(
+            help="Largest speed of a simulated target that moves to and fro, in mm/s.", show_default=str(SPEED_MM_S)
+        ),
+    ] = None
+    error_mm: Annotated[
+        float | None,
+        typer.Option(help="Error of the simulated registration, drawn, in mm.", show_default=str(ERROR_MM)),
+    ] = None
     seconds: Annotated[
         float | None,
         typer.Option(help="Time after which it ends, in seconds.", show_default="30 with --simulate, else never"),
     ] = None
-    cameras: Annotated[
-        list[Path] | None, typer.Option(help="Calibration of the stereo endoscope, for --spot; as of register.")
-    ] = None
+    cameras: Annotated[list[Path] | None, typer.Option(help="Calibration of the stereo endoscope; as of register.")] = (
+        None
+    )
     calibration_sigma_px: Annotated[
         float | None, typer.Option(help="Reprojection error of that calibration, if its file does not state it.")
     ] = None
     images: Annotated[
         str | None,
-        typer.Option(metavar="'LEFT RIGHT'", help="Where the images of both cameras come from; as of register."),
+        typer.Option(
+            metavar="'LEFT RIGHT'",
+            help="Where the images of both cameras come from; as of register. They show the spot, and how the "
+            "endoscope moves.",
+        ),
     ] = None
+    endoscope_held: Annotated[
+        bool,
+        typer.Option(
+            "--endoscope-held",
+            help="The endoscope is held so that it cannot move: its images are not compared with those before.",
+        ),
+    ] = False
     igtl_port: Annotated[
         int | None,
         typer.Option(
@@ -123,6 +145,10 @@ class FollowPlace:
 
     def __post_init__(self) -> None:
         require_pipe(self.heartbeat)
+        if self.seconds is not None:
+            require_range("--seconds", self.seconds, low=0, high=86_400, unit="s")
+        if (self.images is None) != (not self.cameras):
+            raise ConfigError("--cameras FILE and --images 'LEFT RIGHT' belong together; name both, or leave both out")
         if not self.simulate and (self.rig is None or self.registration is None):
             raise ConfigError(
                 "nothing to follow with: name a registration by --registration FOLDER and a rig by --rig RIG.toml, or "
@@ -185,6 +211,8 @@ class FollowRun:
     """When it ends, on the rig's clock; None: it does not."""
     room: following.FollowedRoom | None = None
     """The simulated room."""
+    hints: Mapping[following.Word, str]
+    """What a person may do, by the state."""
     steps: list[following.FollowStep]
     true_deg: list[float | None]
 
@@ -196,10 +224,12 @@ def _note(sentence: str) -> None:
 def _follow(run: FollowRun, service: igtl.FollowService | None, *, as_json: bool) -> str:
     """Follow until the end, a signal, or a state that only a person ends; returns why it has ended."""
     said = ""
+    begun_s: float | None = None
     with stopped_by_signals(), closing(run.follower.steps()) as steps:
         try:
             for step in steps:
                 run.steps.append(step)
+                begun_s = step.at_s if begun_s is None else begun_s
                 if service is not None:
                     service.show(step)
                 run.true_deg.append(None if run.room is None else run.room.angle_deg(step.at_s))
@@ -208,7 +238,9 @@ def _follow(run: FollowRun, service: igtl.FollowService | None, *, as_json: bool
                 if line != said and not as_json:
                     colour = "green" if follows else "yellow"
                     why = "" if follows else f": {escape(step.said)}"
-                    stderr.print(f"{step.at_s:7.2f} s  [{colour}]{line}[/]{why}")
+                    stderr.print(f"{step.at_s - begun_s:7.2f} s  [{colour}]{line}[/]{why}")
+                    if hint := run.hints.get(step.word):
+                        _note(hint)
                 said = line
                 if step.word in following.BY_A_PERSON:
                     return step.said
@@ -268,7 +300,7 @@ def _figure(run: FollowRun) -> Figure:
 
     moments = [
         FollowedMoment(
-            at_s=step.at_s,
+            at_s=step.at_s - run.steps[0].at_s,
             probe_deg=step.probe_deg,
             target_deg=step.target_deg,
             within_deg=step.within_deg,
@@ -291,6 +323,7 @@ def _simulated(
         ("--rig", place.rig),
         ("--cameras", place.cameras),
         ("--images", place.images),
+        ("--endoscope-held", place.endoscope_held),
         ("--point", followed.point),
     ):
         if given:
@@ -300,19 +333,21 @@ def _simulated(
     require_no_trace(place.trace)
     announce_compilation()
     motion = _motion(place.moves or ("steps" if followed.spot else "sine"))
+    speed_mm_s = SPEED_MM_S if place.speed_mm_s is None else place.speed_mm_s
+    error_mm = ERROR_MM if place.error_mm is None else place.error_mm
     settings = simulated_settings(None, simulation, sweeps=True)
     room = following.FollowedRoom(
         registration.SimulatedRoomSettings(rig=settings, pace=simulation.pace),
         following.TargetPath(
             motion=motion,
-            speed_m_s=place.speed_mm_s / 1e3,
+            speed_m_s=speed_mm_s / 1e3,
             # A spot stands still until it has confirmed the registration.
             begins_s=_CONFIRMING_S if followed.spot else 0.0,
         ),
         seed=USUAL_SEED if simulation.seed is None else simulation.seed,
     )
     held = following.HeldRegistration(
-        room.registration(error_m=place.error_mm / 1e3), confirmed=place.still_valid or not followed.spot
+        room.registration(error_m=error_mm / 1e3), confirmed=place.still_valid or not followed.spot
     )
     follower = following.Follower(
         room.rig,
@@ -326,9 +361,10 @@ def _simulated(
     what = "a laser spot" if followed.spot else "a tip"
     yield FollowRun(
         follower=follower,
-        title=f"simulated: the probe follows {what} ({motion}), registration with {place.error_mm:g} mm",
+        title=f"simulated: the probe follows {what} ({motion}), registration with {error_mm:g} mm",
         ends_s=SIMULATED_S if place.seconds is None else place.seconds,
         room=room,
+        hints={},
         steps=[],
         true_deg=[],
     )
@@ -353,7 +389,7 @@ def _on_rig(
     """Follow with a rig of devices."""
     assert place.rig is not None  # noqa: S101  checked with the options
     assert place.registration is not None  # noqa: S101  checked with the options
-    if simulation != SceneOptions() or place.moves is not None:
+    if simulation != SceneOptions() or (place.moves, place.speed_mm_s, place.error_mm) != (None, None, None):
         raise ConfigError(f"options of a simulation, and {place.rig} is a rig; add --simulate, or leave them out")
     if not isinstance(rigs.read_rig_file(place.rig), drivers.BenchSettings):
         raise ConfigError(f"{place.rig} is a simulated rig; --simulate follows in a simulated room")
@@ -363,32 +399,32 @@ def _on_rig(
             f"{place.registration}: without light nothing confirms it; add --still-valid if neither probe nor camera "
             "was switched off since, or follow a spot first"
         )
-    if followed.spot and (not place.cameras or place.images is None):
+    if followed.spot and place.images is None:
         raise ConfigError("--spot needs the endoscope: --cameras FILE and --images 'LEFT RIGHT'")
     with ExitStack() as opened:
         rig, _ = opened.enter_context(open_rig(place.rig, sweeps=followed.spot, trace=place.trace))
         clock = rig.scanner.clock
         endoscope = is_set = None
+        dark: following.DarkPairs | None = None
         source: following.TargetSource | following.LitSource
-        if followed.spot:
-            assert place.images is not None  # noqa: S101  checked above
+        if place.images is not None:
             stereo = registration.read_stereo(place.cameras or (), calibration_sigma_px=place.calibration_sigma_px)
             images = opened.enter_context(
                 closing(drivers.open_stereo_images(place.images, left=stereo.left, right=stereo.right))
             )
-            room = registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person())
-            spot = following.SpotSource(room)
-            source = spot
-            watch = following.EndoscopeCheck(stereo, spot, session)
-            endoscope = watch.look
-            is_set = None if session is None else SpotIsSet(session)
-        elif followed.tip is not None:
+            if followed.spot:
+                room = registration.DeviceRoom(rig=rig, images=images, stereo=stereo, by=person())
+                source = dark = following.SpotSource(room)
+                is_set = SpotIsSet(session)
+            else:
+                dark = following.NewestPairs(images)
+            if not place.endoscope_held:
+                endoscope = following.EndoscopeCheck(stereo, dark, session).look
+        if followed.tip is not None:
             offset_mm = followed.tool_offset_mm or (0.0, 0.0, 0.0)
-            source = opened.enter_context(
-                closing(following.RobotTip(drivers.open_poses(followed.tip, clock), clock, offset_mm=offset_mm))
-            )
-        else:
-            assert followed.point is not None  # noqa: S101  one of the three
+            poses = drivers.open_poses(followed.tip, clock)
+            source = opened.enter_context(closing(following.RobotTip(poses, clock, offset_mm=offset_mm, on_note=_note)))
+        elif followed.point is not None:
             source = following.FixedPoint(clock, camera_mm=followed.point)
         arm_rig(rig, file=place.rig, arm=place.arm, what="follow", as_json=as_json, asked_by=place.asked_by)
         follower = following.Follower(
@@ -405,9 +441,19 @@ def _on_rig(
             follower=follower,
             title=f"{rig.facts.description}: follows {source.name}",
             ends_s=None if place.seconds is None else clock.now_s() + place.seconds,
+            hints={**_HINTS, **_DARK} if followed.spot and not plan.light_while_waiting else _HINTS,
             steps=[],
             true_deg=[],
         )
+
+
+_HINTS: Mapping[following.Word, str] = MappingProxyType(
+    {"endoscope": "where the endoscope is held so that it cannot move, --endoscope-held leaves its images out"}
+)
+_DARK: Mapping[following.Word, str] = MappingProxyType(
+    dict.fromkeys(following.BY_ITSELF, "press Enter once the spot is set; the laser is dark until then")
+)
+"""What a person may do in a state, and what besides where a spot is looked for only when a person says so."""
 
 
 def _known(path: Path) -> tuple[registration.KnownRegistration, Path | None]:

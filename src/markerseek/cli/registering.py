@@ -193,16 +193,17 @@ class SpotIsSet:
     """Whether a person has said that the spot is set: by Enter on this terminal, or by a file in the session's folder.
 
     The page, a pedal or any other program makes the file, `markerseek.registration.SPOT_IS_SET`; it is removed here.
+    ``folder``: None: by Enter alone.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / registration.SPOT_IS_SET
+    def __init__(self, folder: Path | None) -> None:
+        self._path = None if folder is None else folder / registration.SPOT_IS_SET
         self._at_terminal = sys.stdin is not None and sys.stdin.isatty()
 
     def __call__(self) -> bool:
         """Whether it was said since the last call."""
         typed = self._typed()
-        if not self._path.exists():
+        if self._path is None or not self._path.exists():
             return typed
         self._path.unlink(missing_ok=True)
         return True

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from markerseek.core import Clock, ConfigError, Float64
+from markerseek.core import Clock, ConfigError, DeviceTimeoutError, Float64
+from markerseek.drivers.clock import polls
 from markerseek.drivers.plus import IgtlMessages, connect_plus
 from markerseek.drivers.ros2 import require_found
 from markerseek.drivers.stereo_images import TOPIC
@@ -20,10 +22,23 @@ CONNECT_S = 10.0
 POSE_KINDS = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
 """Messages that are read."""
 
+_POLL_S = 0.02
+"""Time between two looks for the first pose, in seconds."""
+
 _MAX_WAITING = 100
 """Most messages that are read at once."""
 
 _SERVER = re.compile(r"(?P<host>[^/\s]+):(?P<port>\d{1,5})/(?P<device>\S+)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pose:
+    """Where a frame is in another one, as one message says."""
+
+    matrix: Float64[np.ndarray, "4 4"] | None
+    """In millimetres; None: it is not valid."""
+    stamp_s: float | None
+    """Of when it is, on the sender's clock; None: the message does not say."""
 
 
 class PoseReader(Protocol):
@@ -31,8 +46,8 @@ class PoseReader(Protocol):
 
     name: str
 
-    def read(self) -> tuple[bool, Float64[np.ndarray, "4 4"] | None]:
-        """Whether anything came since the last call, and the newest pose, in millimetres; None: it is not valid."""
+    def read(self) -> Pose | None:
+        """Newest pose that came since the last call; None: none came."""
 
     def close(self) -> None:
         """Leave the network; allowed twice."""
@@ -61,16 +76,40 @@ class IgtlPoses(IgtlMessages):
     def __init__(self, host: str, port: int, device: str, clock: Clock) -> None:
         super().__init__(connect_plus(host, port, within_s=CONNECT_S, driver=self.driver), clock, device=device)
         self.name = f"{device} of {host}:{port}"
+        self._first: Pose | None = None
+        try:
+            self._await_first()
+        except BaseException:
+            self.close()
+            raise
 
-    def read(self) -> tuple[bool, Float64[np.ndarray, "4 4"] | None]:
+    def _await_first(self) -> None:
+        """Wait for the first pose, so that a wrong name is refused before anything turns."""
+        for _ in polls(self._clock, within_s=CONNECT_S, every_s=_POLL_S):
+            self._first = self.read()
+            if self._first is not None:
+                return
+        raise DeviceTimeoutError(
+            f"poses: no {self.content} {self._device!r} came within {CONNECT_S:g} s{self.other_devices}; correct the "
+            "name, or let the server send it"
+        )
+
+    def read(self) -> Pose | None:
         """As of `PoseReader`; a transform whose status is not OK, or that is NaN, is not valid."""
-        came, _ = self.take()
-        if not came:
-            return False, None
-        newest = came[-1]
-        assert isinstance(newest.content, igtl.Transform)  # noqa: S101  by the kind in its header
-        valid = newest.metadata.get("TransformStatus", "OK") == "OK"
-        return True, newest.content.matrix if valid else None
+        newest = self._first
+        self._first = None
+        more = True
+        while more:
+            came, more = self.take()
+            newest = _pose(came[-1]) if came else newest
+        return newest
+
+
+def _pose(message: igtl.Message) -> Pose:
+    """Pose of a TRANSFORM."""
+    assert isinstance(message.content, igtl.Transform)  # noqa: S101  by the kind in its header
+    valid = message.metadata.get("TransformStatus", "OK") == "OK"
+    return Pose(matrix=message.content.matrix if valid else None, stamp_s=message.time_s or None)
 
 
 class RosPoses:
@@ -103,12 +142,15 @@ class RosPoses:
     def _on_message(self, message: Any) -> None:
         self._newest = message
 
-    def read(self) -> tuple[bool, Float64[np.ndarray, "4 4"] | None]:
+    def read(self) -> Pose | None:
         """As of `PoseReader`."""
         self._node.drain(_MAX_WAITING)
         message = self._newest
         self._newest = None
-        return (False, None) if message is None else (True, pose_matrix(message))
+        if message is None:
+            return None
+        stamp = message.header.stamp
+        return Pose(matrix=pose_matrix(message), stamp_s=stamp.sec + 1e-9 * stamp.nanosec or None)
 
     def close(self) -> None:
         """Leave the network; allowed twice."""

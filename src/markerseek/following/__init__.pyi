@@ -1,6 +1,6 @@
 from .aim import Aim, HeldRegistration, ProbeReach, probe_reach
 from .confirmation import Comparison, Confirmed, NotConfirmed, compare, confirm
-from .endoscope_check import EndoscopeCheck
+from .endoscope_check import DarkPairs, EndoscopeCheck, NewestPairs
 from .follower import Follower, FollowStep
 from .machine import BY_A_PERSON, BY_ITSELF, Decision, FollowMachine, Word
 from .plan import FollowPlan
@@ -15,6 +15,7 @@ __all__ = [
     "Aim",
     "Comparison",
     "Confirmed",
+    "DarkPairs",
     "Decision",
     "EndoscopeCheck",
     "FixedPoint",
@@ -27,6 +28,7 @@ __all__ = [
     "LitSource",
     "Look",
     "Motion",
+    "NewestPairs",
     "NotConfirmed",
     "ProbeReach",
     "RobotTip",

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Protocol
 
-from markerseek.following.spot_source import SpotSource
+from markerseek.core import StereoImages, StereoPair
 from markerseek.registration import (
+    EndoscopeNotKnown,
     EndoscopeWatch,
     SeenEndoscope,
     StereoSettings,
@@ -16,6 +18,25 @@ from markerseek.registration import (
 )
 
 
+class DarkPairs(Protocol):
+    """Image pairs with the laser off."""
+
+    def newest_dark(self) -> StereoPair | None:
+        """Newest pair; None: there is none, or none that is new."""
+
+
+class NewestPairs:
+    """`DarkPairs` of cameras where the laser is off all the time."""
+
+    def __init__(self, images: StereoImages) -> None:
+        self._images = images
+
+    def newest_dark(self) -> StereoPair | None:
+        """As of `DarkPairs`."""
+        pairs = self._images.newest()
+        return pairs[-1] if pairs else None
+
+
 class EndoscopeCheck:
     """Compares the newest pair without light with that of the last place where the endoscope stood in the session.
 
@@ -23,9 +44,9 @@ class EndoscopeCheck:
     confirms the registration shows that one.
     """
 
-    def __init__(self, stereo: StereoSettings, spot: SpotSource, session: Path | None) -> None:
+    def __init__(self, stereo: StereoSettings, pairs: DarkPairs, session: Path | None) -> None:
         self._watch = EndoscopeWatch(stereo.cameras)
-        self._spot = spot
+        self._pairs = pairs
         self._since = ""
         if session is not None:
             stations = station_names(view_of(read_session(session), session).markers)
@@ -37,9 +58,11 @@ class EndoscopeCheck:
 
     def look(self) -> SeenEndoscope | None:
         """Return how the endoscope has moved; None if there is nothing to compare yet."""
-        if not self._spot.dark:
-            return None
-        pair = self._spot.dark[-1]
+        pair = self._pairs.newest_dark()
+        if pair is None:
+            if not self._since:
+                return None
+            return EndoscopeNotKnown(after=self._since, reason="no images come")
         if not self._since:
             self._since = "the first look"
             self._watch.begin(self._since, pair)

@@ -216,8 +216,8 @@ class Follower:
         """Take the newest target of a source that needs no light."""
         source = self._source
         assert not hasattr(source, "look")  # noqa: S101  asked before
-        self._machine.hear(source.heard_s)
         target = source.newest()
+        self._machine.hear(source.heard_s)
         if target is not None:
             self._machine.see(self._registration.aim(target))
 
@@ -271,6 +271,7 @@ class Follower:
             return
         aim = self._registration.aim(look.target, depth_m=self._rig.spot.depth_m)
         self._machine.see(aim)
+        self._machine.looked(self._clock.now_s())
         if look.sample is None or not self._registration.confirmed:
             return
         face_m = self._face_radius_m
@@ -313,6 +314,7 @@ class Follower:
                 return
             seen = self._registration.aim(look.target, depth_m=self._rig.spot.depth_m)
             self._machine.see(seen)
+            self._machine.looked(self._clock.now_s())
             if not float(np.linalg.norm(seen.trus_m - aim.trus_m)) <= STILL_M:
                 # Of a spot that moves, three frames are no three frames of one source: it begins again.
                 return

@@ -103,6 +103,7 @@ class FollowMachine:
         """Where the target was last."""
         self._aims: deque[Aim] = deque()
         self._dark_until_s = begun_s
+        self._looked_s = -math.inf
         self._heard_s = begun_s
         self._ends_s = begun_s + 60 * plan.minutes
         self._rests_until_s = -math.inf
@@ -142,8 +143,12 @@ class FollowMachine:
         while aim.at_s - self._aims[0].at_s > SPEED_OVER_S:
             self._aims.popleft()
 
+    def looked(self, now_s: float) -> None:
+        """Note that a look which showed the target is over: until now nothing newer can be known."""
+        self._looked_s = now_s
+
     def hear(self, heard_s: float) -> None:
-        """Note when the link of the target was heard last."""
+        """Note of when the newest message of the target's link is."""
         self._heard_s = max(self._heard_s, heard_s)
 
     def rest(self, now_s: float) -> None:
@@ -220,14 +225,14 @@ class FollowMachine:
     def _objection(self, now_s: float, *, turning: bool) -> tuple[Word, str] | None:
         """Return why the probe stays until the target is back; None if nothing speaks against it."""
         if not self._lit and not now_s - self._heard_s <= STALE_S:
-            return "stale", f"the link of the target has been silent for {now_s - self._heard_s:.2f} s"
+            return "stale", f"the link of the target has sent nothing new for {now_s - self._heard_s:.2f} s"
         if self._jumped:
             if not self._back_s >= BACK_S:
                 return "jumped", self._jumped
             self._jumped = ""
         seen_s = -math.inf if self.aim is None else self.aim.at_s
         if self._lit:
-            seen_s = max(seen_s, now_s if turning else self._dark_until_s)
+            seen_s = max(seen_s, self._looked_s, now_s if turning else self._dark_until_s)
         elif self.aim is None:
             seen_s = self._dark_until_s
         if not now_s - seen_s <= LOST_S:
@@ -278,8 +283,9 @@ class FollowMachine:
         at_s = np.array([aim.at_s for aim in self._aims])
         angles_deg = np.array([aim.angle_deg for aim in self._aims])
         at_s -= at_s.mean()
+        angles_deg -= angles_deg.mean()
         spread_s2 = float(at_s @ at_s)
         speed = float(at_s @ angles_deg) / spread_s2
-        left_deg = angles_deg - angles_deg.mean() - speed * at_s
+        left_deg = angles_deg - speed * at_s
         sigma = math.sqrt(float(left_deg @ left_deg) / (len(at_s) - 2) / spread_s2)
         return speed if abs(speed) > 2 * sigma else 0.0

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 
 from markerseek.core import Clock, ConfigError, Float64, is_finite
@@ -16,31 +19,65 @@ the same in all messages, and not known here."""
 class RobotTip:
     """A `TargetSource` of the poses of a robot in the frame of the left camera.
 
-    ``offset_mm``: from the frame that it reports to the tip, in that frame.
+    A pose whose time stamp does not advance was sent again, and is not heard. The clocks may differ: a stamp counts
+    from the message that came soonest after its own.
+
+    ``offset_mm``: from the frame that it reports to the tip, in that frame. ``on_note``: receives sentences for people.
     """
 
-    def __init__(self, poses: PoseReader, clock: Clock, *, offset_mm: tuple[float, float, float]) -> None:
+    def __init__(
+        self,
+        poses: PoseReader,
+        clock: Clock,
+        *,
+        offset_mm: tuple[float, float, float],
+        on_note: Callable[[str], None],
+    ) -> None:
         if not all(is_finite(each) for each in offset_mm):
             raise ConfigError(f"tool_offset_mm is {offset_mm}, its coordinates must be finite")
         self.name = f"the tip by {poses.name}"
         self._poses = poses
         self._clock = clock
         self._offset_mm = np.array(offset_mm)
+        self._on_note = on_note
+        self._noted = False
         self._heard_s = clock.now_s()
+        self._stamp_s = -math.inf
+        self._behind_s = math.inf
+        # Messages that wait until the rig is armed are old by then.
+        first = poses.read()
+        if first is not None:
+            self._is_new(first.stamp_s)
 
     def newest(self) -> Target | None:
-        """The tip of the newest pose since the last call; None: none came, or it is not valid."""
-        came, matrix = self._poses.read()
-        if came:
-            self._heard_s = self._clock.now_s()
-        if matrix is None:
+        """The tip of the newest pose since the last call; None: none came, or it is old or not valid."""
+        pose = self._poses.read()
+        if pose is None or not self._is_new(pose.stamp_s):
             return None
-        place_mm = matrix[:3, :3] @ self._offset_mm + matrix[:3, 3]
-        return Target(at_s=self._clock.now_s(), camera_m=1e-3 * place_mm, covariance_m2=np.eye(3) * TIP_SIGMA_M**2)
+        if pose.matrix is None:
+            return None
+        place_mm = pose.matrix[:3, :3] @ self._offset_mm + pose.matrix[:3, 3]
+        return Target(at_s=self._heard_s, camera_m=1e-3 * place_mm, covariance_m2=np.eye(3) * TIP_SIGMA_M**2)
+
+    def _is_new(self, stamp_s: float | None) -> bool:
+        """Take the time of a pose; whether it is later than that of all before."""
+        now_s = self._clock.now_s()
+        if stamp_s is None:
+            if not self._noted:
+                self._noted = True
+                self._on_note(f"{self.name}: its messages have no time, so that an old pose sent again is not noticed")
+            self._heard_s = now_s
+            return True
+        if not stamp_s > self._stamp_s:
+            return False
+        self._stamp_s = stamp_s
+        self._behind_s = min(self._behind_s, now_s - stamp_s)
+        self._heard_s = stamp_s + self._behind_s
+        return True
 
     @property
     def heard_s(self) -> float:
-        """When anything came last."""
+        """Of when the newest pose is."""
         return self._heard_s
 
     def close(self) -> None:

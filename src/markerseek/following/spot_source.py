@@ -29,8 +29,7 @@ class SpotSource:
     def __init__(self, room: Room) -> None:
         self._room = room
         self._finder = SpotFinder(room)
-        self.dark: list[StereoPair] = []
-        """Newest pairs with the laser off."""
+        self._dark: list[StereoPair] = []
 
     def look(self, pulses: int) -> Look:
         """Fire so many pulses, look at the images, and read the frame of the same pulses."""
@@ -45,7 +44,7 @@ class SpotSource:
         ended_s = scanner.clock.now_s()
         lit: list[StereoPair] = []
         pairs = list(self._room.images.newest())
-        while not (lit := lit_pairs(pairs, self.dark)) and scanner.clock.now_s() - ended_s < LATE_S:
+        while not (lit := lit_pairs(pairs, self._dark)) and scanner.clock.now_s() - ended_s < LATE_S:
             scanner.clock.wait(_POLL_S)
             pairs += self._room.images.newest()
         if not lit:
@@ -57,18 +56,22 @@ class SpotSource:
         target = Target(at_s=(began_s + ended_s) / 2, camera_m=seen.camera_m, covariance_m2=seen.camera_covariance_m2)
         return Look(target=target, sample=sample)
 
+    def newest_dark(self) -> StereoPair | None:
+        """Newest pair with the laser off; the same again until the next look."""
+        return self._dark[-1] if self._dark else None
+
     def _take_dark(self) -> None:
         """Keep the newest pairs with the laser off."""
         clock = self._room.rig.scanner.clock
         pairs = list(self._room.images.newest())
         ends_s = clock.now_s() + LATE_S
-        while len(self.dark) + len(pairs) < DARK_PAIRS and clock.now_s() < ends_s:
+        while len(self._dark) + len(pairs) < DARK_PAIRS and clock.now_s() < ends_s:
             clock.wait(_POLL_S)
             pairs += self._room.images.newest()
-        lit = lit_pairs(pairs, self.dark) if self.dark else []
+        lit = lit_pairs(pairs, self._dark) if self._dark else []
         dark = [pair for pair in pairs if not any(pair is each for each in lit)]
-        self.dark = [*self.dark, *dark][-DARK_PAIRS:]
-        if len(self.dark) < DARK_PAIRS:
+        self._dark = [*self._dark, *dark][-DARK_PAIRS:]
+        if len(self._dark) < DARK_PAIRS:
             raise AcquisitionError(f"{self._room.images.name}: too few image pairs come; check that both cameras send")
 
     def _spot(self, lit: Sequence[StereoPair]) -> Spot:
@@ -76,7 +79,7 @@ class SpotSource:
         places = []
         sigma_px = 0.0
         for side in ("left", "right"):
-            answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in self.dark])
+            answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in self._dark])
             if not isinstance(answer, LaserSpot):
                 raise SpotError(f"{side} camera: {answer.reason}")
             places.append((answer.x_px, answer.y_px))

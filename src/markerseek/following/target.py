@@ -56,7 +56,7 @@ class TargetSource(Protocol):
 
     @property
     def heard_s(self) -> float:
-        """When its link was heard last, on the rig's clock; the present time where there is no link."""
+        """Of when the newest message of its link is, on the rig's clock; the present time where there is no link."""
 
 
 class LitSource(Protocol):

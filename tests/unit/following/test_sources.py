@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import ConfigError, Float64
+from markerseek.core import ConfigError
 from markerseek.drivers import open_poses
-from markerseek.drivers.poses import pose_matrix
+from markerseek.drivers.poses import Pose, pose_matrix
 from markerseek.following import FixedPoint, FollowedRoom, FollowPlan, RobotTip, SimulatedSpot, TargetPath
 from markerseek.registration import SimulatedRoomSettings
 from markerseek.sim import STREAMING, VirtualClock
@@ -24,24 +24,32 @@ class Poses:
     name = "a test"
 
     def __init__(self) -> None:
-        self.next: tuple[bool, Float64[np.ndarray, "4 4"] | None] = (False, None)
+        self.next: Pose | None = None
 
-    def read(self) -> tuple[bool, Float64[np.ndarray, "4 4"] | None]:
+    def read(self) -> Pose | None:
         return self.next
 
     def close(self) -> None:
         pass
 
 
+def tip_of(
+    poses: Poses, clock: VirtualClock, offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> tuple[RobotTip, list[str]]:
+    """A tip, and what it notes."""
+    notes: list[str] = []
+    return RobotTip(poses, clock, offset_mm=offset_mm, on_note=notes.append), notes
+
+
 def test_the_tip_is_the_offset_in_the_reported_frame() -> None:
     poses = Poses()
     clock = VirtualClock()
-    tip = RobotTip(poses, clock, offset_mm=(0.0, 0.0, 10.0))
+    tip, _ = tip_of(poses, clock, (0.0, 0.0, 10.0))
     matrix = np.eye(4)
     # The tool points along x of the camera after a turn by 90 deg about y.
     matrix[:3, :3] = Rotation.from_euler("y", 90, degrees=True).as_matrix()
     matrix[:3, 3] = 1.0, 2.0, 100.0
-    poses.next = (True, matrix)
+    poses.next = Pose(matrix=matrix, stamp_s=1000.0)
     clock.wait(3.0)
     target = tip.newest()
     assert target is not None
@@ -52,15 +60,60 @@ def test_the_tip_is_the_offset_in_the_reported_frame() -> None:
 def test_a_pose_that_is_not_valid_was_heard_and_a_silent_link_was_not() -> None:
     poses = Poses()
     clock = VirtualClock()
-    tip = RobotTip(poses, clock, offset_mm=(0.0, 0.0, 0.0))
+    tip, _ = tip_of(poses, clock)
     clock.wait(1.0)
-    poses.next = (True, None)
+    poses.next = Pose(matrix=None, stamp_s=7.0)
     assert tip.newest() is None
     assert tip.heard_s == 1.0
     clock.wait(1.0)
-    poses.next = (False, None)
+    poses.next = None
     assert tip.newest() is None
     assert tip.heard_s == 1.0
+
+
+@pytest.mark.parametrize("stamp_s", [1000.0, 999.0])
+def test_a_pose_whose_time_does_not_advance_is_not_heard(stamp_s: float) -> None:
+    poses = Poses()
+    clock = VirtualClock()
+    tip, notes = tip_of(poses, clock)
+    clock.wait(1.0)
+    poses.next = Pose(matrix=np.eye(4), stamp_s=1000.0)
+    assert tip.newest() is not None
+    for _ in range(5):
+        clock.wait(0.05)
+        poses.next = Pose(matrix=np.eye(4), stamp_s=stamp_s)
+        assert tip.newest() is None
+    assert tip.heard_s == pytest.approx(1.0)
+    poses.next = Pose(matrix=np.eye(4), stamp_s=1000.25)
+    target = tip.newest()
+    assert target is not None
+    assert target.at_s == tip.heard_s == pytest.approx(1.25)
+    assert notes == []
+
+
+def test_a_message_that_comes_late_is_as_old_as_its_stamp_says() -> None:
+    poses = Poses()
+    clock = VirtualClock()
+    poses.next = Pose(matrix=np.eye(4), stamp_s=1000.0)
+    # The sender's clock is 1000 s ahead; the first message comes when the link is opened.
+    tip, _ = tip_of(poses, clock)
+    clock.wait(60.0)
+    poses.next = Pose(matrix=np.eye(4), stamp_s=1000.1)
+    target = tip.newest()
+    assert target is not None
+    assert target.at_s == tip.heard_s == pytest.approx(0.1)
+
+
+def test_a_link_without_times_says_so_once() -> None:
+    poses = Poses()
+    clock = VirtualClock()
+    poses.next = Pose(matrix=np.eye(4), stamp_s=None)
+    tip, notes = tip_of(poses, clock)
+    for now_s in (1.0, 2.0, 3.0):
+        clock.wait(1.0)
+        assert tip.newest() is not None
+        assert tip.heard_s == now_s
+    assert notes == ["the tip by a test: its messages have no time, so that an old pose sent again is not noticed"]
 
 
 def message(kind: str, turn: tuple[float, ...], place: tuple[float, ...]) -> Any:
