@@ -160,9 +160,12 @@ PANELS = {
     "Rig": ("--wavelength-nm", "--pulse-energy-mj"),
     "Endoscope": ("--cameras", "--calibration-sigma-px", "--images", "--frames", "--endoscope-held"),
     "Session": (
-        *("--tre-mm", "--markers", "--again", "--record", "--no-frames"),
-        *("--wait-s", "--idle-s", "--light-while-waiting"),
+        *("--tre-mm", "--markers", "--again", "--check", "--record", "--no-frames"),
+        *("--wait-s", "--idle-s", "--light-while-waiting", "--hold"),
     ),
+    "Sessions that are kept": ("--list", "--report"),
+    "Target": ("--tip", "--tool-offset-mm", "--spot", "--pulses", "--looks-per-second", "--point"),
+    "Following": ("--within-deg", "--speed-deg-s", "--rest-s", "--minutes", "--still-valid", "--igtl-port"),
     "Points": ("--target-mm", "--without", "--spot-depth-mm"),
     "Arrays and sequences": (
         *("--axes", "--first-frame", "--without-channel", "--angle-field", "--sampling-mhz"),
@@ -170,7 +173,10 @@ PANELS = {
     ),
     "Images": ("--roi", "--pixel-mm"),
     "Tables": ("--columns", "--unit", "--deg-per-unit", "--offset-deg", "--db", "--skip-invalid"),
-    "Simulation": (*(each.flag for each in options_of(SimulationOptions)),),
+    "Simulation": (
+        *(each.flag for each in options_of(SimulationOptions)),
+        *("--textured", "--endoscope-moves", "--moves", "--speed-mm-s", "--error-mm", "--seconds"),
+    ),
     "Output": ("--out", "--force", "--no-journal", "--events", "--trace"),
 }
 """Panels of the other options; "More" has those that no panel names."""

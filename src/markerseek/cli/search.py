@@ -70,7 +70,6 @@ def command(
     --------
     markerseek search --seed 1 --plot
     markerseek search --sweep --single --readout-s 0.05
-    markerseek search --method ternary --acquisitions 16 --as-published
     markerseek search --marker-deg 10 --second-marker-deg -12 --snr-db 30
     markerseek search --compare posterior,golden-section,ternary --plot
     markerseek search --method my_method:MyMethod

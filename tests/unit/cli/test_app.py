@@ -15,7 +15,7 @@ from markerseek.cli import app
 
 
 def ended(monkeypatch: pytest.MonkeyPatch, run: Callable[[], None], *words: str) -> int:
-    monkeypatch.setattr(app, "run", run)
+    monkeypatch.setattr(app, "run_command", run)
     monkeypatch.setattr(sys, "argv", ["markerseek", *words])
     with pytest.raises(SystemExit) as end:
         cli.main()

@@ -137,5 +137,5 @@ def test_a_folder_in_use_cannot_be_used_and_one_that_cannot_be_made_is_named(tmp
     with runner._alone(tmp_path), pytest.raises(RecordError, match="another process is running this study"):
         run_study(STUDY, tmp_path)
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordError, match="with --out"):
+    with pytest.raises(RecordError, match="with `out`"):
         run_study(STUDY, tmp_path / "file" / "below")

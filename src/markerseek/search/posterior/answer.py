@@ -370,9 +370,13 @@ def _amplitude_mm(displacements: Sequence[Displacement]) -> float:
 
 def _left_mm(samples: Sequence[Sample]) -> float:
     """Return what cameras leave open along the turn, a standard deviation: the mean, the strongest samples most."""
-    weight = np.array([sample.reading.intensity**2 for sample in samples])
+    intensity = np.array([sample.reading.intensity for sample in samples])
+    if not intensity.any():
+        return 0.0
+    # Over the largest one, whose square may be no number.
+    weight = (intensity / intensity.max()) ** 2
     left_mm = np.array([1e3 * displacement_sigmas(sample).turn_m for sample in samples])
-    return float(weight @ left_mm / weight.sum()) if weight.any() else 0.0
+    return float(weight @ left_mm / weight.sum())
 
 
 def height_of(sample: Sample, posterior: AnglePosterior) -> float:
