@@ -65,6 +65,16 @@ def test_a_permit_that_is_over_needs_a_person(shell: Shell) -> None:
         (("--simulate", "--within-deg", 0.1), "--within-deg is 0.1 deg, it must lie in [0.2, 20] deg"),
         (("--simulate", "--speed-deg-s", 30), "speed_deg_s is 30 deg/s, this stage turns with at most 25 deg/s"),
         (("--registration", "x", "--rig", "examples/rigs/bench.toml"), "nothing to follow: name it by --spot, --tip"),
+        (("--simulate", "--seconds", -1), "--seconds is -1.0 s, it must lie in [0, 86400] s"),
+        (("--simulate", "--endoscope-held"), "--endoscope-held is for a rig of devices"),
+        (
+            ("--registration", "x", "--rig", "examples/rigs/bench.toml", "--point", 1, 2, 3, "--images", "a b"),
+            "--cameras FILE and --images 'LEFT RIGHT' belong together",
+        ),
+        (
+            ("--registration", "x", "--rig", "examples/rigs/bench.toml", "--point", 1, 2, 3, "--error-mm", 1),
+            "options of a simulation, and examples/rigs/bench.toml is a rig",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_cure(shell: Shell, words: tuple[object, ...], said: str) -> None:
