@@ -44,7 +44,7 @@ class SpotSource:
         ended_s = scanner.clock.now_s()
         lit: list[StereoPair] = []
         pairs = list(self._room.images.newest())
-        while not (lit := lit_pairs(pairs, self._dark)) and scanner.clock.now_s() - ended_s < LATE_S:
+        while not (lit := lit_pairs(pairs, self._dark)[0]) and scanner.clock.now_s() - ended_s < LATE_S:
             scanner.clock.wait(_POLL_S)
             pairs += self._room.images.newest()
         if not lit:
@@ -68,9 +68,8 @@ class SpotSource:
         while len(self._dark) + len(pairs) < DARK_PAIRS and clock.now_s() < ends_s:
             clock.wait(_POLL_S)
             pairs += self._room.images.newest()
-        lit = lit_pairs(pairs, self._dark) if self._dark else []
-        dark = [pair for pair in pairs if not any(pair is each for each in lit)]
-        self._dark = [*self._dark, *dark][-DARK_PAIRS:]
+        _, unlit = lit_pairs(pairs, self._dark)
+        self._dark = [*self._dark, *unlit][-DARK_PAIRS:]
         if len(self._dark) < DARK_PAIRS:
             raise AcquisitionError(f"{self._room.images.name}: too few image pairs come; check that both cameras send")
 

@@ -87,8 +87,10 @@ class SpotFinder:
         self._room.images.newest()
         dark = self.dark()
         self._flashes_s.clear()
-        lit = self._lit(dark)
+        lit, unlit = self._lit(dark)
         self._show((lit or dark)[-1])
+        # Highlights move with the tissue: those between the flashes are where they are in lit pairs, or beside.
+        dark = [*dark, *unlit]
         return Looked(spot=self._measured(lit, dark), dark=dark, lit=lit, flashes_s=tuple(self._flashes_s))
 
     def dark(self) -> list[StereoPair]:
@@ -106,24 +108,26 @@ class SpotFinder:
             "needed; check that both cameras send"
         )
 
-    def _lit(self, dark: Sequence[StereoPair]) -> list[StereoPair]:
-        """Pairs that show light, while the laser fires or, of late images, after that."""
+    def _lit(self, dark: Sequence[StereoPair]) -> tuple[list[StereoPair], list[StereoPair]]:
+        """Pairs that show light, while the laser fires or, of late images, after that; and those between them."""
         scanner = self._room.rig.scanner
         late_s = self._late_s
         began_s = scanner.clock.now_s()
         lit: list[StereoPair] = []
+        unlit: list[StereoPair] = []
         for pairs in self._coming(LOOK_S + (MOST_LATE_S if late_s is None else late_s)):
             came_s = scanner.clock.now_s() - began_s
-            if came_s < LOOK_S:
+            if came_s < LOOK_S and len(lit) < SPOT_PAIRS:
                 self._fire()
-            lit = lit_pairs(pairs, dark)
+            lit, unlit = lit_pairs(pairs, dark)
             if lit and late_s is None:
                 late_s = lit[0].at_s - began_s
                 late_s = late_s if late_s > LATE_S else 0.0
-            if len(lit) >= SPOT_PAIRS or (late_s is not None and came_s >= LOOK_S + late_s):
+            ends_dark = bool(lit and unlit) and unlit[-1].at_s > lit[-1].at_s
+            if (len(lit) >= SPOT_PAIRS and ends_dark) or (late_s is not None and came_s >= LOOK_S + late_s):
                 break
         self._late_s = late_s
-        return lit
+        return lit, unlit
 
     def _fire(self) -> None:
         """Fire, and note when: the pulses of a train come evenly."""
@@ -218,6 +222,6 @@ class SpotFinder:
     def _after(self, looked: Looked, later: Sequence[StereoPair]) -> Spot:
         """The spot after its search, by a look of its own if the last pairs do not show it."""
         try:
-            return self._measured(lit_pairs(later, looked.dark), looked.dark)
+            return self._measured(lit_pairs(later, looked.dark)[0], looked.dark)
         except SpotError:
             return self.look().spot

@@ -204,12 +204,17 @@ class TissueView:
         pixels = self._camera.seen(in_camera_m[ahead])[0]
         size_px = self._camera.focal_px[0] * _HIGHLIGHT * self._tissue.bump_radius_m[ahead] / in_camera_m[ahead, 2]
         height, width = self._shape
-        inside = ((pixels > 0) & (pixels < [width - 1, height - 1])).all(axis=1)
+        # The light of one whose middle lies beside the image still reaches into it.
+        reach_px = _HIGHLIGHT_REACH * size_px[:, None]
+        inside = ((pixels > -reach_px) & (pixels < [width, height] + reach_px)).all(axis=1)
         return pixels[inside], size_px[inside]
 
 
 _HIGHLIGHT = 0.03
 """Standard deviation of a highlight over the radius of its bump."""
+
+_HIGHLIGHT_REACH = 4.0
+"""Standard deviations from its middle beyond which a highlight adds less than a tenth of a count."""
 
 
 @compiled

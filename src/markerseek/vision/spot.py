@@ -104,14 +104,16 @@ def find_spot(
     """Find the laser spot in frames of one camera that does not move; 25 are usual.
 
     ``frames``: images with the laser on, shape (rows, columns) or (rows, columns, 3), 8 bits. ``dark``: images of the
-    same scene with the laser off; their mean is subtracted, and highlights with it.
+    same scene with the laser off; their mean is subtracted, and highlights with it. Where highlights move, images with
+    the laser on and off should alternate: the spot is where it is brighter than in any of ``dark``.
     """
     _require_alike([*frames, *dark])
     gray = [brightness(frame) for frame in frames]
-    mean = _mean(gray)
-    background = _mean([brightness(frame) for frame in dark]) if dark else np.zeros_like(mean)
-    mean -= background
-    height = _height(mean)
+    off = [brightness(frame) for frame in dark]
+    lit = _mean(gray)
+    background = _mean(off) if off else np.zeros_like(lit)
+    mean = lit - background
+    height = _height(_blinks(gray, off) if off else lit)
     middle = float(np.median(height))
     # The median deviation of Gaussian noise is 0.6745 of its standard deviation.
     scatter = float(np.median(np.abs(height - middle))) / 0.6745
@@ -176,6 +178,22 @@ def _mean(images: Sequence[UInt8[np.ndarray, "rows columns"]]) -> Float32[np.nda
         total += image
     total /= len(images)
     return total
+
+
+def _blinks(
+    lit: Sequence[UInt8[np.ndarray, "rows columns"]], off: Sequence[UInt8[np.ndarray, "rows columns"]]
+) -> Float32[np.ndarray, "rows columns"]:
+    """How much brighter each pixel is in most images with the laser on than in all with it off.
+
+    A highlight that moves is at one place in few images, and was there or beside it when the laser was off.
+    """
+    fewer = int((1 - _MIN_SHARE) * len(lit))
+    most = np.partition(np.stack(lit), fewer, axis=0)[fewer]
+    over = most.astype(np.float32) - np.max(off, axis=0)
+    middle = float(np.median(over))
+    scatter = float(np.median(np.abs(over - middle))) / 0.6745
+    # Tissue between two ways of highlights would stand out from these, which are far below it.
+    return np.asarray(np.maximum(over, middle - 3 * scatter))
 
 
 def _height(image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
@@ -418,8 +436,10 @@ _LIT_BLUR_PX = 0.75
 """Standard deviation of the smoothing, in pixels of an image of half the size, which is four times as fast."""
 
 
-def lit_pairs(pairs: Sequence[StereoPair], dark: Sequence[StereoPair]) -> list[StereoPair]:
-    """Return the pairs in which at least one camera saw the laser's light.
+def lit_pairs(pairs: Sequence[StereoPair], dark: Sequence[StereoPair]) -> tuple[list[StereoPair], list[StereoPair]]:
+    """Return the pairs in which at least one camera saw the laser's light, and those in which none did.
+
+    The laser blinks: at its spot no pair is between bright and dark. Where a highlight moves by, pairs are.
 
     Parameters
     ----------
@@ -429,20 +449,49 @@ def lit_pairs(pairs: Sequence[StereoPair], dark: Sequence[StereoPair]) -> list[S
         Pairs of the same scene with the laser off; at least one.
     """
     if not pairs or not dark:
-        return []
-    left = np.asarray(np.mean([_halved(pair.left) for pair in dark], axis=0, dtype=np.float32))
-    right = np.asarray(np.mean([_halved(pair.right) for pair in dark], axis=0, dtype=np.float32))
-    light = [max(_light(pair.left, left), _light(pair.right, right)) for pair in pairs]
-    least = max(LIT_SHARE * max(light), MIN_LIGHT_COUNTS)
-    return [pair for pair, counts in zip(pairs, light, strict=True) if counts >= least]
+        return [], list(pairs)
+    left = _blinking([pair.left for pair in pairs], [pair.left for pair in dark])
+    right = _blinking([pair.right for pair in pairs], [pair.right for pair in dark])
+    # What one camera shows beside a place that blinks more in the other one is no laser.
+    blinks = max(left.step, right.step)
+    light = np.max([each.light for each in (left, right) if each.step >= LIT_SHARE * blinks], axis=0)
+    least = max(LIT_SHARE * float(light.max()), MIN_LIGHT_COUNTS)
+    lit = [pair for pair, counts in zip(pairs, light, strict=True) if counts >= least]
+    return lit, [pair for pair, counts in zip(pairs, light, strict=True) if counts < least]
 
 
-def _light(image: UInt8[np.ndarray, "rows columns"], dark: Float32[np.ndarray, "half_rows half_columns"]) -> float:
-    """The most that a place of an image is brighter than with the laser off, in counts."""
-    return float(opencv(_PURPOSE).GaussianBlur(_halved(image) - dark, (0, 0), _LIT_BLUR_PX).max())
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Blinking:
+    """The place of one camera's images that blinks most."""
+
+    step: float
+    """From the brightest image that is dark there to the darkest one that is lit, in counts."""
+    light: Float32[np.ndarray, " images"]
+    """How much brighter each image is around it than with the laser off, in counts."""
 
 
-def _halved(image: UInt8[np.ndarray, "rows columns"]) -> UInt8[np.ndarray, "half_rows half_columns"]:
-    """The image at half its size: the mean of each four pixels."""
+def _blinking(
+    images: Sequence[UInt8[np.ndarray, "rows columns"]], dark: Sequence[UInt8[np.ndarray, "rows columns"]]
+) -> _Blinking:
+    """Find where images blink: the widest gap between the counts of one pixel in all of them."""
+    off = np.max([_halved(image) for image in dark], axis=0)
+    light = np.stack([_halved(image) - off for image in images])
+    rows, columns = np.nonzero(light.max(axis=0) >= MIN_LIGHT_COUNTS)
+    if not rows.size:
+        return _Blinking(step=0.0, light=light.max(axis=(1, 2)))
+    counts = np.sort(np.maximum(light[:, rows, columns], 0.0), axis=0)
+    steps = np.diff(counts, axis=0, prepend=0.0).max(axis=0)
+    most = int(np.argmax(steps))
+    # Half of the widest spot, in pixels of half the size: between two images the spot may move a little.
+    half = MAX_SIZE_PX // 4
+    row = int(rows[most])
+    column = int(columns[most])
+    around = light[:, max(0, row - half) : row + half + 1, max(0, column - half) : column + half + 1]
+    return _Blinking(step=float(steps[most]), light=around.max(axis=(1, 2)))
+
+
+def _halved(image: UInt8[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "half_rows half_columns"]:
+    """The image at half its size, the mean of each four pixels, smoothed."""
     cv2 = opencv(_PURPOSE)
-    return np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.GaussianBlur(half.astype(np.float32), (0, 0), _LIT_BLUR_PX))

@@ -9,9 +9,9 @@ import pytest
 from msgspec import structs
 from scipy.ndimage import gaussian_filter
 
-from markerseek.core import ConfigError
+from markerseek.core import ConfigError, StereoPair
 from markerseek.sim import EndoscopeSettings
-from markerseek.vision import LaserSpot, NoSpot, TwoSpots, find_spot
+from markerseek.vision import LaserSpot, NoSpot, TwoSpots, find_spot, lit_pairs
 from tests.spot_images import spot_images
 
 pytest.importorskip("cv2")
@@ -181,3 +181,45 @@ def test_one_frame_gives_a_place_without_a_sigma() -> None:
 def test_what_are_no_frames_is_refused(frames: list[np.ndarray], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         find_spot(frames)
+
+
+def moving_highlights(*, shown: bool, seed: int) -> list[StereoPair]:
+    """Pairs of tissue whose highlights, brighter than the spot, move by a pixel from pair to pair.
+
+    The laser fires in trains of five pairs, with three dark ones before each and after the last. ``shown``: whether its
+    spot is in view.
+    """
+    rng = np.random.default_rng(seed)
+    columns, rows = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    places = rng.uniform([20.0, 20.0], [300.0, 220.0], (6, 2))
+    # Where the spot is, nothing else is measured.
+    places = places[np.linalg.norm(places - [150.0, 120.0], axis=1) > 50.0]
+    pairs = []
+    for number, lit in enumerate("...#####...#####..."):
+        seen = np.full(SIZE[::-1], 70.0)
+        for x, y in places + number * np.array([0.6, 0.8]):
+            seen += 220.0 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 3.0**2))
+        if shown and lit == "#":
+            seen += 130.0 * np.exp(-((columns - 150.4) ** 2 + (rows - 119.7) ** 2) / (2 * 5.0**2))
+        images = [np.clip(seen + 3.0 * rng.standard_normal(seen.shape), 0, 255).astype(np.uint8) for _ in range(2)]
+        pairs.append(StereoPair(left=images[0], right=images[1], at_s=number / 30))
+    return pairs
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_spot_that_blinks_is_found_among_highlights_that_move(seed: int) -> None:
+    pairs = moving_highlights(shown=True, seed=seed)
+    lit, unlit = lit_pairs(pairs[3:], pairs[:3])
+    assert [pair.at_s for pair in lit] == [pair.at_s for pair in (*pairs[3:8], *pairs[11:16])]
+    assert [pair.at_s for pair in unlit] == [pair.at_s for pair in (*pairs[8:11], *pairs[16:])]
+    found = find_spot([pair.left for pair in lit], dark=[pair.left for pair in (*pairs[:3], *unlit)])
+    assert isinstance(found, LaserSpot)
+    assert (found.x_px, found.y_px) == pytest.approx((150.4, 119.7), abs=0.2)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_highlights_that_move_are_no_spot(seed: int) -> None:
+    pairs = moving_highlights(shown=False, seed=seed)
+    lit = [*pairs[3:8], *pairs[11:16]]
+    dark = [*pairs[:3], *pairs[8:11], *pairs[16:]]
+    assert isinstance(find_spot([pair.left for pair in lit], dark=[pair.left for pair in dark]), NoSpot)
