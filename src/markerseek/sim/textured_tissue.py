@@ -206,7 +206,7 @@ class TissueView:
         height, width = self._shape
         # The light of one whose middle lies beside the image still reaches into it.
         reach_px = _HIGHLIGHT_REACH * size_px[:, None]
-        inside = ((pixels > -reach_px) & (pixels < [width, height] + reach_px)).all(axis=1)
+        inside = ((pixels + reach_px > 0) & (pixels - reach_px < [width, height])).all(axis=1)
         return pixels[inside], size_px[inside]
 
 
