@@ -63,7 +63,7 @@ from markerseek.registration.steps import (
 )
 from markerseek.registration.view import SessionView
 from markerseek.runs import Run, new_run, plan_on
-from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, scene_texture
+from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, TissueMoves, scene_texture
 
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
@@ -375,8 +375,11 @@ class RegistrationSession:
         )
 
     def _require_still(self, begin: _Begin, watch: SearchWatch, scene: SearchScene | None) -> None:
-        """Refuse a spot that has slid during its search; where tissue or endoscope move, it moves with them."""
-        if scene is None or not scene.moved:
+        """Refuse a spot that has slid during its search; where tissue or endoscope move, it moves with them.
+
+        Tissue that breathed during the last search is taken to move, also where this one was seen in its pauses only.
+        """
+        if scene is None or not (scene.moved or (scene.is_known and self._last_breath is not None)):
             self._spots.require_still(begin.looked, watch.later)
         elif scene.spot is not None:
             reason = f"{scene.said}: light marker {begin.seen.name} again, and hold laser and tissue still"
@@ -397,14 +400,20 @@ class RegistrationSession:
             rotation=CameraRotation.of(self._possible),
         )
 
+    @property
+    def _last_breath(self) -> TissueMoves | None:
+        """How the tissue moved during the last search; None: it did not, or it is not known."""
+        scene = self.view.markers[-1].scene if self.view.markers else None
+        return None if scene is None else scene.tissue
+
     def _await_pause(self) -> None:
         """Wait for a pause of the tissue's breath, as the last search showed it: a spot that moves is not measured."""
         scene = self.view.markers[-1].scene if self.view.markers else None
-        if scene is None or scene.clock is None or scene.tissue is None or scene.tissue.period_s is None:
+        breath = self._last_breath
+        if scene is None or scene.clock is None or breath is None or breath.period_s is None:
             return
-        breath = scene.tissue
         clock = self._room.rig.scanner.clock
-        until_s = clock.now_s() + 2 * scene.tissue.period_s
+        until_s = clock.now_s() + 2 * breath.period_s
         # Most of the pause must be left for the look.
         while not (breath.in_pause(clock.now_s()) and breath.in_pause(clock.now_s() + 0.8 * breath.pause_s)):
             if clock.now_s() >= until_s:

@@ -112,7 +112,8 @@ def tissue_motion(series: DisplacementSeries, *, gate_mm: float = 0.2) -> Tissue
     covariance = float(difference @ fit.inverse @ difference) * fit.left_mm2
     swing = profile[other] - profile[rest]
     if not _is_motion(swing, covariance):
-        return None
+        # Seen in a part of each breath only, its cycle is open; that it moved is not.
+        return _without_period(series.at_s, moved_mm, noise_mm2)
     near = along - along.min() <= gate_mm
     begin, length = _longest(near, rest)
     return TissueMoves(

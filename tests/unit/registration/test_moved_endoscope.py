@@ -319,7 +319,8 @@ def test_a_breath_between_two_pairs_is_no_move_of_the_endoscope() -> None:
     assert less_breath(beyond, breath).displacement_mm == pytest.approx((0.0, 2.0, 1.0), abs=1e-9)
 
 
-def test_a_spot_is_looked_for_in_a_pause_of_the_breath() -> None:
+def after_a_breath() -> RegistrationSession:
+    """A session during whose last search the tissue was seen to breathe."""
     _, session = after_four_markers(None)
     breath = TissueMoves(
         from_s=-9.0,
@@ -336,6 +337,11 @@ def test_a_spot_is_looked_for_in_a_pause_of_the_breath() -> None:
     session.view = replace(
         session.view, markers=(*session.view.markers[:-1], structs.replace(session.view.markers[-1], scene=scene))
     )
+    return session
+
+
+def test_a_spot_is_looked_for_in_a_pause_of_the_breath() -> None:
+    session = after_a_breath()
     clock = session._room.rig.scanner.clock
     begun_s = clock.now_s()
     session._await_pause()
@@ -344,6 +350,21 @@ def test_a_spot_is_looked_for_in_a_pause_of_the_breath() -> None:
     assert begun_s < 1.0
     session._await_pause()
     assert clock.now_s() <= 3.1
+
+
+def test_a_spot_on_tissue_that_breathes_is_not_compared_in_pixels_where_only_pauses_were_seen() -> None:
+    seen = SearchScene(pairs=60, known=1.0)
+    session = after_a_breath()
+    session._spots.require_still = mock.Mock()
+    session._require_still(mock.Mock(), mock.Mock(), seen)
+    session._spots.require_still.assert_not_called()
+    # Where too little was seen of this search, the pixels are all there is.
+    session._require_still(mock.Mock(), mock.Mock(), structs.replace(seen, known=0.2))
+    session._spots.require_still.assert_called_once()
+    _, still = after_four_markers(None)
+    still._spots.require_still = mock.Mock()
+    still._require_still(mock.Mock(), mock.Mock(), seen)
+    still._spots.require_still.assert_called_once()
 
 
 @pytest.mark.long
