@@ -35,7 +35,7 @@ RUNS = 1400
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@pytest.mark.parametrize("page", ["explanation/faults.md", "data/fault-tables.md"])
+@pytest.mark.parametrize("page", ["validation/faults.md", "data/fault-tables.md"])
 def test_b10_a_page_says_the_error_that_is_judged(page: str) -> None:
     rows = [line for line in (DOCS / page).read_text(encoding="utf-8").splitlines() if line.startswith("| P10 ")]
     assert rows

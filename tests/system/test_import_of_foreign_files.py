@@ -27,7 +27,7 @@ def test_ipasc_without_angles(
     said = refused(shell, path)
     assert "angle_deg is missing" in said
     assert "--first-deg" in said
-    assert "--angles FILE" in said
+    assert "--angles" in said
     imported(shell, path, *STEPS)
     found = info(shell, tmp_path / "bank.hdf5")
     assert found["cen_deg"] == pytest.approx(MARKER_DEG, abs=0.1)

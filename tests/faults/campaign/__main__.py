@@ -50,7 +50,7 @@ def _page(whole: Tally, *, seed: int, commit: str) -> str:
         "",
         (
             "What the campaign counted; how it was done and what it means is on "
-            "[the page on faults](../explanation/faults.md). "
+            "[the page on faults](../validation/faults.md). "
             f"Written by `python -m tests.faults.campaign --runs {whole.runs} --seed {seed}` at "
             f"commit {commit}."
         ),

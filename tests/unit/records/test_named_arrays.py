@@ -132,7 +132,7 @@ def test_anything_but_arrays_of_numbers_is_skipped(tmp_path):
 
 def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(MissingExtraError, match=r"version 7\.3 needs the package h5py.*markerseek\[records\]"):
+    with pytest.raises(MissingExtraError, match=r"version 7\.3 needs the package h5py.*\[records\]"):
         mat_arrays(DATA / "frame-7.3.mat")
 
 

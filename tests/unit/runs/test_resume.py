@@ -252,7 +252,7 @@ def test_a_receiver_that_repeats_a_frame_of_before_is_refused(tmp_path: Path) ->
     journal, held = Journal.reopen(path)
     taken: list[object] = []
     measure = rig.scanner.measure
-    rig.scanner.measure = lambda angle_deg: (taken.append(angle_deg), measure(angle_deg))[1]  # type: ignore[method-assign]
+    rig.scanner.measure = lambda angle_deg, **given: (taken.append(angle_deg), measure(angle_deg, **given))[1]  # type: ignore[method-assign]
     with journal:
         list(resumed(policy, rig, journal, held, by="a person", anew=pytest.fail))
     # The check was taken twice: the guard had refused the first frame.
