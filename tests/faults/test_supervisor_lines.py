@@ -218,7 +218,7 @@ def test_a_line_that_another_program_holds_is_refused(held: Supervisor, laser: D
 
 def test_a_missing_package_is_named_before_a_process_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
-    with pytest.raises(MissingExtraError, match=r"pyserial.*markerseek\[devices\]") as raised:
+    with pytest.raises(MissingExtraError, match=r"pyserial.*\[devices\]") as raised:
         Supervisor(lines=[Line(name="laser", path="/dev/null", safe_command=b"x")])
     assert raised.value.exit_code == 2
 
