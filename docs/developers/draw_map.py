@@ -16,6 +16,7 @@ SHORT = {
     "studies": "many searches, one table; the paper",
     "bridges": "live page, ROS 2, 3D Slicer",
     "figures": "of a result, of a bank",
+    "following": "the probe follows a target",
     "registration": "from spots in camera images to a transform: one session",
     "runs": "search, resume, bank scan",
     "emulators": "stage, laser box, SonixDAQ: their bytes; endoscope",

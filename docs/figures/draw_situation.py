@@ -105,8 +105,8 @@ def from_the_side() -> list[str]:
         f'{endoscope} transform="rotate(-22 384 65)"/>',
         dot(375, 60, 8, INK),
         dot(393, 78, 8, INK),
-        text(402, 104, "both cameras of", size=13),
-        text(402, 120, "the endoscope", size=13),
+        text(388, 104, "both cameras of", size=13),
+        text(388, 120, "the endoscope", size=13),
     ]
 
 

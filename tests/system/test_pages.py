@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
 import shlex
 import tomllib
 from collections.abc import Iterator
@@ -200,3 +201,8 @@ def test_what_a_page_shows_of_a_file_is_there() -> None:
     assert len(shown) > 12
     for page, path, name, text in shown:
         assert text == shown_part(ROOT / path, name), f"{page.name}: copy {path} {name} into the page again"
+
+
+def test_the_map_has_a_line_for_each_package_of_the_import_contract() -> None:
+    drawn = runpy.run_path(str(DOCS / "developers" / "draw_map.py"))
+    assert sorted(drawn["SHORT"]) == sorted(package for layer in drawn["layers"]() for package in layer)
