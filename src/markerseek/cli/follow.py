@@ -461,7 +461,7 @@ def _known(path: Path) -> tuple[registration.KnownRegistration, Path | None]:
     folder = registration.session_folder(path)
     if folder is None:
         return registration.read_registration(path), None
-    view = registration.view_of(registration.read_session(folder), folder)
+    view = registration.read_view(folder)
     if view.registration is None:
         raise ConfigError(f"{folder}: no registration holds: {view.reason}")
     return view.registration, folder

@@ -130,6 +130,7 @@ from markerseek.core.undisplaced import (
     displacement_sigmas,
     undisplaced,
 )
+from markerseek.core.vectors import Matrix, Vector, as_matrix, as_vector
 from markerseek.core.wording import plain, reworded
 
 __all__ = [
@@ -197,6 +198,7 @@ __all__ = [
     "MarkerMotion",
     "MarkerPosition",
     "MarkerseekError",
+    "Matrix",
     "Measured",
     "MissingExtraError",
     "MoveError",
@@ -249,10 +251,13 @@ __all__ = [
     "Turning",
     "UInt8",
     "Unsure",
+    "Vector",
     "Within",
     "arguments_of",
     "as_interval",
+    "as_matrix",
     "as_text",
+    "as_vector",
     "counted",
     "described",
     "displacement_sigmas",

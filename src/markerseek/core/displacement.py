@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import msgspec
 
 from markerseek.core.checks import is_finite
 from markerseek.core.errors import ConfigError
-
-TrusVector: TypeAlias = tuple[float, float, float]
-"""Three numbers for the axes x, y and z of the TRUS frame."""
+from markerseek.core.vectors import Matrix, Vector
 
 
 class Displacement(msgspec.Struct, frozen=True, kw_only=True):
@@ -29,8 +25,8 @@ class Displacement(msgspec.Struct, frozen=True, kw_only=True):
         If a number is not finite, or a variance is negative.
     """
 
-    mm: TrusVector
-    covariance_mm2: tuple[TrusVector, TrusVector, TrusVector]
+    mm: Vector
+    covariance_mm2: Matrix
 
     def __post_init__(self) -> None:
         if not all(is_finite(each) for row in (self.mm, *self.covariance_mm2) for each in row):

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from markerseek.core.displacement import Displacement, TrusVector
+from markerseek.core.displacement import Displacement
 from markerseek.core.reading import Reading, Sample
+from markerseek.core.vectors import Vector
 
 USUAL_FACE_RADIUS_M = 10e-3
 """Middle of the distances R of the face from the axis in the physics table, in metres."""
@@ -53,7 +54,7 @@ def displacement_sigmas(sample: Sample) -> DisplacementSigmas:
     return DisplacementSigmas(turn_m=turn_m, lateral_m=lateral_m, depth_m=depth_m)
 
 
-def _sigma_m(displacement: Displacement, direction: TrusVector) -> float:
+def _sigma_m(displacement: Displacement, direction: Vector) -> float:
     """Return the standard deviation along a unit vector."""
     products = (
         one * other * covariance_mm2

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from markerseek.core import ConfigError, Float64, Interval
 from markerseek.following.target import Target
-from markerseek.geometry import RigidTransform, effect_of_motion
+from markerseek.geometry import effect_of_motion
 from markerseek.registration import DEPTHS_M, EndoscopeMotion, KnownRegistration, reach_of
 from markerseek.rigs import Rig
 
@@ -95,15 +95,9 @@ class HeldRegistration:
 
     def carry(self, motion: EndoscopeMotion) -> None:
         """Carry it along with the endoscope, which has moved so since the registration."""
-        known = self.known.davinci_to_trus
         back = motion.transform.inverse()
         self._motion = motion
-        self.transform = RigidTransform(
-            source=known.source,
-            target=known.target,
-            rotation=known.rotation @ back.rotation,
-            translation_m=known.apply(back.translation_m),
-        )
+        self.transform = replace(self.known.davinci_to_trus, source=back.target) @ back
         self.tre_m = self._expected_m()
 
     def _expected_m(self) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 
 from markerseek.core import Float64, Reading, Sample, SpotToSource, place_sigmas_m
 from markerseek.following.aim import Aim
+from markerseek.search import noise_factor
 
 AGREE_SIGMAS = 3.0
 """Standard deviations by which place and prediction may differ."""
@@ -108,11 +109,11 @@ def _sigma(
 
 
 def shows_source(reading: Reading) -> bool:
-    """Whether a frame shows more than noise alone: the largest of M cells exceeds σ·sqrt(2·ln(M/p)) with p."""
+    """Whether a frame shows more than noise alone."""
     sigma = reading.noise_sigma
     if not sigma or not reading.cells:
         return reading.intensity > 0
-    return reading.intensity > sigma * math.sqrt(2 * math.log(reading.cells / FALSE_ALARM))
+    return reading.intensity > sigma * noise_factor(cells=reading.cells, frames=1, false_found=FALSE_ALARM)
 
 
 class Confirmed(msgspec.Struct, frozen=True, kw_only=True, tag="confirmed"):

@@ -12,9 +12,8 @@ from markerseek.registration import (
     SeenEndoscope,
     StereoSettings,
     kept_pair,
-    read_session,
+    read_view,
     station_names,
-    view_of,
 )
 
 
@@ -49,7 +48,7 @@ class EndoscopeCheck:
         self._pairs = pairs
         self._since = ""
         if session is not None:
-            stations = station_names(view_of(read_session(session), session).markers)
+            stations = station_names(read_view(session).markers)
             name = next(reversed(stations.values()))
             pair = kept_pair(session, name)
             if pair is not None:

@@ -20,9 +20,10 @@ from markerseek.core import (
 )
 from markerseek.following.aim import HeldRegistration, ProbeReach
 from markerseek.following.confirmation import ASIDE_DEG, NotConfirmed, compare, confirm
-from markerseek.following.machine import BY_A_PERSON, BY_ITSELF, STEP_DEG, Decision, FollowMachine, Word
+from markerseek.following.machine import STEP_DEG, Decision, FollowMachine
 from markerseek.following.plan import FollowPlan
 from markerseek.following.target import LitSource, Look, TargetSource
+from markerseek.following.words import BY_A_PERSON, BY_ITSELF, Word
 from markerseek.registration import EndoscopeMotion, SeenEndoscope
 from markerseek.rigs import Rig
 from markerseek.scan import Scanner
@@ -112,8 +113,8 @@ class Follower:
         self._scanner: Scanner = rig.scanner
         self._clock = self._scanner.clock
         self._registration = registration
-        self._source = source
-        self._lit = hasattr(source, "look")
+        self._spot = source if isinstance(source, LitSource) else None
+        self._target = None if isinstance(source, LitSource) else source
         self._plan = plan
         self._by = by
         self._endoscope = endoscope
@@ -123,7 +124,7 @@ class Follower:
             plan,
             reach,
             acceleration_deg_s2=self._scanner.turning_acceleration_deg_s2,
-            lit=self._lit,
+            lit=self._spot is not None,
             begun_s=self._clock.now_s(),
         )
         self._reach = reach
@@ -138,7 +139,7 @@ class Follower:
     @property
     def permit(self) -> FollowPermit:
         """The permit that it asks of the guard."""
-        return self._plan.permit(self._rig.limits.search, lit=self._lit)
+        return self._plan.permit(self._rig.limits.search, lit=self._spot is not None)
 
     def stop(self, by: str) -> None:
         """Hold the probe in the dark until a person lets it go on; taken at the next reading of the stage."""
@@ -170,16 +171,15 @@ class Follower:
     def _step(self) -> Generator[FollowStep, None, None]:
         """Sense, decide and act once."""
         self._watch()
-        if not self._lit:
-            self._listen()
+        self._listen()
         decision = self._decide()
         yield self._now(decision)
         if decision.turn_to_deg is not None:
             yield from self._turn(decision.turn_to_deg)
-        elif self._lit and self._may_look(decision):
-            self._take(self._look())
+        elif self._spot is not None and self._may_look(decision):
+            self._take(self._look(self._spot))
             if not self._registration.confirmed and self._decide().word == "there":
-                yield from self._confirm()
+                yield from self._confirm(self._spot)
         else:
             self._clock.wait(TICK_S)
 
@@ -202,8 +202,7 @@ class Follower:
             except StopIteration as end:
                 self._angle_deg = float(end.value)
                 break
-            if not self._lit:
-                self._listen()
+            self._listen()
             decision = self._decide(turning=True)
             try:
                 yield self._now(decision, turning=True)
@@ -213,9 +212,10 @@ class Follower:
         self._machine.rest(self._clock.now_s())
 
     def _listen(self) -> None:
-        """Take the newest target of a source that needs no light."""
-        source = self._source
-        assert not hasattr(source, "look")  # noqa: S101  asked before
+        """Take the newest target, if its source needs no light."""
+        source = self._target
+        if source is None:
+            return
         target = source.newest()
         self._machine.hear(source.heard_s)
         if target is not None:
@@ -255,13 +255,11 @@ class Follower:
             return asked or (self._plan.light_while_waiting and now_s - self._looked_s >= BETWEEN_S)
         return now_s - self._looked_s >= 1 / self._plan.looks_per_second
 
-    def _look(self) -> Look:
+    def _look(self, spot: LitSource) -> Look:
         """Look for the spot once."""
         self._looked_s = self._clock.now_s()
-        source = self._source
-        assert hasattr(source, "look")  # noqa: S101  asked before
         try:
-            return source.look(self._plan.pulses)
+            return spot.look(self._plan.pulses)
         except AcquisitionError as refused:
             return Look(target=None, reason=str(refused))
 
@@ -292,7 +290,7 @@ class Follower:
             raise ConfigError("follow: the rig states no face_radius_m, so that no image can confirm a registration")
         return radius_m
 
-    def _confirm(self) -> Generator[FollowStep, None, None]:
+    def _confirm(self, spot: LitSource) -> Generator[FollowStep, None, None]:
         """Look at the spot from its angle and from both sides, and say whether the registration is right."""
         samples: list[Sample] = []
         aim = self._machine.aim
@@ -309,7 +307,7 @@ class Follower:
                 yield from self._turn(step_deg)
                 if self._decide().stays:
                     return
-            look = self._look()
+            look = self._look(spot)
             if look.target is None or look.sample is None:
                 return
             seen = self._registration.aim(look.target, depth_m=self._rig.spot.depth_m)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Literal, TypeAlias
 
 import msgspec
 import numpy as np
@@ -16,6 +15,8 @@ import numpy as np
 from markerseek.core import ConfigError
 from markerseek.following.aim import Aim, ProbeReach
 from markerseek.following.plan import FollowPlan
+from markerseek.following.words import BY_A_PERSON, BY_ITSELF, Word
+from markerseek.scan import rest_to_rest_s
 
 LOST_S = 1.0
 """Time without the target after which it is lost, in seconds."""
@@ -40,34 +41,6 @@ LEAST_TURN_DEG = 0.2
 
 SPEED_OVER_S = 1.0
 """Time over which the speed of a target is estimated, in seconds."""
-
-Word: TypeAlias = Literal[
-    "there",
-    "turning",
-    "resting",
-    "waiting",
-    "out of reach",
-    "lost",
-    "jumped",
-    "stale",
-    "endoscope",
-    "tissue",
-    "unconfirmed",
-    "heartbeat",
-    "stopped",
-    "expired",
-    "fault",
-]
-"""How it stands: inside the range, or turning, resting between turns or waiting for a target that is back; else why the
-probe stays."""
-
-BY_ITSELF: frozenset[Word] = frozenset({"out of reach", "lost", "jumped", "stale"})
-"""What ends by itself once the target is back."""
-
-BY_A_PERSON: frozenset[Word] = frozenset(
-    {"endoscope", "tissue", "unconfirmed", "heartbeat", "stopped", "expired", "fault"}
-)
-"""What ends only when a person says so."""
 
 
 class Decision(msgspec.Struct, frozen=True, kw_only=True):
@@ -268,12 +241,11 @@ class FollowMachine:
         return Decision(word="turning", said=f"turns, the target is {where}", turn_to_deg=probe_deg + way_deg)
 
     def _turn_s(self, way_deg: float) -> float:
-        """Time of a turn from rest to rest."""
-        speed = self._plan.speed_deg_s
-        rate = self._acceleration_deg_s2
-        if way_deg <= speed**2 / rate:
-            return 2 * math.sqrt(way_deg / rate) + READINGS_S
-        return way_deg / speed + speed / rate + READINGS_S
+        """Time of a turn from rest to rest, which is known once it was read."""
+        way_s = rest_to_rest_s(
+            way_deg, speed_deg_s=self._plan.speed_deg_s, acceleration_deg_s2=self._acceleration_deg_s2
+        )
+        return way_s + READINGS_S
 
     @property
     def _speed_deg_s(self) -> float:

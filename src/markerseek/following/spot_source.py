@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from markerseek.core import AcquisitionError, StereoPair
 from markerseek.following.target import Look, Target
-from markerseek.registration import Room, Spot, SpotError, SpotFinder
-from markerseek.vision import LaserSpot, find_spot, lit_pairs
+from markerseek.registration import Room, SpotError, SpotFinder, spot_in
+from markerseek.vision import lit_pairs
 
 DARK_PAIRS = 3
 """Image pairs with the laser off that are subtracted."""
@@ -50,7 +48,7 @@ class SpotSource:
         if not lit:
             return Look(target=None, reason="no light is seen in the images", sample=sample)
         try:
-            seen = self._finder.seen("spot", self._spot(lit))
+            seen = self._finder.seen("spot", spot_in(lit, self._dark, alone_px=ALONE_PX))
         except SpotError as problem:
             return Look(target=None, reason=str(problem), sample=sample)
         target = Target(at_s=(began_s + ended_s) / 2, camera_m=seen.camera_m, covariance_m2=seen.camera_covariance_m2)
@@ -72,15 +70,3 @@ class SpotSource:
         self._dark = [*self._dark, *unlit][-DARK_PAIRS:]
         if len(self._dark) < DARK_PAIRS:
             raise AcquisitionError(f"{self._room.images.name}: too few image pairs come; check that both cameras send")
-
-    def _spot(self, lit: Sequence[StereoPair]) -> Spot:
-        """The spot in pairs with light; `SpotError` if there is none."""
-        places = []
-        sigma_px = 0.0
-        for side in ("left", "right"):
-            answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in self._dark])
-            if not isinstance(answer, LaserSpot):
-                raise SpotError(f"{side} camera: {answer.reason}")
-            places.append((answer.x_px, answer.y_px))
-            sigma_px = max(sigma_px, ALONE_PX if answer.sigma_px is None else answer.sigma_px)
-        return Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px)

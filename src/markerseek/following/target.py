@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -59,6 +59,7 @@ class TargetSource(Protocol):
         """Of when the newest message of its link is, on the rig's clock; the present time where there is no link."""
 
 
+@runtime_checkable
 class LitSource(Protocol):
     """Tells where a laser spot is, with the probe at rest, by pulses under a permit."""
 

@@ -16,6 +16,7 @@ from .record import (
     newest_pair,
     next_view,
     read_session,
+    read_view,
     session_folder,
     sessions_folder,
     view_of,
@@ -34,7 +35,7 @@ from .robot_frames import dvrk_base_frame, static_transform_command
 from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .search_scene import SearchScene
 from .session import RegistrationSession
-from .spots import SpotError, SpotFinder
+from .spots import SpotError, SpotFinder, spot_in
 from .stations import station_names
 from .steps import (
     Begun,
@@ -120,9 +121,11 @@ __all__ = [
     "read_registration",
     "read_session",
     "read_stereo",
+    "read_view",
     "register_pairs",
     "session_folder",
     "sessions_folder",
+    "spot_in",
     "spot_pairs",
     "static_transform_command",
     "station_names",

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import Clock, Displacement, Float64
+from markerseek.core import Clock, Displacement, Float64, as_matrix, as_vector
 from markerseek.registration.poses import Poses
-from markerseek.registration.report import triple
 from markerseek.registration.room import FOLLOW_S
 from markerseek.registration.search_watch import SearchWatch
 from markerseek.vision import ClockOffset, Sighting, TissueMoves
@@ -55,12 +54,12 @@ class CameraTissue:
     """Its breath, at times of the rig's clock."""
     rotation: CameraRotation | None
     """None: it is not known in which direction of the probe's frame the tissue moves."""
-    known_after_s: float = field(init=False)
-    """Time from a moment until its displacement is known, in seconds."""
 
-    def __post_init__(self) -> None:
+    @property
+    def known_after_s(self) -> float:
+        """Time from a moment until its displacement is known, in seconds."""
         # A pair that is followed lies on either side of each moment.
-        object.__setattr__(self, "known_after_s", max(self.offset.offset_s, 0.0) + 2 * FOLLOW_S)
+        return max(self.offset.offset_s, 0.0) + 2 * FOLLOW_S
 
     @property
     def breath_s(self) -> float | None:
@@ -99,10 +98,13 @@ class CameraTissue:
         covariance_mm2 = 1e6 * (nearest.covariance_m2 + rest.covariance_m2)
         square_mm2 = float(away_mm @ away_mm)
         if self.rotation is None:
-            return _displacement(np.zeros(3), covariance_mm2 + square_mm2 * np.eye(3))
+            return Displacement(mm=(0.0, 0.0, 0.0), covariance_mm2=as_matrix(covariance_mm2 + square_mm2 * np.eye(3)))
         turned = self.rotation.matrix
         across_mm2 = self.rotation.sigma_rad**2 * (square_mm2 * np.eye(3) - np.outer(away_mm, away_mm))
-        return _displacement(turned @ away_mm, turned @ (covariance_mm2 + across_mm2) @ turned.T)
+        return Displacement(
+            mm=as_vector(turned @ away_mm),
+            covariance_mm2=as_matrix(turned @ (covariance_mm2 + across_mm2) @ turned.T),
+        )
 
     def _seen(self) -> list[tuple[float, Sighting]]:
         """Return what was seen of the tissue, at times of the cameras' clock."""
@@ -117,8 +119,3 @@ class CameraTissue:
             value_m=np.mean([each.value_m for each in rests], axis=0),
             covariance_m2=np.mean([each.covariance_m2 for each in rests], axis=0) / len(rests),
         )
-
-
-def _displacement(mm: Float64[np.ndarray, " 3"], covariance_mm2: Float64[np.ndarray, "3 3"]) -> Displacement:
-    first, second, third = (triple(row) for row in covariance_mm2)
-    return Displacement(mm=triple(mm), covariance_mm2=(first, second, third))

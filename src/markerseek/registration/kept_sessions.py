@@ -17,8 +17,7 @@ from markerseek.registration.record import (
     REGISTRATION_FILE,
     SPOT_IS_SET,
     is_running,
-    read_session,
-    view_of,
+    read_view,
 )
 from markerseek.registration.view import Phase, SessionView
 
@@ -65,7 +64,7 @@ class KeptSession(msgspec.Struct, frozen=True, kw_only=True):
 
 def kept_view(folder: Path) -> SessionView:
     """Return a session, and whether a program runs it; `RecordError` if it cannot be read."""
-    return as_it_runs(view_of(read_session(folder), folder), folder)
+    return as_it_runs(read_view(folder), folder)
 
 
 def as_it_runs(view: SessionView, folder: Path) -> SessionView:

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import AnglePrior, ConfigError, Float64, Interval, SpotToSource
+from markerseek.core import AnglePrior, ConfigError, Float64, Interval, SpotToSource, as_vector
 from markerseek.geometry import (
     MIN_POINTS,
     Registration,
@@ -23,7 +23,7 @@ from markerseek.geometry import (
     registration_errors,
 )
 from markerseek.registration.choice import Choice, SeenMarker, chosen_pairs
-from markerseek.registration.report import PointPair, default_target, motion_m, registered_pairs, triple
+from markerseek.registration.report import PointPair, default_target, motion_m, registered_pairs
 from markerseek.registration.shared_errors import seen_point, source_shared_m, trus_shared_m
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.rigs import Rig
@@ -307,7 +307,10 @@ class Poses:
                 )
                 worth = -tre_m
             place = Place(
-                left_px=_pair(each.left_px), right_px=_pair(each.right_px), camera_m=triple(each.camera_m), tre_m=tre_m
+                left_px=_pair(each.left_px),
+                right_px=_pair(each.right_px),
+                camera_m=as_vector(each.camera_m),
+                tre_m=tre_m,
             )
             found.append((worth, abs(each.angle_deg - probe_deg), place))
         if not found:
@@ -335,7 +338,7 @@ class Poses:
         return Place(
             left_px=_pair(nearest.left_px),
             right_px=_pair(nearest.right_px),
-            camera_m=triple(nearest.camera_m),
+            camera_m=as_vector(nearest.camera_m),
             tre_m=None,
         )
 

@@ -405,6 +405,11 @@ def read_session(folder: Path) -> list[RecordedStep]:
     return steps
 
 
+def read_view(folder: Path) -> SessionView:
+    """Return the session in this folder as its record has it; `RecordError` if it cannot be read."""
+    return view_of(read_session(folder), folder)
+
+
 def view_of(steps: Iterable[RecordedStep], folder: Path) -> SessionView:
     """Return the view of a session after its steps; `RecordError` if they cannot follow one another."""
     view = SessionView(source=folder)

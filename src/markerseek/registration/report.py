@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import chdtrc, softmax
 
 from markerseek._version import __version__
-from markerseek.core import ConfigError, Float64, RecordError, SpotToSource
+from markerseek.core import ConfigError, Float64, RecordError, SpotToSource, Vector, as_vector
 from markerseek.files import MIB, read_json
 from markerseek.geometry import Registration, RigidTransform, mirror_image_fre, register_points
 from markerseek.registration.plan import require_target
@@ -81,15 +81,6 @@ class PointPair:
     carried by none."""
 
 
-Triple = tuple[float, float, float]
-
-
-def triple(point_m: Float64[np.ndarray, " 3"]) -> Triple:
-    """The three numbers of a point."""
-    x, y, z = point_m.tolist()
-    return x, y, z
-
-
 class PointReport(msgspec.Struct, frozen=True, kw_only=True):
     """One point of a registration.
 
@@ -98,9 +89,9 @@ class PointReport(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
-    trus_m: Triple
-    camera_m: Triple
-    transformed_m: Triple
+    trus_m: Vector
+    camera_m: Vector
+    transformed_m: Vector
     residual_m: float
     left_out_m: float | None
 
@@ -130,9 +121,9 @@ class SpotCheck(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
-    trus_m: Triple
-    camera_m: Triple
-    transformed_m: Triple
+    trus_m: Vector
+    camera_m: Vector
+    transformed_m: Vector
     off_m: float
     expected_m: float
     expected95_m: float
@@ -179,7 +170,7 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
     expected_fre_m: float
     tre_m: float
     tre95_m: float
-    target_trus_m: Triple
+    target_trus_m: Vector
     target_covariance_m2: list[list[float]]
     misfit: float
     probability: float
@@ -215,7 +206,7 @@ _FRAMES = {
 def register_pairs(
     pairs: Sequence[PointPair],
     *,
-    target_trus_m: Triple | None = None,
+    target_trus_m: Vector | None = None,
     without: Sequence[str] = (),
     spot: SpotToSource | None = None,
 ) -> RegistrationReport:
@@ -273,9 +264,9 @@ def register_pairs(
         points=[
             PointReport(
                 name=pair.name,
-                trus_m=triple(pair.trus_m),
-                camera_m=triple(pair.camera_m),
-                transformed_m=triple(pair.trus_m + residual_m),
+                trus_m=as_vector(pair.trus_m),
+                camera_m=as_vector(pair.camera_m),
+                transformed_m=as_vector(pair.trus_m + residual_m),
                 residual_m=float(np.linalg.norm(residual_m)),
                 left_out_m=_distance_m(pair, rests[pair.name], spot) if pair.name in rests else None,
             )
@@ -481,7 +472,7 @@ def _in_words(error: SharedError, value: float, sigma: float) -> str:
     return f"{error.name} {abs(value):.2g} ± {sigma:.1g} {error.unit} {side}"
 
 
-def default_target(trus_m: Float64[np.ndarray, "points 3"]) -> Triple:
+def default_target(trus_m: Float64[np.ndarray, "points 3"]) -> Vector:
     """The usual target: `TARGET_DEPTH_M` under the middle of the points, towards the axis."""
     x, y, z = trus_m.mean(axis=0).tolist()
     radius_m = float(np.hypot(x, z))

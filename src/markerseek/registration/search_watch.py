@@ -15,10 +15,9 @@ import numpy as np
 from msgspec import structs
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import ConfigError, Float64, FrameHeader, Int64, StereoPair, UInt8
+from markerseek.core import ConfigError, Float64, FrameHeader, Int64, StereoPair, UInt8, as_vector
 from markerseek.geometry import Camera
 from markerseek.registration.choice import SeenMarker
-from markerseek.registration.report import triple
 from markerseek.registration.search_scene import SearchScene
 from markerseek.registration.shared_errors import seen_point
 from markerseek.registration.spots import SPOT_PAIRS, Looked
@@ -239,9 +238,9 @@ class SearchWatch:
             covariance[:3, :3] += np.array(each.covariance)[:3, :3]
         covariance[3:, 3:] += 1e6 * covariance_m2
         return SceneMove(
-            displacement_mm=triple(1e3 * rest_m),
-            rotation_deg=triple(turned.as_rotvec(degrees=True)),
-            middle_mm=triple(1e3 * (self._spot_m + rest_m)),
+            displacement_mm=as_vector(1e3 * rest_m),
+            rotation_deg=as_vector(turned.as_rotvec(degrees=True)),
+            middle_mm=as_vector(1e3 * (self._spot_m + rest_m)),
             covariance=tuple(tuple(row) for row in covariance.tolist()),
         )
 

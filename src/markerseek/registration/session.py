@@ -24,6 +24,7 @@ from markerseek.core import (
     Measured,
     SearchPlan,
     Swept,
+    as_vector,
     counted,
 )
 from markerseek.records.journal import Journal
@@ -36,20 +37,27 @@ from markerseek.registration.endoscope_motion import (
     SeenEndoscope,
     less_breath,
 )
+from markerseek.registration.marker_movement import marker_movement
 from markerseek.registration.plan import MOST_MARKERS, SessionPlan
 from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
-from markerseek.registration.report import registered_pairs, triple
 from markerseek.registration.room import Room
 from markerseek.registration.search_scene import SearchScene
 from markerseek.registration.search_watch import SearchWatch
+from markerseek.registration.session_words import (
+    GO_ON,
+    asking_for,
+    endoscope_in_words,
+    state_in_words,
+    target_in_words,
+    with_hold,
+)
 from markerseek.registration.spot_check import check_spot
 from markerseek.registration.spots import Looked, SpotError, SpotFinder
-from markerseek.registration.stations import CarriedMarkers, carry, stands_elsewhere, station_names
+from markerseek.registration.stations import carry, stands_elsewhere, station_names
 from markerseek.registration.steps import (
     Continued,
     Ended,
-    MovedMarker,
     RecordedStep,
     Registered,
     Searching,
@@ -63,7 +71,7 @@ from markerseek.registration.steps import (
 )
 from markerseek.registration.view import SessionView
 from markerseek.runs import Run, new_run, plan_on
-from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, TissueMoves, scene_texture
+from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, scene_texture
 
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
@@ -73,9 +81,6 @@ _WORTH = 0.1
 
 MOST_AT_REST = 6
 """Most acquisitions at rest of a search by sweeps that has detected nothing."""
-
-_GO_ON = "go on with the ventilation"
-"""What is said once a marker is taken for which the ventilation was held."""
 
 MOST_TEXTURELESS = 2
 """How often in a row images without texture are accepted where somebody may move the endoscope."""
@@ -164,7 +169,7 @@ class RegistrationSession:
             waiting = Waiting(
                 name=self.view.next_name,
                 place=state.place,
-                said=self._with_hold(self._asking(state.place)),
+                said=self._with_hold(asking_for(state.place)),
                 dark=self._room.waits_dark,
             )
             yield self._recorded(waiting)
@@ -203,7 +208,9 @@ class RegistrationSession:
         if not math.isclose(view.goal_m, plan.goal_m, rel_tol=1e-9):
             changed.append(f"the goal is {1e3 * plan.goal_m:g} mm, and was {1e3 * view.goal_m:g} mm")
         if view.target_trus_m != plan.target_trus_m:
-            changed.append(f"the target is {_in_mm(plan.target_trus_m)}, and was {_in_mm(view.target_trus_m)}")
+            changed.append(
+                f"the target is {target_in_words(plan.target_trus_m)}, and was {target_in_words(view.target_trus_m)}"
+            )
         if view.begun is None or not changed:
             return None
         return Continued(goal_m=plan.goal_m, target_trus_m=plan.target_trus_m, said="; ".join(changed))
@@ -286,7 +293,7 @@ class RegistrationSession:
             SpotSeen(
                 name=name,
                 spot=begin.looked.spot,
-                camera_m=triple(begin.seen.camera_m),
+                camera_m=as_vector(begin.seen.camera_m),
                 prediction=prediction,
                 journal=None if journal is None else journal.name,
                 pulses=self._room.fired,
@@ -379,7 +386,9 @@ class RegistrationSession:
 
         Tissue that breathed during the last search is taken to move, also where this one was seen in its pauses only.
         """
-        if scene is None or not (scene.moved or (scene.is_known and self._last_breath is not None)):
+        last = self._last_scene
+        breathed = last is not None and last.tissue is not None
+        if scene is None or not (scene.moved or (scene.is_known and breathed)):
             self._spots.require_still(begin.looked, watch.later)
         elif scene.spot is not None:
             reason = f"{scene.said}: light marker {begin.seen.name} again, and hold laser and tissue still"
@@ -387,7 +396,7 @@ class RegistrationSession:
 
     def _tissue(self, watch: SearchWatch) -> CameraTissue | None:
         """Return the tissue for a search; None if it was not seen to breathe during the last one."""
-        scene = self.view.markers[-1].scene if self.view.markers else None
+        scene = self._last_scene
         if scene is None or scene.tissue is None or scene.tissue.period_s is None or self._clock is None:
             return None
         if not watch.follows or scene.clock is None:
@@ -401,19 +410,18 @@ class RegistrationSession:
         )
 
     @property
-    def _last_breath(self) -> TissueMoves | None:
-        """How the tissue moved during the last search; None: it did not, or it is not known."""
-        scene = self.view.markers[-1].scene if self.view.markers else None
-        return None if scene is None else scene.tissue
+    def _last_scene(self) -> SearchScene | None:
+        """What the cameras saw during the last search; None: nothing was followed."""
+        return self.view.markers[-1].scene if self.view.markers else None
 
     def _await_pause(self) -> None:
         """Wait for a pause of the tissue's breath, as the last search showed it: a spot that moves is not measured."""
-        scene = self.view.markers[-1].scene if self.view.markers else None
-        breath = self._last_breath
-        if scene is None or scene.clock is None or breath is None or breath.period_s is None:
+        scene = self._last_scene
+        if scene is None or scene.clock is None or scene.tissue is None or scene.tissue.period_s is None:
             return
+        breath = scene.tissue
         clock = self._room.rig.scanner.clock
-        until_s = clock.now_s() + 2 * breath.period_s
+        until_s = clock.now_s() + 2 * scene.tissue.period_s
         # Most of the pause must be left for the look.
         while not (breath.in_pause(clock.now_s()) and breath.in_pause(clock.now_s() + 0.8 * breath.pause_s)):
             if clock.now_s() >= until_s:
@@ -503,7 +511,12 @@ class RegistrationSession:
             **structs.asdict(choice),
             place=place,
             done=(self.view.displaced is None or now is not None) and self._is_done(choice, place),
-            said="; ".join([self._said(choice, place), *_of_endoscope(self.view.markers, markers, now)]),
+            said="; ".join(
+                [
+                    state_in_words(choice, place, goal_m=self._plan.goal_m),
+                    *endoscope_in_words(self.view.markers, markers, now),
+                ]
+            ),
             lost=markers.lost,
             endoscope=now,
         )
@@ -530,39 +543,9 @@ class RegistrationSession:
         better_m = choice.report.tre_m if place is None or place.tre_m is None else place.tre_m
         return choice.report.tre_m <= self._plan.goal_m or better_m > (1 - _WORTH) * choice.report.tre_m
 
-    def _said(self, choice: Choice, place: Place | None) -> str:
-        """The state in a sentence."""
-        report = choice.report
-        left = f"; left out, because it does not fit: marker {', '.join(choice.left_out)}" if choice.left_out else ""
-        if report is None or not report.registered:
-            return f"not registered: {choice.reason}{left}"
-        if not choice.decided:
-            return f"not certain: {choice.reason}; {report.expected}"
-        left += "".join(f"; {doubt}" for doubt in report.doubts)
-        if report.tre_m <= self._plan.goal_m:
-            return f"registered: {report.expected}{left}"
-        more = (
-            "" if place is None or place.tre_m is None else f"; another marker lowers it to {1e3 * place.tre_m:.2f} mm"
-        )
-        return f"registered above the goal of {1e3 * self._plan.goal_m:g} mm: {report.expected}{more}{left}"
-
-    def _asking(self, place: Place | None) -> str:
-        """What the person has to do now, in a sentence."""
-        if place is None:
-            return "light a spot that the probe can reach and both cameras see"
-        x_px, y_px = place.left_px
-        return f"light the next spot near ({x_px:.0f}, {y_px:.0f}) px of the left image"
-
     def _with_hold(self, said: str) -> str:
-        """What the person has to do, and what to ask of the anaesthetist, where the ventilation is to be held."""
-        if not self._plan.hold:
-            return said
-        before = f"{_GO_ON}; " if self.view.markers else ""
-        took = f", for about {max(marker.rig_s for marker in self.view.markers):.0f} s" if self.view.markers else ""
-        return (
-            f"{before}{said}; then hold the ventilation at the end of exhalation until its marker is taken{took}, and "
-            "say so once it is held"
-        )
+        """Add what to ask of the anaesthetist, if the ventilation is to be held."""
+        return with_hold(said, self.view.markers) if self._plan.hold else said
 
     def _again(self) -> Generator[Step, None, None]:
         """Measure the first marker that was chosen again."""
@@ -572,7 +555,7 @@ class RegistrationSession:
         place = Place(
             left_px=first.spot.left_px,
             right_px=first.spot.right_px,
-            camera_m=triple(np.array(first.camera_m)),
+            camera_m=as_vector(np.array(first.camera_m)),
             tre_m=None,
         )
         waiting = Waiting(
@@ -588,30 +571,8 @@ class RegistrationSession:
         if taken is not None and stands_elsewhere(self.view.markers, taken.endoscope):
             yield self._recorded(self._state(taken.endoscope))
         if taken is not None and taken.candidates:
-            yield self._recorded(self._movement(chosen, first, taken))
-
-    def _movement(self, chosen: dict[str, int], first: TakenMarker, again: TakenMarker) -> MovedMarker:
-        """How far the marker has moved from where the registration and its spot say that it is now."""
-        markers = carry(self.view.markers, now=again.endoscope).seen
-        then = next(marker for marker in markers if marker.name == first.name)
-        transform = registered_pairs(chosen_pairs(markers, chosen), spot=self._room.rig.spot).transform
-        spots_m = transform.apply(np.array([then.camera_m, again.camera_m]))
-        was = first.candidates[chosen[first.name]].position
-        now = again.candidates[0].position
-        apart_m = (np.array(now.position_m) - np.array(was.position_m)) - (spots_m[1] - spots_m[0])
-        camera = then.camera_covariance_m2 + np.array(again.camera_covariance_m2)
-        covariance = was.covariance_m2 + now.covariance_m2 + transform.rotation @ camera @ transform.rotation.T
-        moved_m = float(np.linalg.norm(apart_m))
-        chi_squared = float(apart_m @ np.linalg.solve(covariance, apart_m))
-        sigma_m = math.sqrt(float(np.trace(covariance)))
-        moved = chi_squared > _MOVED_CHI_SQUARED
-        verdict = (
-            "it has moved: register again, with the tissue held still"
-            if moved
-            else "it has not moved by more than that"
-        )
-        said = f"marker {first.name} is {1e3 * moved_m:.2f} ± {1e3 * sigma_m:.2f} mm from where it was: {verdict}"
-        return MovedMarker(name=first.name, moved_m=moved_m, sigma_m=sigma_m, moved=moved, said=said)
+            markers = carry(self.view.markers, now=taken.endoscope).seen
+            yield self._recorded(marker_movement(first, taken, markers, chosen=chosen, spot=self._room.rig.spot))
 
     def _check(self) -> Generator[Step, None, bool]:
         """Compare the registration with one more spot; whether the person lit it in time."""
@@ -624,7 +585,7 @@ class RegistrationSession:
         waiting = Waiting(
             name=name,
             place=place,
-            said=self._with_hold(f"{self._asking(place)}; it takes no part in the registration, and checks it"),
+            said=self._with_hold(f"{asking_for(place)}; it takes no part in the registration, and checks it"),
             dark=self._room.waits_dark,
         )
         yield self._recorded(waiting)
@@ -645,7 +606,7 @@ class RegistrationSession:
             late = f"{reason}; "
         took = f"{counted(len(self.view.markers), 'marker')} in {self.view.rig_s:.0f} s of the rig"
         registered = self.view.registration is not None
-        go_on = f"; {_GO_ON}" if self._plan.hold else ""
+        go_on = f"; {GO_ON}" if self._plan.hold else ""
         return Ended(registered=registered, said=f"{late}{self.view.said}; {took}{go_on}", rig_s=self.view.rig_s)
 
 
@@ -688,28 +649,3 @@ def _require_new(spot: Spot, seen: SeenMarker, markers: Sequence[SeenMarker]) ->
 def _missed_m(markers: Sequence[SeenMarker]) -> list[Float64[np.ndarray, " 3"]]:
     """Return the spots whose markers were not found."""
     return [marker.camera_m for marker in markers if not marker.candidates]
-
-
-def _of_endoscope(markers: Sequence[TakenMarker], carried: CarriedMarkers, now: SeenEndoscope | None) -> list[str]:
-    """Say whether the endoscope has moved, or may have, and which markers do not count."""
-    seen = markers[-1].endoscope if markers else None
-    said = [seen.said] if seen is not None and stands_elsewhere(markers[:-1], seen) else []
-    said += [now.said] if now is not None else []
-    if carried.lost:
-        names = f"marker {', '.join(carried.lost)}"
-        said.append(
-            f"the endoscope may see {names} elsewhere now, so that it does not count: light new spots, or say that the "
-            "endoscope is held"
-        )
-    return said
-
-
-def _in_mm(target_trus_m: tuple[float, float, float] | None) -> str:
-    """Return a target in words."""
-    if target_trus_m is None:
-        return "the usual one"
-    return " ".join(f"{1e3 * each:g}" for each in target_trus_m) + " mm"
-
-
-_MOVED_CHI_SQUARED = 16.27
-"""Chi squared of three degrees of freedom that is exceeded by chance in one of 1,000."""

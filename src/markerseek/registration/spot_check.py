@@ -12,9 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from markerseek.core import Float64, SpotToSource
+from markerseek.core import Float64, SpotToSource, as_vector
 from markerseek.geometry import ErrorLength, Registration, effect_of_motion
-from markerseek.registration.report import PointPair, SpotCheck, motion_m, registered_pairs, triple
+from markerseek.registration.report import PointPair, SpotCheck, motion_m, registered_pairs
 from markerseek.registration.shared_errors import source_shared_m, sources_m, trus_shared_m
 
 
@@ -33,9 +33,9 @@ def check_spot(pair: PointPair, pairs: Sequence[PointPair], *, spot: SpotToSourc
     off_m = float(np.linalg.norm(transformed_m - pair.trus_m))
     return SpotCheck(
         name=pair.name,
-        trus_m=triple(pair.trus_m),
-        camera_m=triple(pair.camera_m),
-        transformed_m=triple(transformed_m),
+        trus_m=as_vector(pair.trus_m),
+        camera_m=as_vector(pair.camera_m),
+        transformed_m=as_vector(transformed_m),
         off_m=off_m,
         expected_m=error.rms_m,
         expected95_m=error.quantile_m(0.95),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from msgspec import structs
 
 from markerseek.core import ConfigError, Side, StereoPair, counted
 from markerseek.registration.choice import SeenMarker
@@ -151,18 +152,7 @@ class SpotFinder:
         """The spot in pairs with light; `SpotError` if there is none."""
         if len(lit) < DARK_PAIRS:
             raise SpotError(self._no_light(dark))
-        places = []
-        sigma_px = 0.0
-        for side in SIDES:
-            answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
-            if not isinstance(answer, LaserSpot):
-                raise SpotError(f"{side} camera: {answer.reason}", places={side: answer.places_px})
-            if answer.sigma_px is None:
-                place = (answer.x_px, answer.y_px)
-                raise SpotError(f"{side} camera: too few images show the spot", places={side: [place]})
-            places.append((answer.x_px, answer.y_px))
-            sigma_px = max(sigma_px, answer.sigma_px)
-        return Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px, late_s=self._late_s or None)
+        return structs.replace(spot_in(lit, dark), late_s=self._late_s or None)
 
     def _no_light(self, dark: Sequence[StereoPair]) -> str:
         """Say that no light is seen, and what is lit all the time."""
@@ -225,3 +215,23 @@ class SpotFinder:
             return self._measured(lit_pairs(later, looked.dark)[0], looked.dark)
         except SpotError:
             return self.look().spot
+
+
+def spot_in(lit: Sequence[StereoPair], dark: Sequence[StereoPair], *, alone_px: float | None = None) -> Spot:
+    """Return the spot in pairs with light; `SpotError` if there is none.
+
+    ``alone_px``: its standard deviation where too few images tell it; None: they show no spot.
+    """
+    places = []
+    sigma_px = 0.0
+    for side in SIDES:
+        answer = find_spot([getattr(pair, side) for pair in lit], dark=[getattr(pair, side) for pair in dark])
+        if not isinstance(answer, LaserSpot):
+            raise SpotError(f"{side} camera: {answer.reason}", places={side: answer.places_px})
+        place = (answer.x_px, answer.y_px)
+        side_px = alone_px if answer.sigma_px is None else answer.sigma_px
+        if side_px is None:
+            raise SpotError(f"{side} camera: too few images show the spot", places={side: [place]})
+        places.append(place)
+        sigma_px = max(sigma_px, side_px)
+    return Spot(left_px=places[0], right_px=places[1], sigma_px=sigma_px)

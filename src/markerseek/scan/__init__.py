@@ -6,7 +6,7 @@ A recorded scan over all angles is a bank (`markerseek.records.banks`).
 from markerseek.scan.confirmation import apply_confirmation, larger_noise, moved_source
 from markerseek.scan.loop import RunLimits, Tally, run
 from markerseek.scan.scanner import Scanner, Watchdog, per_energy
-from markerseek.scan.sweeping import SweepingDevices
+from markerseek.scan.sweeping import SweepingDevices, rest_to_rest_s
 
 __all__ = [
     "RunLimits",
@@ -18,5 +18,6 @@ __all__ = [
     "larger_noise",
     "moved_source",
     "per_energy",
+    "rest_to_rest_s",
     "run",
 ]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from markerseek.core import Clock, Displacement, FollowedTissue
+from markerseek.core import Clock, Displacement, FollowedTissue, as_matrix, as_vector
 
 _MOST_BREATHS = 2.0
 """Longest wait for a pause, in breaths: the first pause may be too short, or nearly over."""
@@ -49,16 +47,7 @@ def mean_displacement(tissue: FollowedTissue, *, began_s: float, ended_s: float)
     known = [each for each in moments if each is not None]
     if len(known) < len(moments):
         return None
-    return Displacement(mm=_mean([each.mm for each in known]), covariance_mm2=_mean_matrix(known))
-
-
-def _mean(rows: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
-    x, y, z = np.mean(rows, axis=0).tolist()
-    return x, y, z
-
-
-def _mean_matrix(
-    known: Sequence[Displacement],
-) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
-    first, second, third = zip(*(each.covariance_mm2 for each in known), strict=True)
-    return _mean(first), _mean(second), _mean(third)
+    return Displacement(
+        mm=as_vector(np.mean([each.mm for each in known], axis=0)),
+        covariance_mm2=as_matrix(np.mean([each.covariance_mm2 for each in known], axis=0)),
+    )

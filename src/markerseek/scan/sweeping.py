@@ -149,18 +149,20 @@ class SweepingDevices:
         return there_s + TURN_S + self._way_s(sweep.back_deg - sweep.to_deg, speed_deg_s=sweep.speed_deg_s)
 
     def _way_s(self, way_deg: float, *, speed_deg_s: float) -> float:
-        """Time from rest to rest, in seconds."""
-        way_deg = abs(way_deg)
-        acceleration = self.stage.acceleration_deg_s2
-        if way_deg <= speed_deg_s**2 / acceleration:
-            return 2 * math.sqrt(way_deg / acceleration)
-        return way_deg / speed_deg_s + speed_deg_s / acceleration
+        return rest_to_rest_s(abs(way_deg), speed_deg_s=speed_deg_s, acceleration_deg_s2=self.stage.acceleration_deg_s2)
+
+
+def rest_to_rest_s(way_deg: float, *, speed_deg_s: float, acceleration_deg_s2: float) -> float:
+    """Return the time of a turn from rest to rest, in seconds; ``way_deg``: at least 0."""
+    if way_deg <= speed_deg_s**2 / acceleration_deg_s2:
+        return 2 * math.sqrt(way_deg / acceleration_deg_s2)
+    return way_deg / speed_deg_s + speed_deg_s / acceleration_deg_s2
 
 
 READ_S = 0.05
 """Time from one reading of a turning stage to the next."""
 
-LEAST_READ_S = 0.025
+_LEAST_READ_S = 0.025
 """The same where computer or line were held up: nearer readings do not show whether the stage turns."""
 
 _LATE_S = 0.02
@@ -208,6 +210,15 @@ class SweptFrame:
     timing: SweepTiming
     displacement: Displacement | None = None
     """Of the tissue at the pulse; None: not known."""
+
+
+def await_reading(clock: Clock, last: StageReading) -> None:
+    """Wait until a turning stage is to be read again.
+
+    Shorter where computer or line were held up: the guard must have a reading every `SWEEP_READING_S`.
+    """
+    since_s = clock.now_s() - last.asked_s
+    clock.wait(min(READ_S, max(_LEAST_READ_S, READ_S + _LEAST_READ_S - since_s)))
 
 
 class Way:
@@ -353,9 +364,7 @@ class SweepInProgress:
 
     def _read(self) -> bool:
         """Read the stage after a pause, and return whether the probe may be lit."""
-        # Shorter where computer or line were held up: the guard must have a reading every `SWEEP_READING_S`.
-        since_s = self._clock.now_s() - self._readings[-1].asked_s
-        self._clock.wait(min(READ_S, max(LEAST_READ_S, READ_S + LEAST_READ_S - since_s)))
+        await_reading(self._clock, self._readings[-1])
         reading = self._next_reading()
         return self._guard.read_sweep(reading.angle_deg, now_s=self._way.moment_s(reading))
 

@@ -10,7 +10,7 @@ from typing import cast
 
 from markerseek.core import Clock, ConfigError, MoveError, Stage, StageReading, SweepingStage
 from markerseek.guard import Guard
-from markerseek.scan.sweeping import AT_REST_DEG, BEGIN_S, LEAST_READ_S, READ_S, Way
+from markerseek.scan.sweeping import AT_REST_DEG, BEGIN_S, READ_S, Way, await_reading
 
 ARRIVED_DEG = 0.05
 """Most that a turn which nobody broke off may end beside its target."""
@@ -98,8 +98,7 @@ class TurnInProgress:
             )
 
     def _read(self) -> None:
-        since_s = self._clock.now_s() - self._readings[-1].asked_s
-        self._clock.wait(min(READ_S, max(LEAST_READ_S, READ_S + LEAST_READ_S - since_s)))
+        await_reading(self._clock, self._readings[-1])
         reading = self._next_reading()
         self._guard.read_turn(reading.angle_deg, now_s=self._way.moment_s(reading))
 

@@ -7,7 +7,7 @@ makes either of them from the method's name.
 from markerseek.search.bracket import GOLDEN, TERNARY, BracketSearch
 from markerseek.search.checked import CheckedPolicy
 from markerseek.search.curve import Curve, Peak, curve_of, peak_of
-from markerseek.search.floor import noise_of
+from markerseek.search.floor import noise_factor, noise_of
 from markerseek.search.manual import ScriptedManual
 from markerseek.search.methods import (
     METHODS,
@@ -52,6 +52,7 @@ __all__ = [
     "is_own_method",
     "method_named",
     "most_acquisitions",
+    "noise_factor",
     "noise_of",
     "of_all_angles",
     "peak_of",

@@ -6,9 +6,8 @@ import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import ConfigError, Float64
+from markerseek.core import ConfigError, Float64, Vector, as_vector
 from markerseek.geometry import RigidTransform, StereoMotion, effect_of_motion, motion_about
-from markerseek.vision.tissue_motion import Vector, as_vector
 
 MOVED_MM = 0.25
 MOVED_DEG = 0.15

@@ -9,17 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import msgspec
 import numpy as np
 
-from markerseek.core import Float64
-
-Vector: TypeAlias = tuple[float, float, float]
-"""Three coordinates in the left camera's frame."""
-
-Matrix: TypeAlias = tuple[Vector, Vector, Vector]
+from markerseek.core import Float64, Matrix, Vector, as_matrix, as_vector
 
 PERIODS_S = (2.0, 8.0)
 """Shortest and longest period."""
@@ -260,15 +254,3 @@ def _longest(near: np.ndarray, rest: int) -> tuple[int, int]:
     while near[(end + 1) % count]:
         end += 1
     return begin, end - begin
-
-
-def as_vector(values: Float64[np.ndarray, " 3"]) -> Vector:
-    """Return three numbers as they are stored."""
-    x, y, z = (float(value) for value in values)
-    return x, y, z
-
-
-def as_matrix(values: Float64[np.ndarray, "3 3"]) -> Matrix:
-    """Return nine numbers as they are stored."""
-    first, second, third = (as_vector(row) for row in values)
-    return first, second, third

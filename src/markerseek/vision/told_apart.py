@@ -19,16 +19,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc
 
-from markerseek.core import Float64
+from markerseek.core import Float64, Matrix, Vector, as_matrix, as_vector
 from markerseek.geometry import RigidTransform, StereoMotion, motion_about
 from markerseek.vision.scene_move import MOVED_DEG, MOVED_MM, SceneMove
 from markerseek.vision.tissue_motion import (
     DisplacementSeries,
-    Matrix,
     TissueMoves,
-    Vector,
-    as_matrix,
-    as_vector,
     tissue_motion,
 )
 

@@ -35,6 +35,7 @@ from markerseek.registration import (
 )
 from markerseek.registration.choice import Choice, SeenMarker, choose
 from markerseek.registration.endoscope_motion import less_breath
+from markerseek.registration.marker_movement import marker_movement
 from markerseek.registration.stations import carry
 from markerseek.sim import STREAMING
 from markerseek.vision import ClockOffset, TissueMoves
@@ -292,9 +293,11 @@ def test_a_marker_that_is_measured_again_after_a_move_is_compared_with_its_carri
     # The light is where it was: only the cameras moved.
     spot_m = motion.transform.apply(np.array(first.camera_m))
     again = structs.replace(again, again="1", camera_m=spot_m.tolist(), candidates=first.candidates)
-    assert not session._movement(session.view.last.chosen, first, again).moved
+    markers = carry(session.view.markers, now=motion).seen
+    chosen = session.view.last.chosen
+    assert not marker_movement(first, again, markers, chosen=chosen, spot=SpotToSource()).moved
     elsewhere = structs.replace(again, camera_m=np.add(spot_m, [6e-3, 0.0, 0.0]).tolist())
-    assert session._movement(session.view.last.chosen, first, elsewhere).moved
+    assert marker_movement(first, elsewhere, markers, chosen=chosen, spot=SpotToSource()).moved
 
 
 def test_a_breath_between_two_pairs_is_no_move_of_the_endoscope() -> None:

@@ -18,7 +18,7 @@ from markerseek._closing import Closing
 from markerseek.bridges.igtl.commands import CommandAnswer, Request
 from markerseek.bridges.igtl.peer import IPAddress
 from markerseek.bridges.igtl.service import IgtlServer
-from markerseek.bridges.igtl.streams import StreamMessage
+from markerseek.bridges.igtl.streams import StreamMessage, camera_transform
 from markerseek.following import FollowStep
 from markerseek.wire import igtl
 
@@ -84,15 +84,10 @@ class FollowService(Closing):
 
 def follow_messages(step: FollowStep | None) -> list[StreamMessage]:
     """Return the messages of a step; None: nothing is known now."""
-    matrix = None
-    metadata = {"TransformStatus": "INVALID"}
-    if step is not None and step.davinci_to_trus is not None:
-        matrix = np.array(step.davinci_to_trus)
-        matrix[:3, 3] *= 1e3
-        metadata = {"TransformStatus": "OK", "tre_m": f"{step.tre_m:g}"}
-    transform = StreamMessage(device="DaVinciToProbeHome", content=igtl.Transform(matrix=matrix), metadata=metadata)
     if step is None:
-        return [transform]
+        return [camera_transform(None, errors={})]
+    matrix = None if step.davinci_to_trus is None else np.array(step.davinci_to_trus)
+    transform = camera_transform(matrix, errors={} if step.tre_m is None else {"tre_m": step.tre_m})
     text = msgspec.json.encode(step).decode()
     return [transform, StreamMessage(device="FollowState", content=igtl.Text(text=text))]
 

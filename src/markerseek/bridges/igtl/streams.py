@@ -22,7 +22,7 @@ import numpy as np
 
 from markerseek.bridges.child import Outcome
 from markerseek.bridges.run_images import PicturedEntry, PicturedItem, since_fired_s
-from markerseek.core import Measured
+from markerseek.core import Float64, Measured
 from markerseek.records.banks import image_to_probe, probe_to_probe_home
 from markerseek.records.journal import Configuration, RunView
 from markerseek.registration import KnownRegistration, SessionView
@@ -213,16 +213,26 @@ def _transform(angle_deg: float, *, known: bool) -> StreamMessage:
 
 def _registration_transform(known: KnownRegistration | None) -> StreamMessage:
     """The transform of the camera with its errors; None withdraws what clients have."""
-    errors: dict[str, str] = {}
+    if known is None:
+        return camera_transform(None, errors={})
+    return camera_transform(known.davinci_to_trus.matrix, errors=known.errors)
+
+
+def camera_transform(
+    davinci_to_trus: Float64[np.ndarray, "4 4"] | None, *, errors: Mapping[str, float]
+) -> StreamMessage:
+    """TRANSFORM from the camera to the probe; None: none holds.
+
+    ``davinci_to_trus``: in metres. ``errors``: what stands beside it in the metadata, by name.
+    """
     matrix = None
-    if known is not None:
-        matrix = known.davinci_to_trus.matrix
+    if davinci_to_trus is not None:
+        matrix = davinci_to_trus.copy()
         matrix[:3, 3] *= 1e3
-        errors = {name: f"{value:g}" for name, value in known.errors.items()}
     return StreamMessage(
         device="DaVinciToProbeHome",
         content=igtl.Transform(matrix=matrix),
-        metadata=_validity(known=known is not None) | errors,
+        metadata=_validity(known=matrix is not None) | {name: f"{value:g}" for name, value in errors.items()},
     )
 
 

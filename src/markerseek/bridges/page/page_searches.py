@@ -42,9 +42,8 @@ from markerseek.registration import (
     is_running,
     kept_sessions,
     next_view,
-    read_session,
+    read_view,
     sessions_folder,
-    view_of,
 )
 from markerseek.show import STOPPED, Verdict, verdict_of
 from markerseek.sim import SimulatedSettings
@@ -426,7 +425,7 @@ class PageSearches:
         try:
             begun = msgspec.json.decode(read_input(_page_file(), most_bytes=MIB), type=BegunSession)
             folder = Path(begun.folder)
-            view = view_of(read_session(folder), folder)
+            view = read_view(folder)
             if view.ended is not None or view.moved or is_running(folder):
                 return
         except (OSError, RecordError, msgspec.MsgspecError):
@@ -490,7 +489,7 @@ class PageSearches:
 
 def _asked_again(folder: Path, further: Further, usual: SessionRequest) -> SessionRequest:
     """Return what continues a session: its seed, how its markers were searched, and for what."""
-    view = view_of(read_session(folder), folder)
+    view = read_view(folder)
     plan = usual.plan
     first = next((each.journal for each in view.markers if each.journal is not None), None)
     if first is not None:
