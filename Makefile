@@ -150,7 +150,7 @@ lock: .venv/dev  ## pin the versions again, after a change in pyproject.toml
 	$(COMPILE_GROUPS) -c requirements/run.txt -o requirements/bench.txt pyproject.toml out/bench.in
 	$(COMPILE_GROUPS) -c requirements/dev.txt -o requirements/peers.txt requirements/peers.in
 	$(COMPILE_GROUPS) -c requirements/dev.txt -o requirements/ros2.txt requirements/ros2.in
-	@echo "then, in the new environment: python release/licences.py > docs/reference/licences.md"
+	@echo "then, in the new environment: python release/licences.py > requirements/licences.md"
 
 clean:  ## remove the environment and everything made
 	rm -rf .venv .venv-bench .venv-peers .venv-ros out .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

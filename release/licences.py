@@ -1,4 +1,4 @@
-"""Prints the page of licences: ``python release/licences.py > docs/reference/licences.md``.
+"""Prints the page of licences: ``python release/licences.py > requirements/licences.md``.
 
 They are read from the metadata of the packages that are installed in this environment, for each name in
 ``requirements/run.txt``. A licence that is not known to be permissive ends it with an error.

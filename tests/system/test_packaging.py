@@ -50,7 +50,7 @@ def test_the_lists_agree_on_versions() -> None:
 
 
 def test_the_page_of_licences_has_what_is_pinned_and_nothing_under_the_gpl() -> None:
-    page = (ROOT / "docs" / "reference" / "licences.md").read_text(encoding="utf-8")
+    page = (ROOT / "requirements" / "licences.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([\w.-]+) \| (\d\S*) \| (.+) \| (.*) \|$", page, re.MULTILINE)
     assert {name: version for name, version, _, _ in rows} == pinned("run")
     for name, _, licence, remark in rows:

@@ -5,10 +5,10 @@ An intensity depends on the angle between probe and marker. So a sample that was
 seen in every frame: the marker's lateral position v and its depth d, less what the slant range (4) makes of the angle.
 About their means both scatter by a known noise n, with the tails of a Student distribution, and by the motion,
 
-    v_i ~ t₄(v̄, n_i² + σ_v²),        d_i ~ t₄(d̄, n_i² + σ_d²).                                              (12)
+    v_i ~ t₄(v̄, n_i² + σ_v²),        d_i ~ t₄(d̄, n_i² + σ_d²).                                              (16)
 
 Tissue moves to and fro along a line that may have any direction: with σ the standard deviation of the displacement
-along it, and c a unit vector, σ_v = σ|c_v|, σ_d = σ|c_d|, and along the turn σ_t = σ|c_t|. (12) with a prior over σ,
+along it, and c a unit vector, σ_v = σ|c_v|, σ_d = σ|c_d|, and along the turn σ_t = σ|c_t|. (16) with a prior over σ,
 flat in ln σ, and over c, gives the probability of each σ_t (`along_turn`). c is flat over the sphere, but for a part of
 all motions that is just along the turn: a probe that turns takes the tissue along that it touches. If nothing is seen
 in the other two directions, the marker rests, or it is one of these.
@@ -101,7 +101,7 @@ DIRECTIONS = 240
 """Directions in an octant of the sphere that stand for all."""
 
 PLACE_SIGMAS_M = np.concatenate([[0.0], np.geomspace(2e-6, OVERALL_M[-1], 40)])
-"""σ_v and σ_d at which (12) is computed; linear in between."""
+"""σ_v and σ_d at which (16) is computed; linear in between."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -158,7 +158,7 @@ def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, state
             relative_sigma=relative_sigma,
         )
     if stated_m is None and _scatter(clear) < REST_SIGMAS:
-        # The usual case, in which (12) need not be computed: a decision must not wait for it.
+        # The usual case, in which (16) need not be computed: a decision must not wait for it.
         return TurnMotion(
             probability=_none_seen(),
             lateral_m=0.0,
@@ -326,7 +326,7 @@ def overall_prior(stated_m: float | None) -> Float64[np.ndarray, " overall"]:
 def log_likelihoods(
     place_m: Float64[np.ndarray, " moments"], noise_m: Float64[np.ndarray, " moments"]
 ) -> Float64[np.ndarray, " sigmas"]:
-    """Return ln of the likelihood (12) of places for each motion of `PLACE_SIGMAS_M`, the mean place integrated out."""
+    """Return ln of the likelihood (16) of places for each motion of `PLACE_SIGMAS_M`, the mean place integrated out."""
     # A mean beyond the places is less probable than one at their ends.
     middle_m = np.linspace(place_m.min() - noise_m.min(), place_m.max() + noise_m.min(), 41)
     scale_m = np.hypot(noise_m, PLACE_SIGMAS_M[:, None])[:, None, :]
@@ -351,7 +351,7 @@ def along_turn(
     prior: Float64[np.ndarray, " overall"],
     logs: tuple[Float64[np.ndarray, " sigmas"], Float64[np.ndarray, " sigmas"]] | None,
 ) -> Float64[np.ndarray, " sigmas"]:
-    """Return the probability of each of `SIGMAS_M`, from the prior over σ and the likelihoods of (12).
+    """Return the probability of each of `SIGMAS_M`, from the prior over σ and the likelihoods of (16).
 
     ``logs``: of the lateral positions and of the depths; None: not known.
     """

@@ -6,7 +6,7 @@
    end, the probe turns to the nearer end without light, and sweeps there and back in one burst: the order of its frames
    is not believed. While they are read it turns to the middle of the range, which is nearer to most markers.
 2. It sweeps back over the flanks unless both directions have passed them, since a delay between pulse and angle shifts
-   the two against one another (11): a delay that the rig states is compared, and not believed. It does so too where the
+   the two against one another (17): a delay that the rig states is compared, and not believed. It does so too where the
    centre is not known well enough, the slower the more is missing. Where another source may still hide, it sweeps back
    over the whole range.
 3. What is still missing is measured at rest, as `Posterior` does: another look at a source, more precision. Where
@@ -18,7 +18,7 @@ sweeps are over that part. If `Posterior` gives the prior up, all begins again o
 The angle of a pulse is the stage's when it was stamped. If the light comes later by a delay d, the probe has turned on
 by v·d at the speed v. So a curve that is swept there and back has two centres,
 
-    c_down − c_up = (|v_up| + |v_down|)·d.                                                                     (11)
+    c_down − c_up = (|v_up| + |v_down|)·d.                                                                     (17)
 
 A marker that moves has two centres as well. Where frames show that it moves, the difference says as much less of the
 delay.
@@ -114,7 +114,7 @@ def delay_of(
     *,
     moved_deg: float = 0.0,
 ) -> Delay | None:
-    """Return the delay by (11); None unless the marker was passed both ways.
+    """Return the delay by (17); None unless the marker was passed both ways.
 
     ``samples``: all samples with light. ``centre_of``: fits a curve to samples; None if they show no curve.
     ``moved_deg``: standard deviation of the displacement of the marker along the turn during a way, 0 where it rests.
