@@ -55,7 +55,7 @@ class Stored:
     made: Mapping[str, object]
 
     def number(self, name: str) -> float:
-        """Number that the run was made with."""
+        """Return the number that the run was made with."""
         return float(self.made[name])  # type: ignore[arg-type]
 
 
@@ -83,7 +83,7 @@ class Peaks:
 
 
 def read(path: Path) -> Stored:
-    """Stored output of ``make.py``."""
+    """Return the stored output of ``make.py``."""
     with np.load(path) as file:
         return Stored(
             traces={True: file["with_lens"].astype(float), False: file["without_lens"].astype(float)},
@@ -128,7 +128,7 @@ def unit_pa(source: GaussianAbsorber, *, band: Band, laser: LaserPulse, sound_sp
 
 
 def heard(stored: Stored, *, band: Band, laser: LaserPulse, lens: bool, line: bool) -> np.ndarray:
-    """What markerseek hears at the run's angles, per unit of initial pressure, shape (angles, samples).
+    """Return what markerseek hears at the run's angles, per unit of initial pressure, shape (angles, samples).
 
     A run in a plane is a world in which nothing changes along the array: its absorber is a line, and a line of
     Gaussian balls of radius a with one each a·√π is one that is 1 in its middle. So the plane's trace is the sum of

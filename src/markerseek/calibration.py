@@ -45,7 +45,7 @@ class Moveout:
 def fit_moveout(
     arrivals_s: Sequence[Float64[np.ndarray, " channels"]], element_m: Float64[np.ndarray, " channels"]
 ) -> Moveout:
-    """Speed of sound and range from frames of one point source, taken near its plane.
+    """Return the speed of sound and range from frames of one point source, taken near its plane.
 
     In each frame t(y) = t0 + sqrt((y - y0)² + r²)/c; near the plane c and r are common, t0 and y0 its own.
 
@@ -93,7 +93,7 @@ def apex_s(
     *,
     plane_s: float | None = None,
 ) -> float:
-    """Time at which a frame's wave would reach an element right above the point, in seconds.
+    """Return the time at which a frame's wave would reach an element right above the point, in seconds.
 
     ``moveout``: result of the frames near the plane. ``plane_s``: the same time of a frame in the plane, for a frame
     off it, where a delay means a longer range. None: this frame is in the plane.
@@ -335,7 +335,7 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
 
 
 def _derived(value: float, gradient: Sequence[float], covariance: Float64[np.ndarray, "n n"]) -> Fitted:
-    """A number that follows from the parameters, with the error that it has from theirs."""
+    """Return a number that follows from the parameters, with the error that it has from theirs."""
     return Fitted(value=value, sigma=math.sqrt(float(np.array(gradient) @ covariance @ gradient)))
 
 
@@ -344,7 +344,7 @@ def _scaled(value: Fitted, unit: float) -> Fitted:
 
 
 def _in_plane(waves: SourceWaves, best: int, height: Float64[np.ndarray, " frames"]) -> tuple[_Wave, float]:
-    """Wave in the image plane, finely sampled over the time from its middle, and the time of that middle; in µs."""
+    """Return the wave in the image plane over the time in µs from its middle, and the time of the middle."""
     time_us = waves.time_s * 1e6
     wave = waves.wave[best] / height[best]
     middle = float(_middle(wave, time_us, share=_SIGNIFICANT))
@@ -354,7 +354,7 @@ def _in_plane(waves: SourceWaves, best: int, height: Float64[np.ndarray, " frame
 
 
 def _covariance(fit: OptimizeResult, *, frames: int) -> Float64[np.ndarray, "n n"]:
-    """Covariance of the parameters: inverse information plus a sandwich estimate clustered by wave."""
+    """Return the covariance of the parameters: inverse information plus a sandwich estimate clustered by wave."""
     # The samples of a wave have correlated errors, by its arrival and by what the model leaves out. Counted one by one
     # they would give a sigma many times too small, so the cluster is the wave (Liang & Zeger 1986). The last two
     # residuals are the wave front's, and each is a cluster of its own.
@@ -399,7 +399,7 @@ def _residual(
     *,
     weighted: bool,
 ) -> Float64[np.ndarray, "frames window"]:
-    """Residual of each wave, scaled to height 1, with its amplitude fitted."""
+    """Return the residual of each wave, scaled to height 1, with its amplitude fitted."""
     source_deg, distance, face, arrival_us, tall, bend, speed = parameters
     radius = distance + face
     turn = np.radians(waves.angle_deg - source_deg)
@@ -471,7 +471,7 @@ def require_delays(waves: SourceWaves, geometry: Geometry) -> None:
 
 
 def _path_delay_s(angle_deg: Float64[np.ndarray, " frames"], geometry: Geometry) -> Float64[np.ndarray, " frames"]:
-    """Delay of the way from the source to the face, over that in the image plane, in seconds."""
+    """Return the delay of the way from the source to the face, over that in the image plane, in seconds."""
     radius_m = geometry.source_radius_m.value
     face_m = geometry.face_radius_m.value
     turn = np.radians(angle_deg - geometry.source_deg.value)
@@ -482,7 +482,7 @@ def _path_delay_s(angle_deg: Float64[np.ndarray, " frames"], geometry: Geometry)
 def _middle(
     wave: Float64[np.ndarray, "*frames window"], time: Float64[np.ndarray, " window"], *, share: float
 ) -> Float64[np.ndarray, "*frames"]:
-    """Time of the middle of the power of each wave, without what is below a share of its largest power."""
+    """Return the time of the middle of the power of each wave, without what is below a share of its largest power."""
     power = np.abs(hilbert(wave, axis=-1)) ** 2
     power = np.where(power > share * power.max(axis=-1, keepdims=True), power, 0.0)
     return np.asarray(power @ time / power.sum(axis=-1))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def search_figure(result: SearchResult) -> Figure:
-    """Figure of a search: its intensities over the angle with the answer, and the way of the probe.
+    """Return the figure of a search: its intensities over the angle with the answer, and the way of the probe.
 
     Of a recording: the recorded curve with the answer from all angles, and what a search would have taken.
 
@@ -39,7 +39,7 @@ def bank_figure(
     curve: Curve | None = None,
     peak: Peak | None = None,
 ) -> Figure:
-    """Figure of a bank: intensity over angle with the statistics of its peak, and the image at the maximum.
+    """Return the figure of a bank: intensity over angle with the statistics of its peak, and the image at the maximum.
 
     Parameters
     ----------

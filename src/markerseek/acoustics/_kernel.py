@@ -18,7 +18,7 @@ MIXED_FROM_NODES = 40
 
 @compiled
 def nodes_needed(phase: float, steepness: float) -> int:
-    """Gauss–Legendre nodes for a phase that changes by this number of radians per half extent.
+    """Return the Gauss–Legendre nodes for a phase that changes by this number of radians per half extent.
 
     An n-point rule integrates exp(i k x) over [−1, 1] once 2n exceeds k by a margin that grows as k^(1/3) (the decay
     of Bessel functions of order 2n above their argument k). ``steepness`` is half the extent over the distance, which

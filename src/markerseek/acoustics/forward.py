@@ -32,7 +32,10 @@ _rule = lru_cache(maxsize=512)(roots_legendre)
 
 @lru_cache(maxsize=64)
 def _rules(most: int) -> tuple[Float64[np.ndarray, "rules points"], Float64[np.ndarray, "rules points"]]:
-    """Gauss–Legendre nodes and weights of 1 to ``most`` points, one rule a row; the weights of a rule sum to 1."""
+    """Return the Gauss–Legendre nodes and weights of 1 to ``most`` points, one rule a row.
+
+    The weights of a rule sum to 1.
+    """
     nodes = np.zeros((most + 1, most))
     weights = np.zeros((most + 1, most))
     for points in range(1, most + 1):
@@ -64,7 +67,7 @@ class AcousticModel:
         require_fields(self, "acoustic model")
 
     def pulse(self, source: GaussianAbsorber) -> PulseTable:
-        """Pulse of a source under this model's light, medium and band; computed once.
+        """Return the pulse of a source under this model's light, medium and band; computed once.
 
         ``source``: absorber's size and shape.
         """
@@ -81,7 +84,7 @@ class AcousticModel:
     def channel_data(
         self, absorbers: Sequence[Absorber], *, angle_deg: float
     ) -> Float32[np.ndarray, "elements samples"]:
-        """Channel data without noise, shape (elements, samples); see the class for the unit.
+        """Return the channel data without noise, shape (elements, samples); see the class for the unit.
 
         An absorber that is, at this angle, behind the plane of the face or less than `_NEAREST_M` in front of it
         gives no signal: the probe's body hides it. Sound that arrives after the record is cut off.
@@ -106,7 +109,7 @@ class AcousticModel:
         return data
 
     def _place(self, absorber: Absorber, angle_deg: float) -> tuple[float, float]:
-        """Elevation and axial distance of an absorber, in metres."""
+        """Return the elevation and axial distance of an absorber, in metres."""
         least = self.probe.face_radius_m + _NEAREST_M
         # Refused at every angle, also where the probe would hide it: at some angle it would be inside the probe.
         if not absorber.radius_m >= least:

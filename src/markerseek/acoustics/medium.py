@@ -35,7 +35,7 @@ class Medium(msgspec.Struct, frozen=True, kw_only=True):
     def attenuation_np_m(
         self, frequency_hz: Float64[np.ndarray, " frequencies"]
     ) -> Float64[np.ndarray, " frequencies"]:
-        """Attenuation a·fⁿ of the amplitude at each frequency, in Np/m: a wave keeps exp(−a·fⁿ·d) over the path d.
+        """Return the attenuation a·fⁿ at each frequency, in Np/m: a wave keeps exp(−a·fⁿ·d) of its amplitude.
 
         ``frequency_hz``: frequencies, not negative.
         """

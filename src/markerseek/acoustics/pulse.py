@@ -53,7 +53,7 @@ class PulseTable:
 def pulse_table(
     source: GaussianAbsorber, *, laser: LaserPulse, band: Band, medium: Medium, sampling_hz: float, longest_m: float
 ) -> PulseTable:
-    """Table of the pulse of a source, made once for each set of arguments.
+    """Return the table of the pulse of a source, made once for each set of arguments.
 
     ``source``: it, like the other arguments, must be hashable. ``medium``: speed of sound and attenuation.
     ``longest_m``: longest path that is needed. Raises `ConfigError` if the band reaches beyond half of the sampling
@@ -92,7 +92,7 @@ def pulse_table(
 
 
 def _envelope_peak(spectrum: Complex128[np.ndarray, " frequencies"]) -> float:
-    """Peak of the envelope of the pulse with this spectrum (frequencies up to half the sampling frequency)."""
+    """Return the peak of the envelope of the pulse with this spectrum, up to half the sampling frequency."""
     # Eight times oversampled: between two samples the envelope may be higher than at them.
     analytic = scipy.fft.ifft(2 * spectrum, _WINDOW * 8, norm="forward")
     return float(np.abs(analytic).max())
@@ -101,7 +101,7 @@ def _envelope_peak(spectrum: Complex128[np.ndarray, " frequencies"]) -> float:
 def _by_phase(
     spectra: Complex128[np.ndarray, "ranges frequencies"], source: GaussianAbsorber
 ) -> tuple[int, Float32[np.ndarray, "ranges phases length"]]:
-    """Pulses laid out by phase, and the sample after the arrival at which they begin."""
+    """Return the pulses laid out by phase, and the sample after the arrival at which they begin."""
     ranges = spectra.shape[0]
     fine = _WINDOW * PHASES
     half = fine // 2

@@ -28,7 +28,7 @@ _MIN_GAIN = 1e-2
 def two_way_elevation(
     probe: Probe, *, radius_m: float, off_plane_deg: Float64[np.ndarray, " angles"]
 ) -> Float64[np.ndarray, " angles"]:
-    """Peak of the echo of a point over the angle between it and the image plane, relative to that in the plane.
+    """Return the peak of the echo of a point over its angle to the image plane, relative to that in the plane.
 
     The spectrum of one element's signal of a point source is B·S·H: its band, the source's pulse, and the mean over the
     element's height with the lens. An echo has B²·H², which is the square of the signal over that of the source's

@@ -37,7 +37,7 @@ class Probe(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             )
 
     def in_probe_frame(self, *, radius_m: float, off_plane_deg: float) -> tuple[float, float]:
-        """Where a point lies as seen from the face: offset in elevation and distance from the face's plane, in metres.
+        """Return a point's offset in elevation and its distance from the plane of the face, in metres.
 
         With t the angle from the image plane to the point these are ρ sin t and ρ cos t − R.
 
@@ -79,7 +79,7 @@ class Band(msgspec.Struct, frozen=True, kw_only=True):
             )
 
     def gain(self, frequency_hz: Float64[np.ndarray, " frequencies"]) -> Float64[np.ndarray, " frequencies"]:
-        """Gain at each frequency, 1 at the peak: 2^−(x/w)², x = f − centre, with w = a + b·tanh(x/narrower half).
+        """Return the gain at each frequency: 2^−(x/w)², x = f − centre, with w = a + b·tanh(x/narrower half).
 
         The numbers a and b are such that w is the half width of the band at either end.
 
@@ -116,7 +116,7 @@ class Bursts(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         require_fields(self, "bursts")
 
     def draw(self, rng: np.random.Generator, *, channels: int) -> Float32[np.ndarray, " channels"]:
-        """Factors for the noise of each channel in one frame; 1 without a burst."""
+        """Return the factors for the noise of each channel in one frame; 1 without a burst."""
         # Sizes are drawn for all channels, so that the random state does not depend on which were hit.
         hit = rng.random(channels) < self.channel_probability
         size = np.where(hit, self._sizes(rng, channels), 1.0)
@@ -144,7 +144,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     def sample(
         self, rng: np.random.Generator, *, channels: int, samples: int, sampling_hz: float
     ) -> Float32[np.ndarray, "channels samples"]:
-        """Noise of one frame, shape (channels, samples), to be added to the channel data.
+        """Return the noise of one frame, shape (channels, samples), to be added to the channel data.
 
         ``channels``, ``samples``: shape of the frame.
         """
@@ -162,7 +162,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     def _shaped(
         self, rng: np.random.Generator, channels: int, samples: int, sampling_hz: float
     ) -> Float32[np.ndarray, "channels samples"]:
-        """Noise drawn in the frequency domain, its spectrum the sum of the white and the coloured one."""
+        """Return the noise drawn in the frequency domain, its spectrum the sum of the white and the coloured one."""
         # The record is one period of a periodic process: its ends join. The parts of a bin are drawn uniformly from an
         # interval, which costs a third of a normal draw; each sample is a sum over a thousand of them, and normal (its
         # excess kurtosis is about −0.001), as in S. O. Rice, Bell Syst. Tech. J. 23, 282 (1944).
@@ -198,7 +198,7 @@ LARGEST_COUNT = 2047
 
 
 def digitise(data: Float32[np.ndarray, "channels samples"]) -> Int16[np.ndarray, "channels samples"]:
-    """Counts, shape (channels, samples): rounded to the nearest (ties to even), held at full scale.
+    """Return the counts, shape (channels, samples): rounded to the nearest (ties to even), held at full scale.
 
     ``data``: channel data in counts; infinite values saturate.
     """

@@ -40,7 +40,7 @@ class GaussianAbsorber(msgspec.Struct, frozen=True, kw_only=True):
         require_fields(self, "Gaussian absorber")
 
     def spectrum(self, frequency_hz: Frequencies, *, sound_speed_m_s: float) -> Spectrum:
-        """Transform of r times the pressure, (i k a³√π/4c)·exp(−k²a²/4), in metre seconds."""
+        """Return the transform of r times the pressure, (i k a³√π/4c)·exp(−k²a²/4), in metre seconds."""
         ka = 2 * np.pi * frequency_hz / sound_speed_m_s * self.radius_m
         scale = math.sqrt(math.pi) * self.radius_m**2 / (4 * sound_speed_m_s)
         return 1j * scale * ka * np.exp(-(ka**2) / 4)
@@ -54,7 +54,7 @@ class LaserPulse(Protocol):
         """Hash by value."""
 
     def spectrum(self, frequency_hz: Frequencies) -> Spectrum:
-        """Transform of the pulse over time, 1 at frequency 0."""
+        """Return the transform of the pulse over time, 1 at frequency 0."""
 
 
 class RectanglePulse(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,7 +67,7 @@ class RectanglePulse(msgspec.Struct, frozen=True, kw_only=True):
         require_fields(self, "rectangle pulse")
 
     def spectrum(self, frequency_hz: Frequencies) -> Spectrum:
-        """Transform sin(π f T)/(π f T)."""
+        """Return the transform sin(π f T)/(π f T)."""
         # `numpy.sinc` has the factor π in it.
         return np.sinc(frequency_hz * self.duration_s).astype(np.complex128)
 
@@ -82,7 +82,7 @@ class GaussianPulse(msgspec.Struct, frozen=True, kw_only=True):
         require_fields(self, "Gaussian pulse")
 
     def spectrum(self, frequency_hz: Frequencies) -> Spectrum:
-        """Transform exp(−(π f T)²/(4 ln 2))."""
+        """Return the transform exp(−(π f T)²/(4 ln 2))."""
         return np.exp(-((np.pi * frequency_hz * self.fwhm_s) ** 2) / (4 * math.log(2))).astype(np.complex128)
 
 
@@ -105,7 +105,7 @@ class Absorber(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def at(cls, *, x_m: float, y_m: float, z_m: float, strength: float, source: GaussianAbsorber) -> Absorber:
-        """Absorber at a point of the TRUS frame (x across, y along the axis of rotation, z out of the probe at 0°)."""
+        """Return the absorber at a point of the TRUS frame: x across, y along the axis, z out of the probe at 0°."""
         return cls(
             radius_m=math.hypot(x_m, z_m),
             angle_deg=math.degrees(math.atan2(x_m, z_m)),
@@ -122,7 +122,7 @@ class Absorber(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def centroid_m(absorbers: Sequence[Absorber]) -> tuple[float, float, float]:
-    """Centroid of the absorbed energy: its x, y and z in the TRUS frame, in metres.
+    """Return the centroid of the absorbed energy: its x, y and z in the TRUS frame, in metres.
 
     The angle of this point is the angle of a marker that is no point. It is not the mean of the absorbers' angles.
 
@@ -160,7 +160,7 @@ class Clutter(msgspec.Struct, frozen=True, kw_only=True):
             )
 
     def draw(self, rng: np.random.Generator) -> tuple[Absorber, ...]:
-        """Absorbers at places that are equally likely in every part of the volume."""
+        """Return the absorbers at places that are equally likely in every part of the volume."""
         # equal volumes lie between equal steps of ρ²
         radius_m = np.sqrt(rng.uniform(self.nearest_m**2, self.farthest_m**2, self.count))
         angle_deg = rng.uniform(self.angles.low_deg, self.angles.high_deg, self.count)

@@ -42,7 +42,7 @@ class DicomImages:
 
 
 def read_dicom(path: Path) -> DicomImages:
-    """The images of a file; `RecordError` where they cannot be read, or would mean something else."""
+    """Return the images of a file; `RecordError` where they cannot be read, or would mean something else."""
     with warnings.catch_warnings(action="ignore"), as_record_error(path, **DAMAGED):
         import pydicom
 
@@ -60,7 +60,7 @@ def read_dicom(path: Path) -> DicomImages:
 
 
 def _grey(path: Path, file: Any) -> np.ndarray:
-    """Grey values of all frames, (frames, rows, columns), as they are stored."""
+    """Return the grey values of all frames, (frames, rows, columns), as they are stored."""
     import pydicom
 
     colour = str(file.get("PhotometricInterpretation", ""))
@@ -93,7 +93,7 @@ class _Groups:
     frames: int
 
     def stated(self, sequence: str, name: str) -> list[Any]:
-        """Values of an attribute: none, one of all frames, or one of each frame.
+        """Return the values of an attribute: none, one of all frames, or one of each frame.
 
         ``sequence``: of the functional groups, in which it is; the file itself may have it too.
         """
@@ -108,7 +108,7 @@ class _Groups:
         return of_all[:1]
 
     def order(self) -> np.ndarray:
-        """Index of each frame in the order of the stack."""
+        """Return the index of each frame in the order of the stack."""
         numbers = [int(each) for each in self.stated("FrameContentSequence", "InStackPositionNumber")]
         if len(numbers) < 2:
             return np.arange(self.frames)
@@ -121,7 +121,7 @@ class _Groups:
         return np.argsort(numbers)
 
     def spacing_m(self) -> tuple[float, float] | None:
-        """Height and width of a pixel by PixelSpacing; None if it is not stated."""
+        """Return the height and width of a pixel by PixelSpacing; None if it is not stated."""
         sizes = {tuple(float(each) for each in value) for value in self.stated("PixelMeasuresSequence", "PixelSpacing")}
         if len(sizes) > 1:
             raise RecordError(f"{self.path}: PixelSpacing differs from frame to frame; export frames of one scale")
@@ -132,12 +132,12 @@ class _Groups:
 
 
 def _within(groups: Iterable[Any] | None, sequence: str) -> Iterator[Any]:
-    """The items of a sequence in functional groups."""
+    """Return the items of a sequence in functional groups."""
     return chain.from_iterable(group.get(sequence) or () for group in groups or ())
 
 
 def _rescaled(path: Path, pixels: np.ndarray, groups: _Groups) -> np.ndarray:
-    """Grey values as RescaleSlope and RescaleIntercept say, rounded."""
+    """Return the grey values as RescaleSlope and RescaleIntercept say, rounded."""
     if groups.file.get("ModalityLUTSequence"):
         raise RecordError(f"{path}: it has a ModalityLUTSequence, which is not read; export plain B-mode images")
     slopes, intercepts = (
@@ -152,7 +152,7 @@ def _rescaled(path: Path, pixels: np.ndarray, groups: _Groups) -> np.ndarray:
 
 
 def _regions(file: Any) -> Sequence[tuple[float, ...]]:
-    """Rows as in `DicomImages` of the ultrasound regions that are images."""
+    """Return the rows as in `DicomImages` of the ultrasound regions that are images."""
     found = []
     for region in file.get("SequenceOfUltrasoundRegions") or ():
         units = {int(region.get(f"PhysicalUnits{axis}Direction", 0)) for axis in "XY"}

@@ -52,7 +52,7 @@ class ImageSeries:
 def read_images(
     path: Path, *, roi: tuple[int, int, int, int] | None = None, pixel_m: tuple[float, float] | None = None
 ) -> ImageSeries:
-    """Images of a folder, or of one file; more than 8 bits are scaled to 8 with one factor for all.
+    """Return the images of a folder, or of one file; more than 8 bits are scaled to 8 with one factor for all.
 
     ``roi``: row, column, rows and columns of a rectangle in the region whose scale is asked for. ``pixel_m``: height
     and width of a pixel, where a person states them; None: as the files say.
@@ -104,7 +104,7 @@ class _File:
 
 
 def _in_order(path: Path, read: list[_File]) -> list[_File]:
-    """Files in the order of their InstanceNumber, unless their names are angles, or state the same order."""
+    """Return the files in the order of their InstanceNumber, unless their names are angles, or state the same order."""
     numbers = [each.instance for each in read if each.instance is not None]
     if len(set(numbers)) < len(read) or numbers == sorted(numbers):
         return read
@@ -124,7 +124,7 @@ def _in_order(path: Path, read: list[_File]) -> list[_File]:
 def read_image_sequence(
     path: Path, *, angles: bool = True, angle_field: str | None = None, pixel_m: tuple[float, float] | None = None
 ) -> ImageSeries:
-    """B-mode images of a sequence, the first at each angle; a warning names those that are left out.
+    """Return the B-mode images of a sequence, the first at each angle; a warning names those that are left out.
 
     ``angles``: whether an angle is needed; otherwise all valid images. ``angle_field``: as of
     `markerseek.records.banks.angles_of`. ``pixel_m``: as of `read_images`.
@@ -169,7 +169,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def _file(path: Path, roi: tuple[int, int, int, int] | None, pixel_m: tuple[float, float] | None) -> _File:
-    """The images of one file."""
+    """Return the images of one file."""
     suffix = path.suffix.lower()
     if suffix == ".b8":
         file = open_ultrasonix(path)
@@ -201,7 +201,10 @@ def _file(path: Path, roi: tuple[int, int, int, int] | None, pixel_m: tuple[floa
 def _region_size_m(
     path: Path, regions: np.ndarray, roi: tuple[int, int, int, int] | None
 ) -> tuple[float, float] | None:
-    """Height and width of a pixel in the image regions that hold the rectangle, or in all; None if there are none."""
+    """Return the height and width of a pixel in the image regions that hold the rectangle, or in all.
+
+    None if there are none.
+    """
     if roi is not None:
         row, column, rows, columns = roi
         first = np.array([row, column])
@@ -232,7 +235,7 @@ def _size(pixel_m: tuple[float, float] | None) -> str:
 
 
 def _read_png(path: Path) -> np.ndarray:
-    """Pixels of one image, shape (rows, columns), of 8 or 16 bits; colours become grey."""
+    """Return the pixels of one image, shape (rows, columns), of 8 or 16 bits; colours become grey."""
     data = np.fromfile(path, np.uint8)
     # Width and height stand first in every PNG; memory is taken for what they say.
     width, height = (int.from_bytes(data[start : start + 4].tobytes(), "big") for start in (16, 20))

@@ -72,7 +72,7 @@ def _add(app: typer.Typer, commands: _Commands, *, panel: str | None = None) -> 
 
 
 def _group(help_text: str, commands: _Commands, **options: Any) -> typer.Typer:
-    """A command that has commands below it."""
+    """Return a command that has commands below it."""
     group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode="markdown", **options)
     _add(group, commands)
     return group
@@ -142,7 +142,7 @@ def _top(
 
 @cache
 def _built() -> Any:
-    """All commands, built once: it takes 40 ms, and a test runs many of them in one process."""
+    """Return all commands, built once: it takes 40 ms, and a test runs many of them in one process."""
     return _arranged(typer.main.get_command(app))
 
 
@@ -186,7 +186,7 @@ MANY = 10
 
 
 def _arranged(group: Any) -> Any:
-    """The group, with the options of all its commands in their panels."""
+    """Return the group, with the options of all its commands in their panels."""
     for command in _every_command(group):
         options = [each for each in command.params if each.param_type_name == "option"]
         for each in [*options, command.get_help_option(typer.Context(command))]:
@@ -205,7 +205,7 @@ def _arranged(group: Any) -> Any:
 
 
 def _every_command(command: Any) -> Iterator[Any]:
-    """A command, and all that it has below it where it is a group."""
+    """Yield a command, and all that it has below it where it is a group."""
     yield command
     for each in getattr(command, "commands", {}).values():
         yield from _every_command(each)
@@ -215,7 +215,7 @@ _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
 
 
 def _rank(option: str) -> int:
-    """Place of an option in the help; arguments, and options of the later panels, keep their order."""
+    """Return the place of an option in the help; arguments, and options of the later panels, keep their order."""
     order = [*FIRST, *_PANEL_OF]
     return order.index(option) if option in order else len(order) if option.startswith("--") else -1
 
@@ -269,7 +269,7 @@ _WORDS = {
 
 
 def _in_words(problem: Any) -> str:
-    """What is wrong with the arguments: option, value, limit, and where to read on."""
+    """Return what is wrong with the arguments: option, value, limit, and where to read on."""
     text = _without_hidden(problem).rstrip(".")
     option = getattr(getattr(problem, "param", None), "opts", [""])[-1]
     for begin in ("Input should be ", "is not "):
@@ -283,7 +283,7 @@ def _in_words(problem: Any) -> str:
 
 
 def _without_hidden(problem: Any) -> str:
-    """Message of the problem, in which no option is proposed that the help does not show."""
+    """Return the message of the problem, in which no option is proposed that the help does not show."""
     if getattr(problem, "possibilities", None) and problem.ctx is not None:
         hidden = {name for each in problem.ctx.command.params if getattr(each, "hidden", False) for name in each.opts}
         problem.possibilities = [name for name in problem.possibilities if name not in hidden]
@@ -292,7 +292,7 @@ def _without_hidden(problem: Any) -> str:
 
 
 def _given(option: str) -> str:
-    """Value of an option on the command line; the last one if the option is repeated."""
+    """Return the value of an option on the command line; the last one if the option is repeated."""
     words = sys.argv[1:]
     values = [after for word, after in pairwise(words) if word == option]
     values += [word.partition("=")[2] for word in words if word.startswith(f"{option}=")]

@@ -202,7 +202,9 @@ def info(
 
 
 def _values(bank: IntensityBank | FrameBank, probe: str | None) -> dict[str, Any]:
-    """What is in a bank; beside them stand the statistics of its peak with the names of bluesky: com, cen, fwhm, max.
+    """Return what is in a bank.
+
+    Beside them stand the statistics of its peak with the names of bluesky: com, cen, fwhm, max.
 
     ``probe``: that with which the intensities are computed again; None takes the bank's.
     """
@@ -252,7 +254,7 @@ _UNITS = {"MHz": 1e-6, "m/s": 1.0, "mm": 1e3, "nm": 1e9, "mJ": 1e3, "°": 1.0}
 
 
 def _rows(values: dict[str, Any], estimate: Estimate) -> Iterator[tuple[str, str | None]]:
-    """Names and values for people."""
+    """Yield the names and values for people."""
     from markerseek.show import estimate_line, outliers_rows
 
     yield "scanned", values["description"] or None
@@ -287,7 +289,10 @@ def _rows(values: dict[str, Any], estimate: Estimate) -> Iterator[tuple[str, str
 
 
 def _imaged_by(bank: IntensityBank | FrameBank, probe: str | None) -> str | None:
-    """The imaging chain of the frames: its preset, who named it, and its parameters; None if there are no frames."""
+    """Return the imaging chain of the frames: its preset, who named it, and its parameters.
+
+    None if there are no frames.
+    """
     from markerseek.records.banks import FrameBank
 
     if not isinstance(bank, FrameBank):
@@ -498,7 +503,7 @@ def _write_frames(
 
 
 def _with_progress(items: Iterable[Item], count: int) -> Iterator[Item]:
-    """The items, with a progress bar."""
+    """Yield the items, with a progress bar."""
     with progress_bar(count, what="exporting") as progress:
         for item in items:
             yield item

@@ -139,7 +139,7 @@ def command(
 
 
 def _samples(bank: Path, scan: FrameBank, preset: signals.ProbePreset) -> list[Sample]:
-    """The frames of a scan with light, and their readings."""
+    """Return the frames of a scan with light, and their readings."""
     samples = []
     with progress_bar(len(scan.angles_deg), what="imaging") as progress:
         try:
@@ -155,7 +155,7 @@ def _samples(bank: Path, scan: FrameBank, preset: signals.ProbePreset) -> list[S
 def _with_energies(
     samples: Sequence[Sample], pickup_us: tuple[float, float], preset: signals.ProbePreset
 ) -> tuple[list[Sample], float]:
-    """The samples with the energy of their pulses, by their pick-up, in the frames' headers; and the mean pick-up."""
+    """Return the samples with their energies by the pick-up in the headers, and the mean pick-up."""
     frames = [sample.frame for sample in samples if isinstance(sample.frame, ChannelFrame)]
     pickups = [
         signals.pickup_amplitude(frame, window_us=pickup_us, full_scale=preset.full_scale, recorded=preset.recorded)
@@ -173,14 +173,14 @@ def _with_energies(
 
 
 def _laser_toml(pickup_us: tuple[float, float] | None, usual_energy: float | None) -> str:
-    """Lines for a rig file that let it measure the energy by the pick-up; none without."""
+    """Return the lines for a rig file that let it measure the energy by the pick-up; none without."""
     if pickup_us is None:
         return ""
     return f'\n[laser]\nenergy_from = "pickup"\npickup_us = {list(pickup_us)}\nusual_energy = {usual_energy:.1f}\n'
 
 
 def _rig_toml(numbers: dict[str, Fitted], direction: str) -> str:
-    """Lines for a rig file, with as many digits as the intervals make worth writing."""
+    """Return the lines for a rig file, with as many digits as the intervals make worth writing."""
     return f"""[stage]
 zero_deg = {numbers["zero_deg"].value:.3f}
 direction = "{direction}"
@@ -251,7 +251,7 @@ def _delay_rows(found: runs.MeasuredDelay) -> list[dict[str, str]]:
 
 
 def _delay_toml(found: runs.MeasuredDelay) -> str:
-    """Lines for the rig file of devices."""
+    """Return the lines for the rig file of devices."""
     return (
         f"[laser]\nstamp_delay_s = {found.stamp_delay_s:.5f}\nstamp_delay_sigma_s = {found.stamp_delay_sigma_s:.5f}\n\n"
         f"[stage]\nplay_deg = {found.backlash_deg:.3f}\n"

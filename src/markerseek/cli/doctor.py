@@ -125,7 +125,7 @@ _STATES = {
 
 
 def _packages() -> list[CheckResult]:
-    """Python, the packages that are needed, and those of the extras."""
+    """Return the Python, the packages that are needed, and those of the extras."""
     import importlib.metadata
 
     found = [CheckResult(what="Python", state="ok", detail=platform.python_version()), *_python_path()]
@@ -155,7 +155,7 @@ def _packages() -> list[CheckResult]:
 
 
 def _python_path() -> list[CheckResult]:
-    """Whether PYTHONPATH names the current folder, as an empty element does; nothing if it does not."""
+    """Return whether PYTHONPATH names the current folder, as an empty element does; nothing if it does not."""
     # If the variable is empty as a whole, Python takes it as not set.
     named = os.environ.get("PYTHONPATH", "")
     if not named or not {"", "."}.intersection(named.split(os.pathsep)):
@@ -168,7 +168,7 @@ def _python_path() -> list[CheckResult]:
 
 
 def _rig(path: Path, *, trace: Path | None, listen: bool) -> list[CheckResult]:
-    """Whether the devices of a rig file answer and are fit for use, and what foreign drivers were tried by."""
+    """Return whether the devices of a rig file answer and are fit for use, and what foreign drivers were tried by."""
     try:
         with open_rig(path, trace=trace) as (rig, stands_deg):
             detail = f"{rig.facts.description}; stands at {stands_deg:.3f} deg, inside {rig.limits.travel}"
@@ -197,12 +197,12 @@ def _listen(rig: rigs.Rig) -> None:
 
 
 def _kept(checks: tuple[RuleCheck, ...]) -> str:
-    """The rules that were kept."""
+    """Return the rules that were kept."""
     return f"kept without a move or light: {'; '.join(check.rule for check in checks)}"
 
 
 def _search(method: str) -> CheckResult:
-    """One search on the simulated rig, which leaves the compiled kernels on disk."""
+    """Return one search on the simulated rig, which leaves the compiled kernels on disk."""
     what = f"simulated search, {method}"
     began_s = time.perf_counter()
     # A warning of NumPy or Numba here hints at a broken installation: it is printed with the result.
@@ -250,7 +250,7 @@ _Sense = Literal["right", "mirrored", "neither"]
 
 
 def sense_of(found_deg: float, source_deg: float) -> _Sense:
-    """Whether a source was found at its true angle, at the mirrored angle, or elsewhere; both in degrees."""
+    """Return whether a source was found at its true angle, at the mirrored angle, or elsewhere; both in degrees."""
     # With the full tolerance a source at 5 deg could be found at 0, which is neither side.
     near_deg = min(_NEAR_DEG, abs(source_deg) / 2)
     if abs(found_deg - source_deg) <= near_deg:
@@ -259,14 +259,17 @@ def sense_of(found_deg: float, source_deg: float) -> _Sense:
 
 
 def steadiness(spread: float | None) -> str:
-    """How steady the laser is, in words; ``spread`` is the relative standard deviation of an acquisition's energy."""
+    """Return how steady the laser is, in words.
+
+    ``spread`` is the relative standard deviation of an acquisition's energy.
+    """
     if spread is None:
         return "too few samples show how steady the laser is"
     return f"the laser's energy differs by {spread:.1%} from one acquisition to the next"
 
 
 def _usual_energy(rig: rigs.Rig) -> str:
-    """What the rig's energy meter says of a usual pulse, for the rig file; empty if it has none."""
+    """Return what the rig's energy meter says of a usual pulse, for the rig file; empty if it has none."""
     meter = rig.receiver
     if not isinstance(meter, drivers.EnergyMeter) or meter.usual is None:
         return ""
@@ -283,7 +286,7 @@ def require_source_deg(source_deg: float) -> None:
 
 
 def _not_found(result: SearchResult, source_deg: float) -> str:
-    """Why a search that has not found the source proves nothing, and that it is mirrored where it looks so."""
+    """Return why a search that has not found the source proves nothing, and that it is mirrored where it looks so."""
     why = f"no source was found ({result.answer}: {result.reason})"
     mirrored = result.answer != "not found" and sense_of(result.angle_deg, source_deg) == "mirrored"
     if not mirrored:

@@ -144,20 +144,20 @@ _READOUT_SPARE_S = 0.5
 
 
 def _free(link: Path) -> Path:
-    """The path of a link; removes a dangling link that a killed emulator left."""
+    """Return the path of a link; removes a dangling link that a killed emulator left."""
     if link.is_symlink() and not link.exists():
         link.unlink()
     return link
 
 
 def _typed_line() -> str:
-    """The line that the user has typed since the last call; empty if there is none."""
+    """Return the line that the user has typed since the last call; empty if there is none."""
     ready, _, _ = select.select([sys.stdin], [], [], 0)
     return sys.stdin.readline() if ready else ""
 
 
 def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, emulated: emulators.EmulatedBench) -> str:
-    """Text of the rig file for the emulated devices."""
+    """Return the text of the rig file for the emulated devices."""
     # 10 % more than the emulator needs, or the driver would report a timeout on a loaded computer.
     readout_s = round(_READOUT_SPARE_S + 1.1 * pace * settings.receiver.readout_s, 3)
     place = folder.resolve()
@@ -198,7 +198,7 @@ lease_s = 1.0
 
 
 def _stereo_toml(images: emulators.EmulatedEndoscope) -> str:
-    """Text of the calibration of the emulated endoscope."""
+    """Return the text of the calibration of the emulated endoscope."""
     camera = images.cameras.left
     lens = f"""size_px = {[*camera.size_px]}
 focal_px = {[*camera.focal_px]}
@@ -217,7 +217,7 @@ calibration_sigma_px = {images.calibration_sigma_px}
 
 
 def world_text(settings: SimulatedSettings) -> str:
-    """Probe and limits of a simulated world as the end of a rig file (TOML)."""
+    """Return the probe and limits of a simulated world as the end of a rig file (TOML)."""
     limits = settings.limits
     return f"""[probe]
 trigger_offset_s = {settings.receiver.trigger_offset_s}
@@ -243,12 +243,12 @@ def write_rig_file(path: Path, text: str) -> None:
 
 
 def true_marker(truth_deg: float | None) -> str:
-    """The true angle of a simulated marker as a line to print; None: there is no marker."""
+    """Return the true angle of a simulated marker as a line to print; None: there is no marker."""
     return "truth: there is no marker" if truth_deg is None else f"truth: the marker is at {truth_deg:.3f} deg"
 
 
 def _truth(emulated: emulators.EmulatedBench, images: emulators.EmulatedEndoscope | None) -> list[str]:
-    """The true state of the emulated world, which no driver can read."""
+    """Return the true state of the emulated world, which no driver can read."""
     low_deg, high_deg = emulated.stage.truth_range_deg
     fired = counted(len(emulated.laser_box.pulses), "pulse of light was", "pulses of light were")
     truth = [f"truth: the probe was between {low_deg:.3f} and {high_deg:.3f} deg", f"truth: {fired} fired"]

@@ -85,7 +85,7 @@ def command(
 
 
 def _values(findings: signals.FrameFindings, probe: str, *, method: str) -> dict[str, object]:
-    """The result of one frame; if no source was found, the position is that of the largest peak."""
+    """Return the result of one frame; if no source was found, the position is that of the largest peak."""
     strongest = findings.strongest
     return with_version(
         found=findings.found,
@@ -142,7 +142,7 @@ def _figure(findings: signals.FrameFindings, picture: PaImage, *, title: str) ->
 def _read(
     file: Path, probe: str | None, *, number: int
 ) -> tuple[signals.ImageReader | signals.SpareReader, ChannelFrame]:
-    """One frame of a file, counted from 1, and its reader."""
+    """Return one frame of a file, counted from 1, and its reader."""
     from markerseek.records.banks import HDF5_SUFFIXES, MAT_PROBE, FrameBank, load_frame, read_bank
 
     if file.suffix.lower() in HDF5_SUFFIXES:
@@ -162,7 +162,7 @@ def _read(
 
 
 def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[signals.SpareReader, ChannelFrame]:
-    """One frame of an ``.rf`` file, counted from 1, and the reader of its lines.
+    """Return one frame of an ``.rf`` file, counted from 1, and the reader of its lines.
 
     Its header gives the sampling frequency, and how many lines cover the probe, whose length and band are the preset's.
     """

@@ -45,7 +45,7 @@ def watch_heartbeat(arguments: Sequence[str]) -> None:
 
 
 def _named(arguments: Sequence[str]) -> str | None:
-    """The pipe that the arguments of a command name."""
+    """Return the pipe that the arguments of a command name."""
     for number, word in enumerate(arguments):
         name, separator, value = word.partition("=")
         if name == OPTION:

@@ -78,7 +78,7 @@ def _watch(signals: int, end: Callable[[str, int], NoReturn]) -> None:
 
 
 def _place(thread: threading.Thread) -> str:
-    """Where a thread is: function, file and line."""
+    """Return where a thread is: function, file and line."""
     frame = sys._current_frames().get(thread.ident or 0)  # noqa: SLF001  the documented way
     if frame is None:
         return "at its end"

@@ -39,7 +39,7 @@ NO_OPTIONS = SimulationOptions()
 def open_rig(
     path: Path | None, options: SimulationOptions = NO_OPTIONS, *, sweeps: bool = False, trace: Path | None = None
 ) -> Iterator[tuple[rigs.Rig, float]]:
-    """The rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
+    """Yield the rig of a rig file and the angle of its probe in degrees; its devices are closed at the end.
 
     ``path``: None for the simulated rig with its defaults. ``sweeps``: whether it is to sweep: the one without a file
     then streams its frames, and the gain of a simulated one leaves room for the noise of single pulses. ``trace``: file
@@ -72,7 +72,7 @@ def open_rig(
 
 
 def with_trace(settings: drivers.BenchSettings, trace: Path | None) -> drivers.BenchSettings:
-    """The settings with the file of the trace that was named; None: that of the rig file."""
+    """Return the settings with the file of the trace that was named; None: that of the rig file."""
     return settings if trace is None else structs.replace(settings, trace=str(trace))
 
 
@@ -96,7 +96,10 @@ def naming_trace(settings: drivers.BenchSettings | None) -> Iterator[None]:
 
 
 def simulated_settings(settings: SimulatedSettings | None, options: SceneOptions, *, sweeps: bool) -> SimulatedSettings:
-    """Settings of a simulated rig with a user's options; ``settings``: of its file, None for the defaults."""
+    """Return the settings of a simulated rig with a user's options.
+
+    ``settings``: of its file, None for the defaults.
+    """
     from markerseek.sim import STREAMING, SimulatedSettings, with_options
 
     usual = STREAMING if sweeps else SimulatedSettings()
@@ -153,7 +156,9 @@ def arm_rig(
 
 
 def confirmed(question: str, *, name: str, asked_by: str | None = None) -> bool:
-    """Whether a person types the rig's name on the terminal, after the question; prints what to do where none does.
+    """Return whether a person types the rig's name on the terminal, after the question.
+
+    If nobody does, it prints what to do.
 
     ``question``: whether something that moves or emits light is to be armed. ``asked_by``: None if the user of this
     terminal did.
@@ -171,7 +176,7 @@ def confirmed(question: str, *, name: str, asked_by: str | None = None) -> bool:
 
 
 def _typed_line() -> str:
-    """The next line of the terminal, without what was typed before; empty if it ends."""
+    """Return the next line of the terminal, without what was typed before; empty if it ends."""
     terminal = sys.stdin.fileno()
     line = b""
     try:
@@ -212,7 +217,7 @@ def print_permissions(settings: drivers.BenchSettings) -> None:
 
 
 def person() -> str:
-    """Name of the user, for journal and guard."""
+    """Return the name of the user, for journal and guard."""
     try:
         return getpass.getuser()
     # A container can run under a user number without a name.

@@ -51,14 +51,14 @@ ProbeName: TypeAlias = Annotated[
 
 
 def _named_methods(incomplete: str) -> Iterator[str]:
-    """Names of methods for the shell."""
+    """Return the names of methods for the shell."""
     from markerseek.search import METHODS
 
     return (each.name for each in METHODS if each.name.startswith(incomplete))
 
 
 def _angle_prior(text: str) -> AnglePrior:
-    """The prior of an option's text."""
+    """Return the prior of an option's text."""
     try:
         return AnglePrior.parse(text)
     except ConfigError as problem:
@@ -66,7 +66,7 @@ def _angle_prior(text: str) -> AnglePrior:
 
 
 def _annotated(found: Option) -> Any:
-    """The type of a command's parameter, for an option that is a field of a struct; see `markerseek.core.Help`."""
+    """Return the type of a command's parameter, for an option that is a field of a struct (`core.Help`)."""
     declared = typer.Option(
         found.flag,
         help=found.help,
@@ -80,7 +80,7 @@ def _annotated(found: Option) -> Any:
 
 
 def with_values(command: Callable[..., None]) -> Callable[..., None]:
-    """A command, with an option for each field of the values that it takes as parameters, in their order.
+    """Return a command, with an option for each field of the values that it takes as parameters, in their order.
 
     A value is a struct whose fields are options (`markerseek.core.Help`), or a dataclass whose fields are annotated as
     options of commands; so an option is declared once for all commands.
@@ -105,12 +105,15 @@ def with_values(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def _is_value(kind: object) -> bool:
-    """Whether a command takes options for the fields of this class."""
+    """Return whether a command takes options for the fields of this class."""
     return isinstance(kind, type) and (issubclass(kind, msgspec.Struct) or is_dataclass(kind))
 
 
 def _value(kind: type[Any], given: dict[str, Any]) -> Any:
-    """A value of the options that are its fields, which are taken away; a field that is refused is named as typed."""
+    """Return a value of the options that are its fields, which are taken away.
+
+    A field that is refused is named as typed.
+    """
     names = [each.name for each in _options(kind)]
     try:
         return kind(**{name: given.pop(name) for name in names})
@@ -122,7 +125,7 @@ def _value(kind: type[Any], given: dict[str, Any]) -> Any:
 
 
 def _options(kind: type[Any]) -> list[Parameter]:
-    """The parameters of a command for the fields of a value."""
+    """Return the parameters of a command for the fields of a value."""
     if issubclass(kind, msgspec.Struct):
         found = {each.name: (each.default, _annotated(each)) for each in options_of(kind)}
     else:
@@ -140,7 +143,7 @@ Single: TypeAlias = Annotated[
 
 
 def single_source(plan: SearchPlan, *, single: bool) -> SearchPlan:
-    """The plan with what ``--single`` states."""
+    """Return the plan with what ``--single`` states."""
     if single and plan.others:
         raise ConfigError(f"--others is {plan.others:g}, and --single states that it is 0; leave one of them out")
     return replace(plan, others=0.0) if single else plan
@@ -213,7 +216,7 @@ class TableOptions:
     angle_field: AngleField = None
 
     def format(self) -> TableFormat:
-        """The format; `ConfigError` if the options contradict one another."""
+        """Return the format; `ConfigError` if the options contradict one another."""
         from markerseek.records.banks import TableFormat, angles_in
 
         if (self.first_deg is None) != (self.step_deg is None):

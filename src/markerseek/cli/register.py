@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 
 def _file_of(report: registration.RegistrationReport, *, force: bool) -> dict[Path, bytes]:
-    """The file of a registration, and its content; only ``force`` replaces another registration in this folder."""
+    """Return the file of a registration, and its content.
+
+    Only ``force`` replaces another registration in this folder.
+    """
     path = Path(registration.REGISTRATION_FILE)
     if registration.session_folder(path) is not None:
         raise ConfigError(
@@ -189,7 +192,10 @@ def command(
 
 
 def _spot(depth_mm: tuple[float, float] | None, *, is_seen: bool) -> SpotToSource | None:
-    """Where light is absorbed, as stated; else as usual if spots of light were seen, and None for points of a table."""
+    """Return where light is absorbed, as stated.
+
+    If it is not stated, it is the usual one for spots of light, and None for points of a table.
+    """
     if depth_mm is None:
         return SpotToSource() if is_seen else None
     depth, sigma = depth_mm
@@ -197,7 +203,7 @@ def _spot(depth_mm: tuple[float, float] | None, *, is_seen: bool) -> SpotToSourc
 
 
 def _of_session(over: SessionOver) -> Report:
-    """Report of a session, whose registration is in the folder of the session."""
+    """Return the report of a session, whose registration is in the folder of the session."""
     report = over.report
     view = over.view
     registered = view.registration is not None
@@ -237,7 +243,7 @@ def _pairs(
     cameras: Sequence[Path] | None,
     calibration_sigma_px: float | None,
 ) -> tuple[str, list[registration.PointPair]]:
-    """Title and pairs of the points."""
+    """Return the title and pairs of the points."""
     if points is None and frames is None:
         raise ConfigError(
             "no points: name a CSV, images by --frames LEFT RIGHT, a rig for a session by --rig RIG.toml, or add "
@@ -265,7 +271,7 @@ def _shown(
     above_goal_m: float | None = None,
     simulated: bool = False,
 ) -> Iterator[str | Table]:
-    """What people get of a registration.
+    """Yield what people get of a registration.
 
     ``above_goal_m``: goal of its session, where that is not reached. ``simulated``: whether markers and camera were.
     """

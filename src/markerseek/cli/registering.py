@@ -209,7 +209,10 @@ class SpotIsSet:
         return True
 
     def _typed(self) -> bool:
-        """Whether a line was typed since the last call; all that was typed is read, so that no key counts later."""
+        """Return whether a line was typed since the last call.
+
+        All that was typed is read, so that no key counts later.
+        """
         typed = False
         while self._at_terminal:
             try:
@@ -234,7 +237,7 @@ def _announce(record: registration.SessionRecord, *, as_json: bool) -> None:
 
 @contextmanager
 def _room(asked: SessionArguments, *, as_json: bool) -> Iterator[registration.Room]:
-    """Where the session takes place."""
+    """Yield where the session takes place."""
     place = asked.place
     settings = None if place.rig is None else rigs.read_rig_file(place.rig)
     if not isinstance(settings, drivers.BenchSettings):
@@ -297,7 +300,7 @@ def _move_during(marker: int) -> registration.EndoscopeMove:
 
 
 def _begun(room: registration.Room, plan: registration.SessionPlan, *, seed: int) -> registration.Begun:
-    """First line of the record of a session."""
+    """Return the first line of the record of a session."""
     facts = room.rig.facts
     return registration.Begun(
         rig=facts.fingerprint,
@@ -365,7 +368,7 @@ def _show(steps: Iterator[registration.Step], session: registration.Registration
 
 
 def _line(step: registration.Step, view: registration.SessionView) -> str:
-    """A step in a line; ``view``: the session after it."""
+    """Return a step in a line; ``view``: the session after it."""
     match step:
         case registration.Waiting():
             set_it = "; the laser is dark: press Enter once the spot is set" if step.dark else ""
@@ -393,7 +396,7 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
 
 
 def _scene_line(step: registration.TakenMarker) -> str:
-    """What moved during a search, in a line of its own; empty if nobody looked."""
+    """Return what moved during a search, in a line of its own; empty if nobody looked."""
     if step.scene is None:
         return ""
     still = step.scene.is_known and not step.scene.moved
@@ -401,7 +404,7 @@ def _scene_line(step: registration.TakenMarker) -> str:
 
 
 def _refused_line(step: registration.SpotRefused) -> str:
-    """A spot that was not accepted, in a line."""
+    """Return a spot that was not accepted, in a line."""
     again = "" if step.pulses is None else f" ({counted(step.pulses, 'pulse')}); press Enter once the spot is set"
     if step.pulses is not None and step.reason.startswith("no light"):
         again += "; if the cameras do not see single pulses, --light-while-waiting fires more"
@@ -409,7 +412,7 @@ def _refused_line(step: registration.SpotRefused) -> str:
 
 
 def _seen_line(step: registration.SpotSeen) -> str:
-    """A spot that both cameras see, in a line."""
+    """Return a spot that both cameras see, in a line."""
     x, y, z = (1e3 * value for value in step.camera_m)
     guess = ""
     if step.prediction is not None:
@@ -430,7 +433,7 @@ _OF_COMMAND = ("--record", "--continue", "--heartbeat", "--asked-by")
 
 
 def _continue_command(folder: Path) -> str:
-    """The command that goes on with a session: this one, with the session's folder."""
+    """Return the command that goes on with a session: this one, with the session's folder."""
     words = ["markerseek"]
     given = iter(sys.argv[1:])
     for word in given:

@@ -48,7 +48,7 @@ def write_report(folder: Path, out: Path | None) -> Report:
 
 
 def _document(view: SessionView, refused: list[SpotRefused], checks: dict[str, TakenMarker], folder: Path) -> Document:
-    """The report of a session."""
+    """Return the report of a session."""
     from markerseek.show import Document
 
     begun = view.begun
@@ -145,7 +145,7 @@ def _motion_rows(view: SessionView) -> Rows:
 
 
 def _residual_table(view: SessionView) -> dict[str, Rows]:
-    """Points of the registration, where there is one."""
+    """Return the points of the registration, where there is one."""
     if view.report is None:
         return {}
     rows: list[tuple[str, ...]] = [
@@ -197,7 +197,7 @@ def _figures(view: SessionView, checks: dict[str, TakenMarker], folder: Path) ->
 
 
 def _camera_views(view: SessionView, checks: dict[str, TakenMarker], folder: Path) -> list[CameraView]:
-    """What both cameras saw from each place of the endoscope at which markers were taken."""
+    """Return what both cameras saw from each place of the endoscope at which markers were taken."""
     from markerseek.show import CameraView
 
     begun = view.begun
@@ -233,7 +233,7 @@ def _camera_views(view: SessionView, checks: dict[str, TakenMarker], folder: Pat
 
 
 def _target(view: SessionView, stereo: StereoSettings, number: int) -> registration.Pixel | None:
-    """The target in the image of a camera; None without a registration, or behind the camera."""
+    """Return the target in the image of a camera; None without a registration, or behind the camera."""
     if view.registration is None:
         return None
     try:

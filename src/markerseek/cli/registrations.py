@@ -32,7 +32,7 @@ def sessions_report(folder: Path | None) -> Report:
 
 
 def _in_words(each: registration.KeptSession) -> str:
-    """A session in a line: when, on which rig, its markers, errors and state."""
+    """Return a session in a line: when, on which rig, its markers, errors and state."""
     if each.begun is None:
         return each.state
     errors = ""

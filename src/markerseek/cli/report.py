@@ -57,7 +57,10 @@ class Output:
 
     @classmethod
     def asked(cls, *, as_json: bool, plot: bool, out: Path | None) -> Output:
-        """The output that a user asks for; the folder for pictures is made and tested before anything is measured."""
+        """Return the output that a user asks for.
+
+        The folder for pictures is made and tested before anything is measured.
+        """
         if out is not None and not plot:
             raise ConfigError(
                 f"--out {out}: only pictures go there, and none is asked for; add --plot, or leave it out"
@@ -108,17 +111,17 @@ def make_picture_folder(folder: Path) -> None:
 
 
 def with_version(**values: object) -> dict[str, object]:
-    """Values for programs; at their end what the command has said, and the version of this program."""
+    """Return the values for programs; at their end what the command has said, and the version of this program."""
     return values | {"notes": notes_said(), "version": __version__}
 
 
 def matrix_lines(rows: Iterable[Iterable[float]]) -> Iterator[str]:
-    """A matrix as lines, one for each row."""
+    """Return a matrix as lines, one for each row."""
     return ("  ".join(f"{value:+.6f}" for value in row) for row in rows)
 
 
 def facts(rows: Iterable[tuple[str, str | Text | None]]) -> Table:
-    """Names and values in two columns; rows whose value is None are left out."""
+    """Return the names and values in two columns; rows whose value is None are left out."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in rows:
         if value is not None:
@@ -129,7 +132,7 @@ def facts(rows: Iterable[tuple[str, str | Text | None]]) -> Table:
 def table(
     rows: Iterable[Mapping[str, str | Text]], *, left: tuple[str, ...] = (), no_wrap: bool = False, gap: int = 2
 ) -> Table:
-    """A table of rows with the same headings; the columns named in ``left`` are aligned left, all others right.
+    """Return a table of rows with the same headings; the columns named in ``left`` are aligned left, all others right.
 
     ``gap``: spaces between columns.
     """
@@ -142,12 +145,12 @@ def table(
 
 
 def file_line(what: str, path: Path) -> str:
-    """Where a file is."""
+    """Return where a file is."""
     return f"[dim]{what}:[/] {escape(str(path))}"
 
 
 def drawn(make: Callable[_Given, Figure], *values: _Given.args, **named: _Given.kwargs) -> Callable[[Path], None]:
-    """A function that draws a figure from these values, and writes it as the ending of a path says."""
+    """Return a function that draws a figure from these values, and writes it as the ending of a path says."""
 
     def write(path: Path) -> None:
         from markerseek.show import save_figure

@@ -84,7 +84,7 @@ def command(
 
 
 def _names() -> list[str]:
-    """All sections; Fig. 9 only where OpenCV is installed, so that the others need no further package."""
+    """Return all sections; Fig. 9 only where OpenCV is installed, so that the others need no further package."""
     from markerseek.studies.paper import SECTIONS
 
     if importlib.util.find_spec("cv2") is not None:
@@ -94,7 +94,7 @@ def _names() -> list[str]:
 
 
 def _made(section: Section) -> dict[str, object]:
-    """One section, for programs."""
+    """Return one section, for programs."""
     from markerseek.studies.paper import comparison_table
 
     compared = comparison_table(section)

@@ -84,7 +84,10 @@ def command(
 def _bench_named(
     recorded: RecordedRun, rig: Path | None, *, arm: bool, trace: Path | None
 ) -> drivers.BenchSettings | None:
-    """Settings of the rig file, compared with the journal and printed; None for a rig without devices, or unnamed."""
+    """Return the settings of the rig file, compared with the journal and printed.
+
+    None for a rig without devices, or unnamed.
+    """
     from markerseek.cli.searching import resume_command
 
     recorded_settings = runs.recorded_bench(recorded.configuration)

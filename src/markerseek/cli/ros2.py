@@ -88,7 +88,7 @@ def search(
 
 
 def _is_over_ros(rig: Path | None) -> bool:
-    """Whether a rig file names a stage node, which publishes its angle itself."""
+    """Return whether a rig file names a stage node, which publishes its angle itself."""
     settings = None if rig is None else rigs.read_rig_file(rig)
     return isinstance(settings, drivers.BenchSettings) and isinstance(settings.stage, drivers.Ros2StageSettings)
 
@@ -97,7 +97,7 @@ class RosGroup(TyperGroup):
     """Keeps what follows ``--ros-args`` (until ``--``, or the end) for the node, as every program of ROS 2 does."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """The arguments without those of the node, which are the object of the context."""
+        """Return the arguments without those of the node, which are the object of the context."""
         own = args
         ctx.obj = []
         if "--ros-args" in args:
@@ -121,7 +121,7 @@ def ros_node(
     arguments: Sequence[str],
     network: ros.Network | None = None,
 ) -> Iterator[ros.RosNode]:
-    """A node as of `markerseek.ros.RosNode`, if there is no second one that does the same work.
+    """Yield a node as of `markerseek.ros.RosNode`, if there is no second one that does the same work.
 
     ``publishes``: topic that only nodes of this kind publish. ``arguments``: those of the user after ``--ros-args``.
     """
@@ -255,7 +255,7 @@ def sim(
 
 
 def _rig_text(settings: SimulatedSettings) -> str:
-    """Text of a rig file for a search on the simulated nodes."""
+    """Return the text of a rig file for a search on the simulated nodes."""
     return f"""# Simulated ROS 2 nodes (markerseek ros2 sim): no light, nothing turns.
 kind = "bench"
 

@@ -132,7 +132,7 @@ def _watch(run: Run) -> None:
 
 
 def resume_command(journal: Path, rig_file: Path | None) -> str:
-    """The shell command that resumes a journal; only a rig of devices needs its rig file."""
+    """Return the shell command that resumes a journal; only a rig of devices needs its rig file."""
     rig = "" if rig_file is None else f" --rig {quoted(rig_file)}"
     return f"markerseek resume {quoted(journal)}{rig}"
 
@@ -151,7 +151,10 @@ def _print_how_to_resume(journal: Journal | None, rig_file: Path | None) -> None
 
 
 def _new_journal(named: Path | None, configuration: Configuration) -> Journal | None:
-    """Journal of a search that is about to begin; None if the data folder takes none and no hardware is involved."""
+    """Return the journal of a search that is about to begin.
+
+    None if the data folder takes none and no hardware is involved.
+    """
     if named is not None:
         return Journal.create(named, configuration)
     try:
@@ -229,7 +232,7 @@ def conclude(
 
 
 def _rows_with_cure(result: SearchResult) -> Iterator[tuple[str, str]]:
-    """The rows of a result; where another source may be the marker, the user may know that there is none."""
+    """Yield the rows of a result; where another source may be the marker, the user may know that there is none."""
     estimate = result.estimate
     is_curable = isinstance(estimate, Unsure) and estimate.doubt == "source" and estimate.surveyed is not None
     for name, value in result.rows:
@@ -237,7 +240,7 @@ def _rows_with_cure(result: SearchResult) -> Iterator[tuple[str, str]]:
 
 
 def _figure(view: RunView, curve: DrawnCurve, imaging: ImageReader | None) -> Callable[..., Figure]:
-    """A function that draws a search."""
+    """Return a function that draws a search."""
     from markerseek.show import curve_figure, pictured_sample
 
     pictured = pictured_sample(view)
@@ -268,7 +271,7 @@ def _write_page(view: RunView, curve: DrawnCurve, title: str, draw: Callable[...
 
 
 def _rows(result: SearchResult) -> list[tuple[str, ...]]:
-    """Table rows of the page: headings, acquisitions, confirmation; positions only if any are known."""
+    """Return the table rows of the page: headings, acquisitions, confirmation; positions only if any are known."""
     taken = [(str(number), each) for number, each in enumerate(result.samples, start=1)]
     if result.confirmation is not None:
         taken.append((NAME_WITHOUT_CLAIM if result.run.plan.as_published else "confirmation", result.confirmation))

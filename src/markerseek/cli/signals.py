@@ -70,7 +70,7 @@ def end_stopped(stop: StoppedBySignal, *, as_json: bool, kept: Path | None, resu
 
 
 def heeded() -> list[signal.Signals]:
-    """Signals that end this command: nohup ignores SIGHUP, so that it survives its terminal, and that stays so."""
+    """Return the signals that end this command: SIGHUP is none of them where nohup ignores it."""
     return [each for each in STOPPING if signal.getsignal(each) is not signal.SIG_IGN]
 
 
@@ -116,7 +116,7 @@ def stopped_by_signals() -> Iterator[None]:
 
 @contextmanager
 def noted_signals() -> Iterator[list[int]]:
-    """A list that receives the number of each signal: a server ends between two messages, not inside of one."""
+    """Yield a list that receives the number of each signal: a server ends between two messages, not inside of one."""
     noted: list[int] = []
     before = {each: signal.signal(each, lambda number, _frame: noted.append(number)) for each in heeded()}
     try:

@@ -95,7 +95,7 @@ def command(
 
 
 def _faults(study: studies.Study, finish: studies.FinishedStudy) -> dict[str, str]:
-    """How many searches of a policy failed, and why the first one did, by its label."""
+    """Return how many searches of a policy failed, and why the first one did, by its label."""
     count = study.rows // len(study.policies)
     faults = {}
     for number, policy in enumerate(study.policies):
@@ -109,7 +109,7 @@ def _faults(study: studies.Study, finish: studies.FinishedStudy) -> dict[str, st
 
 
 def _pictures(study: studies.Study, summary: studies.Summary) -> dict[str, Callable[[Path], object]]:
-    """The picture in both forms."""
+    """Return the picture in both forms."""
     from markerseek.show import save_figure
 
     figure = studies.error_figure([(study, summary)])
@@ -117,7 +117,7 @@ def _pictures(study: studies.Study, summary: studies.Summary) -> dict[str, Calla
 
 
 def _shown(finish: studies.FinishedStudy) -> Iterator[str | Table]:
-    """The policies by number, a table of each cell, and one of the differences."""
+    """Yield the policies by number, a table of each cell, and one of the differences."""
     summary = finish.summary
     yield f"[bold]{escape(summary.name)}[/]: {_searches(summary.rows)}, level: {summary.level}"
     cells = [list(policies) for _, policies in groupby(summary.policies, key=attrgetter("cell"))]
@@ -159,7 +159,7 @@ LEGEND = (
 
 
 def _heading(summary: studies.Summary) -> str:
-    """Title of the table of differences: in how many trials both policies found, of how many."""
+    """Return the title of the table of differences: in how many trials both policies found, of how many."""
     counts = sorted({pair.error_deg.count for pair in summary.differences})
     least = counts[0]
     most = counts[-1]
@@ -180,7 +180,7 @@ def _table(rows: Iterable[Mapping[str, str | Text]]) -> Table:
 
 
 def _of_markers(each: studies.PolicySummary) -> dict[str, str | Text]:
-    """One policy, searching for markers."""
+    """Return one policy, searching for markers."""
     return {
         "": Text(str(each.policy), style="bold"),
         "found": _share(each.answers["found"]),
@@ -193,7 +193,7 @@ def _of_markers(each: studies.PolicySummary) -> dict[str, str | Text]:
 
 
 def _of_nothing(each: studies.PolicySummary) -> dict[str, str | Text]:
-    """One policy, where there is no marker."""
+    """Return one policy, where there is no marker."""
     return {
         "": Text(str(each.policy), style="bold"),
         "found where nothing is": _rare(each.false_found),
@@ -210,7 +210,7 @@ def _costs(each: studies.PolicySummary) -> dict[str, str]:
 
 
 def _of_two_sources(each: studies.PolicySummary) -> dict[str, str | Text]:
-    """One policy, where there is a second source; searches that a device ended have none."""
+    """Return one policy, where there is a second source; searches that a device ended have none."""
     two = each.two_sources
     if two is None:
         return {"": Text(str(each.policy), style="bold")}
@@ -224,7 +224,7 @@ def _of_two_sources(each: studies.PolicySummary) -> dict[str, str | Text]:
 
 
 def _mean(mean: studies.Mean) -> str:
-    """A mean with half of its interval."""
+    """Return a mean with half of its interval."""
     if mean.mean is None:
         return "–"
     return f"{mean.mean:.3g}°" + ("" if mean.half is None else f" ± {mean.half:.2g}")
@@ -242,13 +242,13 @@ def _share(share: studies.Share, *, interval: bool = False) -> str:
 
 
 def _rare(share: studies.Share) -> str:
-    """A share that should be small, with the upper end of its interval only."""
+    """Return a share that should be small, with the upper end of its interval only."""
     if share.share is None or share.interval95 is None:
         return "–"
     return f"{_percent(share.share)} % ≤{_percent(share.interval95[1])}"
 
 
 def _percent(share: float) -> str:
-    """Two significant digits, without an exponent."""
+    """Return two significant digits, without an exponent."""
     percent = 100 * share
     return f"{percent:.2g}" if percent < 9.95 else f"{percent:.0f}"

@@ -43,7 +43,7 @@ stand for the bytes of a file's name that are no text."""
 
 
 def printable(text: str) -> str:
-    """A text with control characters as escapes, so that a file or device cannot control the terminal.
+    """Return a text with control characters as escapes, so that a file or device cannot control the terminal.
 
     Line feeds and tabs stay.
     """
@@ -57,12 +57,12 @@ def _escaped(text: str, escape: Callable[[str], str]) -> str:
 
 
 def one_line(text: str) -> str:
-    """A text escaped for one line of Rich markup: line feeds, control characters and brackets."""
+    """Return a text escaped for one line of Rich markup: line feeds, control characters and brackets."""
     return escape(printable(text).replace("\n", "\\n"))
 
 
 def local_time(begun: str) -> str:
-    """A time in the zone of this computer."""
+    """Return a time in the zone of this computer."""
     try:
         return f"{datetime.fromisoformat(begun).astimezone():%Y-%m-%d %H:%M %Z}"
     # The file may come from somebody else and hold any text.
@@ -74,7 +74,7 @@ class SafeConsole(Console):
     """A console that prints control characters as escapes, also in tables."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """The text, escaped, with its markup applied."""
+        """Return the text, escaped, with its markup applied."""
         return super().render_str(printable(text), **options)
 
     def on_broken_pipe(self) -> None:
@@ -112,7 +112,7 @@ def _readable(value: object) -> object:
 
 
 def new_table(*headings: str, left: Collection[str] = (), no_wrap: bool = False) -> Table:
-    """An empty table; the columns named in `left` are aligned left, all others right."""
+    """Return an empty table; the columns named in `left` are aligned left, all others right."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in headings:
         # Escaped, because Rich reads a unit in brackets as markup.
@@ -121,7 +121,7 @@ def new_table(*headings: str, left: Collection[str] = (), no_wrap: bool = False)
 
 
 def scaled(option: str, value: float | None, unit: float, *, most: float) -> float | None:
-    """Value of an option in SI units; None if it was not given.
+    """Return the value of an option in SI units; None if it was not given.
 
     ``unit``: factor to SI units. ``most``: largest plausible value, in the unit of the option.
     """
@@ -171,7 +171,7 @@ _MOST_S = 30.0
 
 
 def time_left(seconds: float) -> str:
-    """A duration in words, in the unit that suits it."""
+    """Return a duration in words, in the unit that suits it."""
     if seconds < 90:
         return f"some {max(seconds, 1):.0f} s"
     return f"some {seconds / 60:.0f} min" if seconds < 5400 else f"some {seconds / 3600:.1f} h"
@@ -179,7 +179,7 @@ def time_left(seconds: float) -> str:
 
 @contextmanager
 def progress_bar(total: int | None, *, what: str, seconds: bool = False) -> Iterator[Progress]:
-    """A progress bar on standard error; hidden if that is not a terminal.
+    """Yield a progress bar on standard error; hidden if that is not a terminal.
 
     ``seconds``: whether it counts the time since it appeared.
     """
@@ -241,7 +241,7 @@ _LEFT = TimeRemainingColumn(elapsed_when_finished=True)
 
 @contextmanager
 def stages_bar() -> Iterator[Callable[[str, int, int], None]]:
-    """A progress bar on standard error for each stage of a long task; lines if that is not a terminal.
+    """Yield a progress bar on standard error for each stage of a long task; lines if that is not a terminal.
 
     Yields a function of the name of a stage, the number of finished steps, and the number of all steps.
     """

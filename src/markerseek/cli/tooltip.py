@@ -134,7 +134,7 @@ _UNSURE = re.compile(r"[a-z_ ]*(?:[a-z]-|−)(?:\d+(?:\.\d+)?|\.\d+)[_ ]?(?:deg|
 
 
 def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float | None) -> list[float]:
-    """Angles of images: from their names if these state angles, else in steps, in the order of the names."""
+    """Return the angles of images: from their names if these state angles, else in steps, in the order of the names."""
     stems = [Path(name).stem for name in names]
     steps = (0.0 if first_deg is None else first_deg, 1.0 if step_deg is None else step_deg)
     if len(set(stems)) < len(stems):
@@ -166,7 +166,7 @@ def _named_angles(names: Sequence[str], first_deg: float | None, step_deg: float
 
 
 def _places(stems: Sequence[str]) -> list[int]:
-    """Place of each image in the scan; a warning names those that are missing."""
+    """Return the place of each image in the scan; a warning names those that are missing."""
     found, missing = series_indices(stems)
     if missing:
         numbers = ", ".join(map(str, missing))
@@ -185,7 +185,7 @@ def _steps(places: Sequence[int], first_deg: float, step_deg: float) -> list[flo
 
 
 def _angles(path: Path, series: ImageSeries) -> list[float]:
-    """Angles from a file, by the names of the images or in their order."""
+    """Return the angles from a file, by the names of the images or in their order."""
     from markerseek.records.banks import deg_per_unit_of
 
     cure = "write a number a line, or lines of name,angle"
@@ -224,7 +224,7 @@ def _number(path: Path, text: str, deg_per_unit: float) -> float:
 
 
 def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[float, float], str]:
-    """Height and width of a pixel in metres, and where they come from."""
+    """Return the height and width of a pixel in metres, and where they come from."""
     if series.pixel_m is not None:
         return series.pixel_m, "from the files" if pixel_mm is None else "as given"
     return (_PIXEL_MM / 1e3, _PIXEL_MM / 1e3), "assumed; name it with --pixel-mm"
@@ -233,7 +233,7 @@ def _pixel_size(series: ImageSeries, pixel_mm: float | None) -> tuple[tuple[floa
 def _values(
     measured: vision.SensitiveRange, names: dict[float, str], size_m: tuple[float, float], source: str
 ) -> dict[str, object]:
-    """The sensitive range; for an image that was not searched, the tip is null."""
+    """Return the sensitive range; for an image that was not searched, the tip is null."""
     shown = ("visible", "intensity", "level", "area_px", "row", "column")
     first = next((frame.tip for frame in measured.frames if frame.angle_deg == measured.reference_deg), None)
     return with_version(

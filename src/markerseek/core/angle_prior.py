@@ -69,7 +69,7 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of_table(cls, angles_deg: Sequence[float], weights: Sequence[float]) -> AnglePrior:
-        """A prior with any density, for example with several peaks.
+        """Return a prior with any density, for example with several peaks.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def parse(cls, text: str) -> AnglePrior:
-        """The prior of a text: ``12.5±2``, ``12.5+-2`` or ``12.5 2``; a table as ``8:1 9:3 10:1``.
+        """Return the prior of a text: ``12.5±2``, ``12.5+-2`` or ``12.5 2``; a table as ``8:1 9:3 10:1``.
 
         Raises
         ------
@@ -126,13 +126,13 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
         return cls(mean_deg=float(given[1]), sigma_deg=float(given[2]))
 
     def __str__(self) -> str:
-        """The text from which `parse` makes the same prior."""
+        """Return the text from which `parse` makes the same prior."""
         if self.table:
             return " ".join(f"{angle_deg!r}:{weight!r}" for angle_deg, weight in self.table)
         return f"{_short(self.mean_deg)}±{_short(self.sigma_deg)}"
 
     def interval(self, limits: Interval) -> Interval:
-        """The window: the part of a range in which a search looks first, so wide that both flanks can be measured.
+        """Return the part of a range in which a search looks first, so wide that both flanks can be measured.
 
         Of a table it is the shortest that holds `TABLE_MASS` of it, with the same flanks.
 
@@ -150,7 +150,7 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
         return Interval(low_deg=limits.nearest(low_deg - FLANK_DEG), high_deg=limits.nearest(high_deg + FLANK_DEG))
 
     def below(self, angle_deg: float) -> float:
-        """Probability that the marker lies below an angle in degrees."""
+        """Return the probability that the marker lies below an angle in degrees."""
         if not self.table:
             return 0.5 * math.erfc((self.mean_deg - angle_deg) / (math.sqrt(2) * self.sigma_deg))
         part = total = 0.0
@@ -161,7 +161,7 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
         return part / total
 
     def _core_deg(self) -> tuple[float, float]:
-        """Both ends of the shortest interval that holds the prior but for its tails, in degrees."""
+        """Return both ends of the shortest interval that holds the prior but for its tails, in degrees."""
         if not self.table:
             return self.mean_deg - REACH_SIGMAS * self.sigma_deg, self.mean_deg + REACH_SIGMAS * self.sigma_deg
         first_deg = self.table[0][0]
@@ -192,7 +192,7 @@ class PriorEvidence(msgspec.Struct, frozen=True, kw_only=True):
     whole_range: bool
 
     def said(self, prior: AnglePrior) -> str:
-        """It in words, for a person."""
+        """Return the prior in words, for a person."""
         named = f"a table about {prior.mean_deg:.1f}°" if prior.table else f"{prior.mean_deg:g} ± {prior.sigma_deg:g}°"
         if self.probability < 0.5:
             share = "< 0.1 %" if self.probability < 1e-3 else f"{100 * self.probability:.2g} %"
@@ -219,7 +219,7 @@ def _unread(text: str) -> ConfigError:
 
 
 def _moments(low_deg: float, low: float, high_deg: float, high: float) -> tuple[float, float, float]:
-    """Integrals of a linear density, of it times the angle, and times its square."""
+    """Return the integrals of a linear density, of it times the angle, and times its square."""
     middle_deg = (low_deg + high_deg) / 2
     middle = (low + high) / 2
     width_deg = high_deg - low_deg

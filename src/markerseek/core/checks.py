@@ -15,14 +15,14 @@ from markerseek.core.errors import ConfigError
 
 
 def is_real(value: object) -> TypeGuard[float]:
-    """Whether a value is a real number, of Python or NumPy, infinity and NaN included; a truth value is not."""
+    """Return whether a value is a real number, of Python or NumPy, infinity and NaN included; a truth value is not."""
     # Python counts True as the number 1, and a limit of True would be a limit of 1. Float comes
     # first because the abstract class is slow, and readings are checked by the thousand.
     return isinstance(value, float | Real) and not isinstance(value, bool)
 
 
 def is_finite(value: object) -> TypeGuard[float]:
-    """Whether a value is a finite real number, of Python or NumPy; a truth value, text or an array is not."""
+    """Return whether a value is a finite real number, of Python or NumPy; a truth value, text or an array is not."""
     try:
         return is_real(value) and math.isfinite(value)
     except OverflowError:  # a whole number beyond every float
@@ -30,7 +30,7 @@ def is_finite(value: object) -> TypeGuard[float]:
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Whether a value is a whole number, of Python or NumPy; 16.0 and a truth value are not."""
+    """Return whether a value is a whole number, of Python or NumPy; 16.0 and a truth value are not."""
     # Integral and not int: counts that come from NumPy arrays are np.int64.
     return isinstance(value, Integral) and not isinstance(value, bool)
 
@@ -94,7 +94,7 @@ def require_fields(settings: Any, owner: str) -> None:
 
 @cache
 def _checked(kind: type) -> tuple[tuple[str, dict[str, Any] | None, tuple[Any, ...], bool], ...]:
-    """Fields that have limits or words: limits as arguments of `require_range`, words, and whether None is a value."""
+    """Return the limits of fields as arguments of `require_range`, their words, and whether None is a value."""
     found = []
     for name, hint in typing.get_type_hints(kind, include_extras=True).items():
         limits = next(

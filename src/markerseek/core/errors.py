@@ -77,12 +77,12 @@ def needs_package(package: str, *, extra: str, purpose: str, module: str | None 
 
 
 def is_absent(module: str, problem: BaseException) -> bool:
-    """Whether importing a module failed because that very module, or its package, is not installed."""
+    """Return whether importing a module failed because that very module, or its package, is not installed."""
     return isinstance(problem, ModuleNotFoundError) and f"{module}.".startswith(f"{problem.name}.")
 
 
 def described(problem: BaseException) -> str:
-    """An error as its class and message in one line."""
+    """Return an error as its class and message in one line."""
     return f"{type(problem).__name__}: {' '.join(str(problem).split())}"
 
 

@@ -88,21 +88,21 @@ class ScanGeometry(msgspec.Struct, frozen=True, kw_only=True):
         }
 
     def position_m(self, *, row: float, column: float) -> tuple[float, float]:
-        """Lateral position and depth of a pixel, in metres."""
+        """Return the lateral position and depth of a pixel, in metres."""
         return (
             self.first_lateral_m + column * self.lateral_step_m,
             self.first_depth_m + row * self.depth_step_m,
         )
 
     def pixel(self, *, lateral_m: float, depth_m: float) -> tuple[float, float]:
-        """Row and column of a position in metres, not rounded."""
+        """Return the row and column of a position in metres, not rounded."""
         return (
             (depth_m - self.first_depth_m) / self.depth_step_m,
             (lateral_m - self.first_lateral_m) / self.lateral_step_m,
         )
 
     def edges_mm(self, rows: int, columns: int) -> tuple[float, float, float, float]:
-        """Outer edges of an image in millimetres: left, right, bottom (deepest), top."""
+        """Return the outer edges of an image in millimetres: left, right, bottom (deepest), top."""
         left, top = self.position_m(row=-0.5, column=-0.5)
         right, bottom = self.position_m(row=rows - 0.5, column=columns - 0.5)
         return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
@@ -168,7 +168,9 @@ class StereoImages(Protocol):
         """What the pairs come from, for messages: "folders a (left) and b (right)"."""
 
     def newest(self) -> list[StereoPair]:
-        """Pairs that came since the last call, the oldest first, at most `MAX_PAIRS`; returns soon, also without any.
+        """Return the pairs that came since the last call, the oldest first, at most `MAX_PAIRS`.
+
+        Returns soon, also without any.
 
         Raises `DeviceError` with cause and cure if the source has ended or failed.
         """

@@ -47,7 +47,7 @@ class Interval(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return (self.low_deg + self.high_deg) / 2
 
     def nearest(self, angle_deg: float) -> float:
-        """The angle of the interval that is nearest: for answers. What a rig is asked for is refused instead."""
+        """Return the angle of the interval that is nearest: for answers. What a rig is asked for is refused instead."""
         return min(max(angle_deg, self.low_deg), self.high_deg)
 
     def __contains__(self, angle_deg: object) -> bool:
@@ -60,7 +60,7 @@ class Interval(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 def as_interval(ends_deg: Interval | Sequence[SupportsFloat], *, name: str) -> Interval:
-    """Interval of two angles, given as such or as any two numbers, low end first.
+    """Return the interval of two angles, given as such or as any two numbers, low end first.
 
     ``name``: name of the argument, for the message.
     """

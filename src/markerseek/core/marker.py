@@ -100,7 +100,9 @@ _SAME_DEG = 0.5
 
 
 def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigFacts) -> tuple[MarkerCandidate, ...]:
-    """Sources of an answer that may be the marker, the likeliest first; none where their places are not known.
+    """Return the sources of an answer that may be the marker, the likeliest first.
+
+    None where their places are not known.
 
     The strongest source has the place that `marker_position` gives, the others that of their own frames. How probable
     another source is follows from its strength, where the answer does not state it.
@@ -147,7 +149,7 @@ def marker_candidates(estimate: Estimate, samples: Sequence[Sample], facts: RigF
 
 
 def place_sigmas_m(coherence: float | None) -> tuple[float, float]:
-    """Standard deviations of the lateral position and the depth of a source in an image of this coherence, in metres.
+    """Return the standard deviations of a source's lateral position and depth in an image of this coherence.
 
     ``coherence``: None where a frame gives none.
     """
@@ -159,7 +161,7 @@ def place_sigmas_m(coherence: float | None) -> tuple[float, float]:
 def _placed(
     angle_deg: float, sigma_deg: float, lateral_m: float, radius_m: float, coherence: float = _UNKNOWN_COHERENCE
 ) -> MarkerPosition:
-    """Where a source is at this angle and distance from the axis; how well, follows from its coherence."""
+    """Return where a source is at this angle and distance from the axis; how well, follows from its coherence."""
     angle = math.radians(angle_deg)
     return MarkerPosition(
         position_m=(radius_m * math.sin(angle), lateral_m, radius_m * math.cos(angle)),
@@ -168,7 +170,7 @@ def _placed(
 
 
 def marker_position(estimate: Estimate, samples: Sequence[Sample], facts: RigFacts) -> MarkerPosition | None:
-    """Position of the marker; None if the frames give no position, or the face radius is not known.
+    """Return the position of the marker; None if the frames give no position, or the face radius is not known.
 
     Lateral position and depth are means over the strong frames, weighted by the square of their intensity, of the
     centroid of the energy: which grain of a stained spot, or which edge of a long laser pulse, is the peak is chance.
@@ -215,7 +217,10 @@ class _SourcePosition:
 
 
 def _position_of(sample: Sample, sound_speed_m_s: float | None) -> _SourcePosition | None:
-    """Position of a sample's source: its energy's centroid, else the peak; its depth by the centroid in time."""
+    """Return the position of a sample's source: its energy's centroid, else the peak.
+
+    Its depth by the centroid in time.
+    """
     reading = sample.reading
     if reading.lateral_m is None or reading.depth_m is None:
         return None
@@ -239,7 +244,7 @@ def _position_of(sample: Sample, sound_speed_m_s: float | None) -> _SourcePositi
 
 
 def _same_source(position: _SourcePosition, strongest: _SourcePosition) -> bool:
-    """Whether a position is strong, and near the strongest."""
+    """Return whether a position is strong, and near the strongest."""
     return (
         position.intensity >= _STRONG_SHARE * strongest.intensity
         and abs(position.lateral_m - strongest.lateral_m) <= SAME_SOURCE_M
@@ -248,7 +253,7 @@ def _same_source(position: _SourcePosition, strongest: _SourcePosition) -> bool:
 
 
 def _radius_m(slant_m: float, face_m: float, off_plane: float) -> float:
-    """Distance from the axis: ρ of r² = R² + ρ² − 2 R ρ cos t, with the slant range r and the angle t off the plane."""
+    """Return the radius ρ of r² = R² + ρ² − 2 R ρ cos t, with the slant range r and the angle t off the plane."""
     across_m = face_m * math.sin(off_plane)
     return face_m * math.cos(off_plane) + math.sqrt(max(slant_m**2 - across_m**2, 0.0))
 

@@ -41,7 +41,7 @@ class Option:
         return f"--{self.name.replace('_', '-')}"
 
     def read(self, text: str) -> bool | float | str | AnglePrior:
-        """Value that a text states; `ConfigError` if the text does not have the type of this option."""
+        """Return the value that a text states; `ConfigError` if the text does not have the type of this option."""
         if issubclass(self.kind, AnglePrior):
             return self.kind.parse(text)
         try:
@@ -89,7 +89,7 @@ def options_of(kind: type[msgspec.Struct]) -> tuple[Option, ...]:
 
 
 def _required(kind: Any) -> Any:
-    """The type without ``None``."""
+    """Return the type without ``None``."""
     if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
         return next(each for each in typing.get_args(kind) if each is not types.NoneType)
     return kind
@@ -106,5 +106,5 @@ def arguments_of(settings: msgspec.Struct) -> list[str]:
 
 
 def as_text(value: object) -> str:
-    """A value as text, without loss: 3.0 as 3, a truth value as 0 or 1."""
+    """Return a value as text, without loss: 3.0 as 3, a truth value as 0 or 1."""
     return str(int(value)) if isinstance(value, bool) else str(value).removesuffix(".0")

@@ -130,11 +130,11 @@ class SweepPermit(Permit, frozen=True, kw_only=True):
         )
 
     def turns_at(self, angle_deg: float, *, within_deg: float) -> bool:
-        """Whether it may turn back at an angle, in degrees."""
+        """Return whether it may turn back at an angle, in degrees."""
         return self.back_deg is not None and abs(angle_deg - self.to_deg) <= within_deg
 
     def turned(self, before_deg: float, angle_deg: float, *, back: bool) -> tuple[float, float]:
-        """How far a probe has turned along its way, and how far it is outside of it, in degrees.
+        """Return how far a probe has turned along its way, and how far it is outside of it, in degrees.
 
         ``back``: whether it is on the way back.
         """

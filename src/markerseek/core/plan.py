@@ -50,7 +50,7 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True):
                 raise ConfigError(f"tolerance_{name} is {value}, it must be a positive number")
 
     def half_width_deg(self, radius_m: float | None) -> float:
-        """The tolerance to either side in degrees, for a marker at this distance from the axis in metres."""
+        """Return the tolerance to either side in degrees, for a marker at this distance from the axis in metres."""
         return self.deg if radius_m is None else math.degrees(1e-3 * self.mm / radius_m)
 
 
@@ -220,17 +220,17 @@ RigKind: TypeAlias = Literal["simulated", "replayed", "bench"]
 
 
 def rig_in_words(kind: str, emulated: Sequence[str]) -> str:
-    """The kind of rig for people, emulated devices named: "bench rig with emulated stage and laser"."""
+    """Return the kind of rig for people, emulated devices named: "bench rig with emulated stage and laser"."""
     return f"{kind} rig" + (f" with emulated {listed(emulated)}" if emulated else "")
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names for people: "stage", "stage and laser", "stage, laser and receiver"."""
+    """Return the names for people: "stage", "stage and laser", "stage, laser and receiver"."""
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def counted(number: int, thing: str, things: str | None = None) -> str:
-    """A number of things for people: "1 journal", "2 journals"; ``things``: their plural, if not by an s."""
+    """Return a number of things for people: "1 journal", "2 journals"; ``things``: their plural, if not by an s."""
     return f"{number} {thing if number == 1 else things or f'{thing}s'}"
 
 
@@ -366,7 +366,7 @@ class SceneOptions(msgspec.Struct, frozen=True, kw_only=True):
         require_pace(self.pace)
 
     def given(self) -> list[str]:
-        """The options that were given, as they are typed."""
+        """Return the options that were given, as they are typed."""
         return [each.replace("=", " ") for each in arguments_of(self)]
 
 

@@ -26,13 +26,13 @@ class Policy(Protocol):
     """Chooses the next angle. The caller owns the loop."""
 
     def ask(self) -> float | None:
-        """Next angle in degrees, or None when the search is over; asking twice changes nothing."""
+        """Return the next angle in degrees, or None when the search is over; asking twice changes nothing."""
 
     def tell(self, sample: Sample) -> None:
         """Receive one sample; its angle is the one reached."""
 
     def estimate(self) -> Estimate:
-        """Present answer; allowed at any time, also before the first sample."""
+        """Return the present answer; allowed at any time, also before the first sample."""
 
 
 @runtime_checkable
@@ -44,7 +44,10 @@ class SweepingPolicy(Protocol):
     """
 
     def ask(self) -> float | Sweep | None:
-        """Next angle in degrees or next sweep, or None when the search is over; asking twice changes nothing."""
+        """Return the next angle in degrees or next sweep, or None when the search is over.
+
+        Asking twice changes nothing.
+        """
 
     def tell(self, sample: Sample) -> None:
         """Receive one sample; its angle is the one reached."""
@@ -56,7 +59,7 @@ class SweepingPolicy(Protocol):
         """
 
     def estimate(self) -> Estimate:
-        """Present answer; allowed at any time, also before the first sample."""
+        """Return the present answer; allowed at any time, also before the first sample."""
 
 
 AnyPolicy: TypeAlias = Policy | SweepingPolicy
@@ -76,7 +79,7 @@ def estimate_of(policy: AnyPolicy) -> Estimate:
 
 
 def _with_plain_numbers(estimate: Estimate) -> Estimate:
-    """The answer with Python's numbers instead of NumPy's, which a policy of the user's own may have put there."""
+    """Return the answer with Python's numbers instead of NumPy's, which a user's own policy may put there."""
     try:
         msgspec.json.encode(estimate)
     except TypeError:
@@ -85,7 +88,7 @@ def _with_plain_numbers(estimate: Estimate) -> Estimate:
 
 
 def _plain_number(value: Any) -> object:
-    """The number in one of NumPy's, which this package is imported without."""
+    """Return the number in one of NumPy's, which this package is imported without."""
     if type(value).__module__ != "numpy" or getattr(value, "ndim", None) != 0:
         raise TypeError(f"{value!r:.80} is no number")
     return value.item()
@@ -113,7 +116,7 @@ class Clock(Protocol):
     """Time on a rig, real or virtual."""
 
     def now_s(self) -> float:
-        """Seconds since some fixed moment; never runs backwards."""
+        """Return the seconds since some fixed moment; never runs backwards."""
 
     def wait(self, duration_s: float) -> None:
         """Return when that many seconds have gone by."""
@@ -159,7 +162,7 @@ class SweepingStage(Stage, Protocol):
         """Acceleration at both ends of a sweep, in degrees per second squared."""
 
     def play_deg(self, forward: float) -> float:
-        """Backlash between encoder and probe in a sweep in that direction, 1 or -1, in degrees: the probe lags by it.
+        """Return the backlash in a sweep in that direction, 1 or -1, in degrees, by which the probe lags.
 
         0 in the direction in which it approaches the angle of a single acquisition.
         """
@@ -171,7 +174,7 @@ class SweepingStage(Stage, Protocol):
         """Begin to turn there, the end of the permit, and return at once."""
 
     def read_sweep(self) -> StageReading:
-        """Where it is; a target that a line has lost is given again."""
+        """Return where it is; a target that a line has lost is given again."""
 
     def brake(self) -> None:
         """Begin to brake, and return at once."""
@@ -214,7 +217,7 @@ class SweepingLaser(Laser, Protocol):
         """Begin to fire the permitted pulses, one every ``permit.period_s``, and return at once."""
 
     def pulses(self) -> Sequence[Pulse]:
-        """Pulses since the last call, in order."""
+        """Return the pulses since the last call, in order."""
 
     def end_sweep(self) -> int:
         """End the light, and return how many pulses were fired in all; `pulses` returns those not reported yet."""
@@ -231,7 +234,7 @@ class Receiver(Protocol):
         """Get ready for the trigger that the laser will give."""
 
     def acquire(self, permit: Permit) -> Frame:
-        """Frame of the trigger that was given since `arm`."""
+        """Return the frame of the trigger that was given since `arm`."""
 
 
 @runtime_checkable
@@ -250,10 +253,13 @@ class SweepingReceiver(Receiver, Protocol):
         """Get ready for one trigger after the other."""
 
     def frames(self) -> Sequence[Frame]:
-        """Frames that came since the last call, in the order of their triggers; none where it is read at the end."""
+        """Return the frames that came since the last call, in the order of their triggers.
+
+        None where it is read at the end.
+        """
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        """The frames that have not been returned yet, of so many pulses in all; dark triggers may have followed.
+        """Return the frames that have not been returned yet, of so many pulses in all; dark triggers may have followed.
 
         A receiver that is read at the end averages those into a dark frame, and returns it last.
         """
@@ -264,7 +270,7 @@ class Reader(Protocol):
     """Computes the reading of a frame."""
 
     def read(self, frame: Frame) -> Reading:
-        """Features of the frame."""
+        """Return the features of the frame."""
 
 
 @runtime_checkable
@@ -288,10 +294,13 @@ class FollowedTissue(Protocol):
         """Time in seconds in which it rests between two breaths; 0 if that is not known."""
 
     def rests(self, for_s: float) -> bool | None:
-        """Whether it stays in its pause from now on, for so many seconds; None if that is not known.
+        """Return whether it stays in its pause from now on, for so many seconds; None if that is not known.
 
         Tissue that does not move rests at any time.
         """
 
     def displacement(self, at_s: float) -> Displacement | None:
-        """Displacement of the tissue at the marker at a moment of the rig's clock; None if it is not known."""
+        """Return the displacement of the tissue at the marker at a moment of the rig's clock.
+
+        None if it is not known.
+        """

@@ -220,7 +220,7 @@ class LocalMaxima(msgspec.Struct, frozen=True, kw_only=True):
     def near(
         self, *, lateral_m: float, low_depth_m: float, high_depth_m: float, within_m: float = 0.5e-3
     ) -> tuple[float, int] | None:
-        """Largest envelope near a place, and among how many independent cells of noise it is the largest.
+        """Return the largest envelope near a place, and among how many independent cells of noise it is the largest.
 
         Noise alone stays below u·σ there with a probability of (1 − exp(−u²/2))^cells, for u about 2 or more.
 
@@ -262,7 +262,7 @@ class LocalMaxima(msgspec.Struct, frozen=True, kw_only=True):
         return largest, self.cells_of(len(rows) * len(columns))
 
     def cells_of(self, blocks: int) -> int:
-        """M for which noise stays below u·σ in this many blocks with a probability of (1 − exp(−u²/2))^M."""
+        """Return the M for which noise stays below u·σ in this many blocks with a probability of (1 − exp(−u²/2))^M."""
         # M = ρ(u² − 1) is not the same for all u: it is exact where the probability is one half, M·exp(−u²/2) = ln 2,
         # so that u² = 2·ln(M/ln 2): the fixed point, by iteration.
         square = 9.0
@@ -275,7 +275,7 @@ class LocalMaxima(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def _touched(low_m: float, high_m: float, *, first_m: float, step_m: float, count: int) -> range:
-    """Numbers of the blocks that an interval touches."""
+    """Return the numbers of the blocks that an interval touches."""
     low, high = (math.floor((each - first_m) / step_m + 0.5) for each in (low_m, high_m))
     return range(max(low, 0), min(high, count - 1) + 1)
 

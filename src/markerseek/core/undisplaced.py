@@ -95,7 +95,7 @@ def _usual(samples: Sequence[Sample]) -> Displacement | None:
     mean = [sum(each.mm[axis] for each in known) / count for axis in range(3)]
 
     def covariance_mm2(one: int, other: int) -> float:
-        """Mean covariance of the displacements, and of their scatter."""
+        """Return the mean covariance of the displacements, and of their scatter."""
         products = (
             each.covariance_mm2[one][other] + (each.mm[one] - mean[one]) * (each.mm[other] - mean[other])
             for each in known

@@ -24,7 +24,9 @@ class Even:
         self._seen: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
 
     def jump_s(self, value: float, *, earliest_s: float, latest_s: float) -> float:
-        """Least time by which it has jumped if it has this value between those moments; not above 0: it need not have.
+        """Return the least time by which it has jumped if it has this value between those moments.
+
+        If it is not above 0, it need not have jumped.
 
         Raises nothing, and keeps nothing.
         """
@@ -48,7 +50,7 @@ class Even:
         self._seen.append((value, earliest_s, latest_s))
 
     def bounds_s(self, value: float, *, slowest: float, fastest: float) -> tuple[float, float]:
-        """Earliest and latest moment of a value, at rates between those two and by all that was seen."""
+        """Return the earliest and latest moment of a value, at rates between those two and by all that was seen."""
         earliest_s = -math.inf
         latest_s = math.inf
         for seen, seen_earliest_s, seen_latest_s in self._seen:

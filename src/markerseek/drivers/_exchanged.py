@@ -13,7 +13,7 @@ _EXCHANGED = "the ports of stage and laser are exchanged: exchange stage.port an
 
 
 def box_at(port: Port, clock: Clock) -> str:
-    """End of an error of a stage that does not answer: that a laser box does; empty if none does."""
+    """Return the end of an error of a stage that does not answer: that a laser box does; empty if none does."""
     port.write(b"\n" + laserbox.encode(laserbox.Hello()))
     lines = laserbox.Lines()
     for _ in polls(clock, within_s=_ANSWER_S, every_s=_POLL_S):
@@ -27,7 +27,10 @@ def box_at(port: Port, clock: Clock) -> str:
 
 
 def stage_at(port: Port, clock: Clock) -> str:
-    """End of an error of a laser box that does not answer: that a stage's controller does; empty if none does."""
+    """Return the end of an error of a laser box that does not answer: that a stage's controller does.
+
+    Empty if none does.
+    """
     port.write(apt.ask(apt.INFO))
     framer = apt.AptFramer()
     for _ in polls(clock, within_s=_ANSWER_S, every_s=_POLL_S):

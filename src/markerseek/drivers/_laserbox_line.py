@@ -58,7 +58,7 @@ class BoxClock:
         self._even.add(clock_s, earliest_s=earliest_s, latest_s=latest_s)
 
     def bounds_s(self, stamp_us: int) -> tuple[float, float]:
-        """Earliest and latest time at which it showed that stamp, by every round trip.
+        """Return the earliest and latest time at which it showed that stamp, by every round trip.
 
         Raises `LaserError` if its rate is too far off.
         """
@@ -80,7 +80,10 @@ class BoxClock:
         )
 
     def _since_first_s(self, clock_us: int) -> float:
-        """Seconds from the first round trip to what the clock shows; that starts at 0 again every 36 minutes."""
+        """Return the seconds from the first round trip to what the clock shows.
+
+        That starts at 0 again every 36 minutes.
+        """
         first_us = self._first_us or 0
         return ((clock_us - first_us + _TURN_US // 2) % _TURN_US - _TURN_US // 2) / 1e6
 
@@ -143,7 +146,10 @@ class BoxSweep:
             )
 
     def fired(self) -> int:
-        """Pulses that were fired, once the light has ended; `LaserError` if box, photodiode and stamps differ."""
+        """Return the pulses that were fired, once the light has ended.
+
+        `LaserError` if box, photodiode and stamps differ.
+        """
         dark = self.dark
         if dark is None or not dark.sent == dark.photodiode == len(self.stamped):
             raise LaserError(
@@ -153,7 +159,7 @@ class BoxSweep:
         return dark.sent
 
     def new_pulses(self, *, now_s: float) -> list[Pulse]:
-        """Pulses since the last call whose times on the rig's clock are known.
+        """Return the pulses since the last call whose times on the rig's clock are known.
 
         Raises `LaserError` if that of one is not known in time.
         """
@@ -270,7 +276,7 @@ class BoxLine:
         return answer
 
     def stage_at(self) -> str:
-        """End of an error that names the stage that answers instead of a box; empty if none does."""
+        """Return the end of an error that names the stage that answers instead of a box; empty if none does."""
         return stage_at(self._port, self._clock)
 
     def await_disarmed(self) -> None:
@@ -278,7 +284,7 @@ class BoxLine:
         self._skip_to(_answers_disarm, after="DISARM", within_s=self._answer_s)
 
     def next(self, *, within_s: float, after: str) -> wire.Reply:
-        """Next reply; the lease is renewed meanwhile. Raises `DeviceTimeoutError` if none comes in time."""
+        """Return the next reply; the lease is renewed meanwhile. Raises `DeviceTimeoutError` if none comes in time."""
         ends_s = self._clock.now_s() + within_s
         while not self._replies:
             if not self._clock.now_s() <= ends_s:
@@ -308,7 +314,10 @@ class BoxLine:
             sweep.hear(wire.decode_reply(line), now_s=now_s)
 
     def _skip_to(self, wanted: Callable[[wire.Reply], TypeGuard[_Kind]], *, after: str, within_s: float) -> _Kind:
-        """Next reply that is wanted; others, and damaged lines, belong to earlier commands and are skipped."""
+        """Return the next reply that is wanted.
+
+        Others, and damaged lines, belong to earlier commands and are skipped.
+        """
         ends_s = self._clock.now_s() + within_s
         while True:
             try:
@@ -352,7 +361,7 @@ def require_known(greeting: wire.Greeting) -> None:
 
 
 def stray_light(seen: int, expected: int) -> LaserError:
-    """The error of a photodiode that has seen another number of pulses than were fired."""
+    """Return the error of a photodiode that has seen another number of pulses than were fired."""
     return LaserError(
         f"laser box: its photodiode counts {seen} pulses of light since power-up, {expected} up to the last firing: "
         "there was light without a permit, or the box was switched off and on; nothing was fired; check the laser and "
@@ -361,5 +370,5 @@ def stray_light(seen: int, expected: int) -> LaserError:
 
 
 def cure(reply: wire.Reply) -> str:
-    """What a person can do where this is no answer."""
+    """Return what a person can do where this is no answer."""
     return _CURES[reply.reason] if isinstance(reply, wire.Refusal) else "check its firmware"

@@ -69,7 +69,10 @@ class Pairing:
         self._latest_s[side] = max(self._latest_s[side], image.time_s)
 
     def pairs(self, now_s: float) -> list[StereoPair]:
-        """Pairs that are certain now, the oldest first; images that have waited too long are dropped and counted."""
+        """Return the pairs that are certain now, the oldest first.
+
+        Images that have waited too long are dropped and counted.
+        """
         found = sorted(chain(self._by_name(), self._by_time(now_s)), key=lambda pair: pair.at_s)
         if found:
             self.dropped = [0, 0]
@@ -100,7 +103,7 @@ class Pairing:
                 yield self._pair(left, right)
 
     def _is_settled(self, left: CameraImage, right: CameraImage, now_s: float) -> bool:
-        """Whether no image can come that is nearer to the later of the two."""
+        """Return whether no image can come that is nearer to the later of the two."""
         first = 0 if left.time_s <= right.time_s else 1
         waited_s = now_s - max(left.since_s, right.since_s) - self._named_s
         return self._latest_s[first] >= max(left.time_s, right.time_s) or waited_s >= 2 * self._near_s
@@ -177,7 +180,10 @@ class PairSource(Closing):
         self._unpaired_from_s = now_s
 
     def newest(self) -> list[StereoPair]:
-        """Pairs that came since the last call, the oldest first, at most `MAX_PAIRS`; raises what a thread met."""
+        """Return the pairs that came since the last call, the oldest first, at most `MAX_PAIRS`.
+
+        An error that a thread met is raised here.
+        """
         with self._lock:
             now_s = time.monotonic()
             self._ready.extend(self._pairing.pairs(now_s))
@@ -237,7 +243,7 @@ class PairSource(Closing):
 
     @contextmanager
     def _in_library(self, side: int) -> Iterator[None]:
-        """Work in a library, for one camera or, as 0, for both; `ClosedError` once the source is closed."""
+        """Yield the work in a library, for one camera or, as 0, for both; `ClosedError` once the source is closed."""
         with self._libraries[side]:
             if self._over.is_set():
                 raise ClosedError

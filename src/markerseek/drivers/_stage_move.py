@@ -87,7 +87,7 @@ class StageLogic(Protocol):
     """
 
     def read(self) -> StageStatus:
-        """What the stage says now."""
+        """Return what the stage says now."""
 
     def go(self, angle_deg: float) -> float | None:
         """Begin to turn to an angle; it is called on the way again, with the next target.
@@ -139,20 +139,20 @@ class StageRules:
         return 0.0 if self.acceleration_deg_s2 is None else self.speed_deg_s / self.acceleration_deg_s2
 
     def longest_s(self, way_deg: float) -> float:
-        """Longest time that a move of that length may take, in seconds."""
+        """Return the longest time that a move of that length may take, in seconds."""
         # A fast stage waits for its next target.
         speed_deg_s = min(self.speed_deg_s, MAX_AHEAD_DEG / (2 * _RENEW_S))
         return 2 * (way_deg / speed_deg_s + self.ramp_s) + 2 * self.begin_s
 
     def reach_deg(self, duration_s: float) -> float:
-        """Farthest that a motor gets from rest in that time, with what it may exceed its settings by."""
+        """Return the farthest that a motor gets from rest in that time, with what it may exceed its settings by."""
         ramp_s = min(duration_s, self.ramp_s)
         ramp_deg = 0.0 if self.acceleration_deg_s2 is None else self.acceleration_deg_s2 * ramp_s**2 / 2
         return _TOO_FAST * (ramp_deg + self.speed_deg_s * (duration_s - ramp_s))
 
 
 def unit_doubt(asked_deg: float, reading_deg: float) -> str:
-    """End of an error of a stage that reads this where it was asked to be there: the unit or sign that explains it."""
+    """Return the end of an error: the unit or sign that explains why a stage reads another angle than was asked."""
     ratio = reading_deg / asked_deg if asked_deg else 0.0
     for scale, unit in _SCALES:
         if ratio and abs(abs(ratio) / scale - 1) <= _SAME_SCALE and not (ratio > 0 and scale == 1):
@@ -204,7 +204,7 @@ class Course:
         self._last: deque[StageReading] = deque([first], maxlen=_KEPT)
 
     def objection(self, reading: StageReading) -> str:
-        """Why a stage on this course cannot be there; empty if it can."""
+        """Return why a stage on this course cannot be there; empty if it can."""
         back_deg = self._heading * (self._farthest_deg - reading.angle_deg)
         unsteady_deg = self._unsteady_deg(reading.angle_deg)
         cure = "switch it off and on, home it with the probe outside the patient"
@@ -228,7 +228,7 @@ class Course:
         )
 
     def _uneven(self, reading: StageReading, cure: str) -> str:
-        """Why a stage that turned evenly so far cannot be there; empty if it can."""
+        """Return why a stage that turned evenly so far cannot be there; empty if it can."""
         moments_s = self._even_moments_s(reading)
         if moments_s is None or self._speed_deg_s is None:
             return ""
@@ -242,7 +242,7 @@ class Course:
         )
 
     def _even_moments_s(self, reading: StageReading) -> tuple[float, float] | None:
-        """Earliest and latest moment of a reading between the ramps; None of another one."""
+        """Return the earliest and latest moment of a reading between the ramps; None of another one."""
         if self._speed_deg_s is None or self.brakes:
             return None
         ramp_deg = _TOO_FAST**2 * self._speed_deg_s**2 / (2 * self._acceleration) + self._settle_deg
@@ -257,7 +257,7 @@ class Course:
         return self._speed_deg_s is not None
 
     def swing_deg(self, *angles_deg: float) -> float:
-        """How far apart two readings of a servo that settles may be, if it settles at these angles; 0 if not."""
+        """Return how far apart two readings of a servo that settles may be, if it settles at these angles; 0 if not."""
         # It swings to both sides of its rest.
         rests_deg = (*self._ends_deg, *self._aims_deg)
         rests = self.brakes or any(
@@ -266,13 +266,13 @@ class Course:
         return 2 * self._settle_deg if rests else 0.0
 
     def _unsteady_deg(self, angle_deg: float) -> float:
-        """How far a servo may be off its way at an angle."""
+        """Return how far a servo may be off its way at an angle."""
         return max(self._least_unsteady_deg, self.swing_deg(angle_deg))
 
     def _advances(
         self, first: StageReading, second: StageReading, third: StageReading, *, unsteady_deg: float
     ) -> tuple[float, float]:
-        """Least and largest advance from the second reading to the third, by the speed between the first two."""
+        """Return the least and largest advance from the second reading to the third, by the speed before."""
         advance_deg = self._heading * (second.angle_deg - first.angle_deg)
         change = self._acceleration * (third.answered_s - first.asked_s)
         slowest = (advance_deg - unsteady_deg) / (second.answered_s - first.asked_s) - change
@@ -318,7 +318,9 @@ class Move:
         self._aim_deg: float | None = None
 
     def look(self) -> StageStatus:
-        """Status that is what it can be; a suspicious one is asked for again, since a garbled one does not come twice.
+        """Return a status that a stage on its way can have.
+
+        One that it cannot have is asked for again, because a garbled answer does not come twice.
 
         Raises `MoveError` if it reports an error, was switched off, homes, fell back on its way, or is where it cannot
         be. Raises `LimitError` if it is outside its travel range.
@@ -425,7 +427,7 @@ class Move:
             self._course.brakes = True
 
     def ahead_deg(self, target_deg: float, here_deg: float, heading: int) -> float:
-        """The target, or the angle as far ahead as allowed."""
+        """Return the target, or the angle as far ahead as allowed."""
         # Less two steps of the readback, since the motor may be anywhere within the step that is read.
         lead_deg = MAX_AHEAD_DEG - 2 * self._rules.resolution_deg
         return target_deg if heading * (target_deg - here_deg) <= lead_deg else here_deg + heading * lead_deg
@@ -441,7 +443,7 @@ class Move:
             self._begun_s = asked_s if sent_at_s is None else sent_at_s
 
     def _settles(self, status: StageStatus, target_deg: float, settled: list[float]) -> bool:
-        """Whether it stands at the target for some readings in a row."""
+        """Return whether it stands at the target for some readings in a row."""
         if status.moving or abs(status.angle_deg - target_deg) > self._rules.arrival_deg:
             settled.clear()
             return False
@@ -472,7 +474,7 @@ class Move:
         return MoveError(said) if said else None
 
     def _too_fast(self, angle_deg: float) -> str:
-        """Why it cannot have got there by now, at the speed and acceleration that were set; empty if it can.
+        """Return why it cannot have got there by now, at the speed and acceleration that were set; empty if it can.
 
         The times are the longest that it can have turned, however slow the line is: from before it was asked last, or
         sent on its way, until now. That a stage stands where it was sent is thereby not believed before it can be so.
@@ -501,7 +503,7 @@ class Move:
         return ""
 
     def _doubt(self, angle_deg: float) -> str:
-        """End of an error of a stage that is where it cannot be: its unit or sign, where one explains that."""
+        """Return the end of an error: the unit or sign that explains why a stage is where it cannot be."""
         if self._from_deg is None or self._aim_deg is None:
             return ""
         doubt = unit_doubt(self._aim_deg, angle_deg)

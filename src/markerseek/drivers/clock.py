@@ -33,7 +33,7 @@ class SystemClock:
         self._beat = beat
 
     def now_s(self) -> float:
-        """Seconds since some fixed moment; never runs backwards."""
+        """Return the seconds since some fixed moment; never runs backwards."""
         return time.monotonic()
 
     def wait(self, duration_s: float) -> None:

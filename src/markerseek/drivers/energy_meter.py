@@ -66,7 +66,7 @@ class EnergyMeter:
         self._receiver.arm(permit)
 
     def acquire(self, permit: Permit) -> Frame:
-        """Frame of the receiver, with the energy of its pulses in the header."""
+        """Return the frame of the receiver, with the energy of its pulses in the header."""
         return self._with_energy(self._receiver.acquire(permit))
 
     @property
@@ -84,7 +84,7 @@ class EnergyMeter:
         self._sweeping.begin_sweep(permit)
 
     def frames(self) -> Sequence[Frame]:
-        """Frames of the receiver, each with the energy of its pulse in the header."""
+        """Return the frames of the receiver, each with the energy of its pulse in the header."""
         return self._each_with_energy(self._sweeping.frames())
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
@@ -116,7 +116,7 @@ class EnergyMeter:
 
 
 def metered(keys: LaserKeys, laser: Laser, receiver: Receiver, *, full_scale: int) -> Receiver:
-    """The receiver, as `EnergyMeter` where the rig file names what measures the energy.
+    """Return the receiver, as `EnergyMeter` where the rig file names what measures the energy.
 
     ``full_scale``: counts at which the channels clip. Raises `ConfigError` if the rig has no such part,
     `NotConnectedError` if the laser box has no light meter.

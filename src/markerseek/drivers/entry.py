@@ -223,7 +223,7 @@ AnyEntry: TypeAlias = Entry[Any, Any]
 
 
 def is_emulated(device: object) -> bool:
-    """Whether a device says of itself that it is an emulator, or simulated."""
+    """Return whether a device says of itself that it is an emulator, or simulated."""
     return bool(getattr(device, "emulated", False))
 
 
@@ -235,7 +235,7 @@ GROUP = "markerseek.drivers"
 
 
 def installed_drivers() -> dict[str, str]:
-    """Names of the drivers that are installed by entry points, each with its ``module:Class``."""
+    """Return the names of the drivers that are installed by entry points, each with its ``module:Class``."""
     return {each.name: each.value for each in importlib.metadata.entry_points(group=GROUP)}
 
 
@@ -268,7 +268,7 @@ def entry_of(settings: DeviceKeys) -> AnyEntry:
 
 
 def _entry(part: Part, driver: str) -> AnyEntry | None:
-    """The entry in the file of that name; None if there is no such file, or it has none of this part."""
+    """Return the entry in the file of that name; None if there is no such file, or it has none of this part."""
     if not driver.isidentifier() or driver.startswith("_"):
         return None
     name = f"markerseek.drivers.{driver}"
@@ -283,6 +283,6 @@ def _entry(part: Part, driver: str) -> AnyEntry | None:
 
 
 def _foreign(part: Part) -> AnyEntry:
-    """The entry of a driver that is a class of the user's own."""
+    """Return the entry of a driver that is a class of the user's own."""
     entry: AnyEntry = importlib.import_module("markerseek.drivers.foreign").FOREIGN[part]
     return entry

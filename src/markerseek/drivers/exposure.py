@@ -14,7 +14,10 @@ CAVEAT = "A laser safety officer must confirm this; the eye's limit is hundreds 
 
 
 def correction_c_a(wavelength_nm: float) -> float:
-    """Factor C_A of a wavelength in nm: 1 up to 700 nm, 5 from 1050 nm; `ConfigError` outside 400-1400 nm."""
+    """Return the factor C_A of a wavelength in nm: 1 up to 700 nm, 5 from 1050 nm.
+
+    `ConfigError` outside 400-1400 nm.
+    """
     if not 400 <= wavelength_nm <= 1400:
         raise ConfigError(f"exposure: wavelength_nm is {wavelength_nm} nm, the limits hold in [400, 1400] nm")
     # Table of C_A in ICNIRP 2013: 1 to 700 nm, 10^(0.002(λ-700)) to 1050 nm, 5 above; min and max join the pieces.
@@ -22,7 +25,10 @@ def correction_c_a(wavelength_nm: float) -> float:
 
 
 def skin_limit_j_m2(*, wavelength_nm: float, duration_s: float) -> float:
-    """Most radiant exposure of skin in J/m² by a pulse, or by a train as a whole; `ConfigError` below 1 ns."""
+    """Return the most radiant exposure of skin in J/m² by a pulse, or by a train as a whole.
+
+    `ConfigError` below 1 ns.
+    """
     c_a = correction_c_a(wavelength_nm)
     # Below 1 ns the limits are those of peak irradiance, which are not computed here.
     if not 1e-9 <= duration_s < math.inf:
@@ -40,7 +46,7 @@ _LONG_S = 10.0
 
 
 def exposure_line(laser: LaserKeys) -> str:
-    """Skin exposure by a rig's laser as shares of the limits in one line, or which keys of the rig file are missing.
+    """Return the skin exposure as shares of the limits in a line, or which keys of the rig file are missing.
 
     The three shares are those of a pulse, of one acquisition, and of pulses without a pause; a search pauses.
     """

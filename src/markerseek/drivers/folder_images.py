@@ -193,7 +193,10 @@ class _Folder:
         self._has_images = False
 
     def look(self) -> list[_File]:
-        """Files that are new or not read yet, the oldest first; those that could not be read in time are left out."""
+        """Return the files that are new or not read yet, the oldest first.
+
+        Those that could not be read in time are left out.
+        """
         now_s = time.monotonic()
         try:
             files = self._files()
@@ -217,7 +220,7 @@ class _Folder:
         return [file for file in came if file.id not in self._done]
 
     def _is_late(self, file: _File, now_s: float, newer: int) -> bool:
-        """Whether an image has waited too long to be read; one that is not complete is awaited."""
+        """Return whether an image has waited too long to be read; one that is not complete is awaited."""
         waited_s = now_s - self._first_s[file.id]
         return file.id not in self._waiting and (waited_s > BEHIND_S or newer >= MAX_PAIRS)
 
@@ -246,7 +249,7 @@ class _Folder:
             )
 
     def _files(self) -> list[_File]:
-        """All image files."""
+        """Return all image files."""
         files: list[_File] = []
         others: set[str] = set()
         with os.scandir(self._path) as entries:
@@ -264,7 +267,7 @@ class _Folder:
         return files
 
     def read(self, file: _File) -> bytes | None:
-        """Bytes of a file; None if it is being written or cannot be opened yet, or has been deleted."""
+        """Return the bytes of a file; None if it is being written or cannot be opened yet, or has been deleted."""
         path = self._path / file.name
         try:
             data = read_input(path, most_bytes=_MOST_BYTES)
@@ -283,7 +286,7 @@ class _Folder:
         return None
 
     def decode(self, file: _File, data: bytes) -> UInt8[np.ndarray, "rows columns"] | None:
-        """Pixels of a file; None if it is not complete."""
+        """Return the pixels of a file; None if it is not complete."""
         try:
             pixels = decoded_image(data)
         except ConfigError as problem:
@@ -300,7 +303,10 @@ class _Folder:
         self._waiting[file.id] = since_s, file.name, reason
 
     def unfinished(self) -> list[str]:
-        """Sentences on files that have not changed for `INCOMPLETE_S`; each once, and they are not read any more."""
+        """Return the sentences on files that have not changed for `INCOMPLETE_S`.
+
+        Each once, and they are not read any more.
+        """
         now_s = time.monotonic()
         late = {id_: each for id_, each in self._waiting.items() if now_s - each[0] > INCOMPLETE_S}
         for id_ in late:
@@ -321,13 +327,16 @@ class _Folder:
             )
 
     def monotonic_s(self, file: _File) -> float:
-        """Monotonic time at which a file was complete: by its date, after the last look without it."""
+        """Return the monotonic time at which a file was complete: by its date, after the last look without it."""
         now_s = time.monotonic()
         age_s = time.time() - file.time_s  # noqa: TID251  dates of files are times of the day
         return min(max(now_s - age_s, file.since_s), now_s)
 
     def key(self, file: _File) -> Key | None:
-        """All numbers in a file's name; None without one, or where the last file had the same: they do not count."""
+        """Return all numbers in a file's name.
+
+        None without one, or where the last file had the same: they do not count.
+        """
         key = tuple(int(digits) for digits in re.findall(r"[0-9]+", Path(file.name).stem))
         repeated = key == self._last_key
         self._last_key = key

@@ -117,7 +117,7 @@ def _driver_key(settings: Foreign) -> str:
 
 
 def class_of(settings: Foreign) -> type:
-    """The class that a rig file names, with the methods of its part.
+    """Return the class that a rig file names, with the methods of its part.
 
     Raises `ConfigError` where it is not found, fails, or lacks a method.
     """
@@ -155,7 +155,7 @@ def class_of(settings: Foreign) -> type:
 
 
 def class_arguments(made: type, settings: Foreign, offered: Mapping[str, object]) -> dict[str, object]:
-    """Keyword arguments of the class, from the keys of its table and what the rig has for it.
+    """Return the keyword arguments of the class, from the keys of its table and what the rig has for it.
 
     Raises `ConfigError` if a key is unknown, missing, or of another type.
     """
@@ -208,7 +208,7 @@ def _hints(made: type) -> dict[str, Any]:
 
 
 def split_keys(table: Mapping[str, object], kind: type[DeviceKeys]) -> dict[str, object]:
-    """A table of a rig file with the keys that only the class knows apart from the others."""
+    """Return a table of a rig file with the keys that only the class knows apart from the others."""
     common = {name for name in kind.__struct_fields__ if name not in ("keys", "beside")}
     own = {key: None if value == "none" else value for key, value in table.items() if key not in common}
     return {key: value for key, value in table.items() if key in common} | {"keys": own}
@@ -222,7 +222,7 @@ def require_class(settings: Foreign) -> None:
 
 
 def foreign_line(settings: Foreign, *, supervised: bool) -> str:
-    """What a person must know of a foreign driver before arming it, in one line."""
+    """Return what a person must know of a foreign driver before arming it, in one line."""
     made = class_of(settings)
     line = _line(settings)
     where = getattr(sys.modules.get(made.__module__), "__file__", None) or made.__module__
@@ -235,7 +235,7 @@ def foreign_line(settings: Foreign, *, supervised: bool) -> str:
 
 
 def _line(settings: Foreign) -> Line | None:
-    """The serial line of a class with a safe command."""
+    """Return the serial line of a class with a safe command."""
     if not settings.beside:
         return None
     made = class_of(settings)
@@ -303,7 +303,7 @@ class OwnDevice:
             raise kind(f"{self.driver}: {described(problem)}; this is an error of that driver") from problem
 
     def call(self, verb: str, *arguments: object) -> Any:
-        """What a verb of the class returns."""
+        """Return what a verb of the class returns."""
         with self._errors(self.error):
             return getattr(self.device, verb)(*arguments)
 
@@ -313,7 +313,7 @@ class OwnDevice:
             raise self.error(f"{self.driver}: {verb}() returned {says!r}, it must be {wanted}; correct that driver")
 
     def number(self, name: str, default: float | None) -> float | None:
-        """A number that the class has as an attribute, or the default."""
+        """Return a number that the class has as an attribute, or the default."""
         with self._errors(NotConnectedError):
             value = getattr(self.device, name, default)
         if value is not default and not (is_finite(value) and value > 0):
@@ -370,7 +370,7 @@ class OwnStage(OwnDevice):
         self.call("stop")
 
     def rules(self) -> StageRules:
-        """How it moves, by its attributes."""
+        """Return how it moves, by its attributes."""
         speed_deg_s = self.number("speed_deg_s", None)
         if speed_deg_s is None:
             raise NotConnectedError(f"{self.driver}: it has no speed_deg_s, its speed in deg/s; add the attribute")
@@ -430,7 +430,7 @@ class OwnMessages(OwnDevice):
             self.call("arm")
 
     def take(self) -> tuple[list[np.ndarray], bool]:
-        """What the class has read."""
+        """Return what the class has read."""
         frames = self.call("read")
         self.require(frames, list, verb="read", wanted="a list of frames")
         for each in frames:
@@ -442,7 +442,7 @@ class OwnMessages(OwnDevice):
         return list(frames), bool(frames)
 
     def samples(self, messages: list[np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
-        """Their mean; `AcquisitionError` if their shapes differ."""
+        """Return their mean; `AcquisitionError` if their shapes differ."""
         if len({each.shape for each in messages}) > 1:
             shapes = [each.shape for each in messages]
             raise AcquisitionError(f"{self.driver}: frames of the shapes {shapes} in one acquisition")

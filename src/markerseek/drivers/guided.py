@@ -141,11 +141,14 @@ class Encoder(Protocol):
         """Why the last message is of no use; empty if it is not so."""
 
     def read(self) -> float | None:
-        """Newest angle since the last call, in degrees of its own; None if there is none."""
+        """Return the newest angle since the last call, in degrees of its own; None if there is none."""
 
 
 def rotation_deg(matrix: Float64[np.ndarray, "4 4"], *, axis: int) -> float:
-    """Angle in degrees by which a transform turns about one of its axes; `MoveError` if it does anything else."""
+    """Return the angle in degrees by which a transform turns about one of its axes.
+
+    `MoveError` if it does anything else.
+    """
     turn = matrix[:3, :3]
     # Matrices travel in single precision.
     if not (np.abs(turn.T @ turn - np.eye(3)).max() < 1e-3 and np.linalg.det(turn) > 0):
@@ -169,7 +172,7 @@ class _Transforms:
         self._place_mm: Float64[np.ndarray, " 3"] | None = None
 
     def angle_deg(self, matrix: Float64[np.ndarray, "4 4"]) -> float:
-        """Angle of a transform in degrees; its lengths are in millimetres."""
+        """Return the angle of a transform in degrees; its lengths are in millimetres."""
         angle_deg = rotation_deg(matrix, axis=self._axis)
         place_mm = matrix[:3, 3]
         if self._place_mm is None:
@@ -192,7 +195,7 @@ class _Stamps:
         self.unused = ""
 
     def is_used(self, stamp_s: float, now_s: float) -> bool:
-        """Whether a message is current: later than the last one, not too old, and not from the future."""
+        """Return whether a message is current: later than the last one, not too old, and not from the future."""
         if stamp_s == self._last_s:
             # A server may repeat its last message; `unused` says so if no other message comes.
             self.unused = "its messages repeat one time stamp"
@@ -245,7 +248,7 @@ class IgtlEncoder(IgtlMessages):
         return self._said or self._stamps.unused or self.other_devices.removeprefix("; ")
 
     def read(self) -> float | None:
-        """Newest angle since the last call, in degrees; None if there is none.
+        """Return the newest angle since the last call, in degrees; None if there is none.
 
         Raises `MoveError` if the transform is no rotation about the axis, or shifts the probe. Raises
         `NotConnectedError` if the connection has ended, or what comes is no OpenIGTLink.
@@ -262,7 +265,7 @@ class IgtlEncoder(IgtlMessages):
         return self._transforms.angle_deg(matrix)
 
     def _objection(self, transform: igtl.Message) -> str:
-        """Why a transform is rejected; empty if it is not. A server may repeat its last matrix as INVALID."""
+        """Return why a transform is rejected; empty if it is not. A server may repeat its last matrix as INVALID."""
         status, valid = (transform.metadata.get(f"Transform{name}") for name in ("Status", "Valid"))
         if status is None and valid is None and self._states:
             said = "its transform does not state by TransformStatus in its metadata that it is valid"
@@ -317,7 +320,10 @@ class Ros2Encoder:
         return f"nobody publishes {self._topic}; its node is looked for in {set_up_discovery()}"
 
     def read(self) -> float | None:
-        """Newest angle since the last call, in degrees; None if there is none; NaN if the message holds no angle."""
+        """Return the newest angle since the last call, in degrees.
+
+        None if there is none; NaN if the message holds no angle.
+        """
         self._node.drain(_MAX_WAITING)
         message = self._newest
         self._newest = None
@@ -333,7 +339,10 @@ class Ros2Encoder:
 
 
 def _matrix(transform: Any) -> Float64[np.ndarray, "4 4"]:
-    """Matrix of a geometry_msgs/Transform, in millimetres; NaN if the quaternion has another length than 1."""
+    """Return the matrix of a geometry_msgs/Transform, in millimetres.
+
+    NaN if the quaternion has another length than 1.
+    """
     from scipy.spatial.transform import Rotation
 
     turn = transform.rotation
@@ -471,13 +480,13 @@ class GuidedStage(TurnedByHand):
         return abs(self._angle_deg - angle_deg) <= self._settings.reach_deg and self._angle_deg in self._search
 
     def _is_still_there(self, angle_deg: float) -> bool:
-        """Whether it was turned there before, and has not left."""
+        """Return whether it was turned there before, and has not left."""
         if self._reached is None or self._reached[0] != angle_deg:
             return False
         return abs(self._angle_deg - self._reached[1]) <= self._settings.drift_deg and self._is_at(angle_deg)
 
     def _reads_within(self, wait_s: float) -> bool:
-        """Whether a new angle comes in that time."""
+        """Return whether a new angle comes in that time."""
         ends_s = self._clock.now_s() + wait_s
         while self._clock.now_s() < ends_s:
             self._clock.wait(_SLICE_S)
@@ -486,7 +495,10 @@ class GuidedStage(TurnedByHand):
         return False
 
     def _take(self) -> bool:
-        """Whether the encoder has reported a new angle; `MoveError` if the angle is not finite, or has jumped."""
+        """Return whether the encoder has reported a new angle.
+
+        `MoveError` if the angle is not finite, or has jumped.
+        """
         read_deg = self._encoder.read()
         if read_deg is None:
             return False
@@ -586,7 +598,7 @@ class TypedStage(TurnedByHand):
         self._target_deg = angle_deg
 
     def _typed(self, prompt: str, fits: Callable[[float], bool]) -> float:
-        """The first number typed from now on that fits; the others are asked for again."""
+        """Return the first number typed from now on that fits; the others are asked for again."""
         ends_s = self._clock.now_s() + self._settings.timeout_s
         while True:
             angle_deg = _number(self._line(prompt, ends_s=ends_s))
@@ -620,7 +632,7 @@ class TypedStage(TurnedByHand):
 
 
 def _number(text: str) -> float | None:
-    """The angle in a line, with a point or a comma; None if the line holds no angle."""
+    """Return the angle in a line, with a point or a comma; None if the line holds no angle."""
     try:
         angle_deg = float(text.strip().removesuffix("°").replace("−", "-").replace(",", "."))
     except ValueError:

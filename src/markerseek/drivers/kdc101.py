@@ -110,7 +110,7 @@ class AptLine:
         )
 
     def greet(self) -> apt.Info:
-        """Identity of the controller; an error names the other device that answers at its port."""
+        """Return the identity of the controller; an error names the other device that answers at its port."""
         try:
             return self.ask(apt.ask(apt.INFO), apt.INFO, apt.Info)
         except DeviceTimeoutError as error:
@@ -121,7 +121,7 @@ class AptLine:
         self._port.close()
 
     def _take(self, ident: int) -> apt.ControllerAnswer | None:
-        """Last answer of that kind among the bytes that have arrived; None if there is none."""
+        """Return the last answer of that kind among the bytes that have arrived; None if there is none."""
         taken = None
         now_s = self._clock.now_s()
         data = self._port.read(_READ_BYTES, timeout_s=0.0)
@@ -204,7 +204,7 @@ class Kdc101Logic:
         return self.identity.emulated
 
     def read(self) -> StageStatus:
-        """Status of the controller; an error that it reports, or a lost home, is a problem."""
+        """Return the status of the controller; an error that it reports, or a lost home, is a problem."""
         status = self._status()
         problem = ""
         if status.faults:
@@ -290,7 +290,7 @@ class Kdc101Logic:
         return self._sense * apt.degrees_of(counts - self._zero)
 
     def _counts_of(self, angle_deg: float) -> int:
-        """Nearest counts of an angle that are inside the travel range."""
+        """Return the nearest counts of an angle that are inside the travel range."""
         counts = self._zero + apt.counts_of(self._sense * angle_deg)
         return min(max(counts, self._limits.low), self._limits.high)
 

@@ -182,7 +182,7 @@ class LaserBox:
             self._sweep = sweep
 
     def pulses(self) -> Sequence[Pulse]:
-        """Pulses of the sweep since the last call.
+        """Return the pulses of the sweep since the last call.
 
         Raises `LaserError` if a pulse is missing or double, if the box has ended the light by itself, or if its clock
         jumped. Raises `DeviceTimeoutError` if the box does not answer.

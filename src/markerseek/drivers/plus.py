@@ -55,7 +55,7 @@ _MOST_NAMES = 10
 
 
 def connect_plus(host: str, port: int, *, within_s: float, driver: str = "plus") -> socket.socket:
-    """A connection to a server of OpenIGTLink; `NotConnectedError` if it does not answer."""
+    """Return a connection to a server of OpenIGTLink; `NotConnectedError` if it does not answer."""
     try:
         return socket.create_connection((host, port), timeout=within_s)
     except OSError as problem:
@@ -91,7 +91,7 @@ class IgtlMessages(ConnectionMessages[igtl.Message]):
             ) from problem
 
     def decoded(self, data: bytes) -> Iterator[igtl.Message | None]:
-        """Messages of that kind and device."""
+        """Yield the messages of that kind and device."""
         for header, body in self._framer.feed(data):
             _LOG.debug("%s < %s", self.driver, header)
             if (header.kind, header.device) == (self.content, self._device):
@@ -140,7 +140,7 @@ class PlusMessages(IgtlMessages):
         self._armed_unix_s = self._unix_s()
 
     def samples(self, messages: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
-        """Mean of the images; they must be later than the arming, and one later than the other."""
+        """Return the mean of the images; they must be later than the arming, and one later than the other."""
         stamps = [image.time_s for image in messages]
         if any(later <= earlier for earlier, later in pairwise(stamps)):
             raise AcquisitionError("plus: two images have the same time, or times that fall; the server repeats itself")
@@ -159,7 +159,7 @@ class PlusMessages(IgtlMessages):
         return samples
 
     def energy_of(self, field: str) -> float:
-        """Mean of a field of the last acquisition's images: the energy of their pulses, in the server's unit.
+        """Return the energy of the pulses of the last acquisition, the mean of a field of its images.
 
         Raises `AcquisitionError` if an image has no such field, or no number in it.
         """
@@ -187,7 +187,7 @@ class PlusReceiver(ConnectionReceiver[PlusMessages]):
 
 
 def _mean(images: list[igtl.Message]) -> Int16[np.ndarray, "channels samples"]:
-    """Mean of the channel data of images, rounded to counts."""
+    """Return the mean of the channel data of images, rounded to counts."""
     counts = []
     for image in images:
         pixels = image.content.pixels if isinstance(image.content, igtl.Image) else np.empty(0)

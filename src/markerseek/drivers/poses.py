@@ -47,7 +47,7 @@ class PoseReader(Protocol):
     name: str
 
     def read(self) -> Pose | None:
-        """Newest pose that came since the last call; None: none came."""
+        """Return the newest pose that came since the last call; None: none came."""
 
     def close(self) -> None:
         """Leave the network; allowed twice."""
@@ -106,7 +106,7 @@ class IgtlPoses(IgtlMessages):
 
 
 def _pose(message: igtl.Message) -> Pose:
-    """Pose of a TRANSFORM."""
+    """Return the pose of a TRANSFORM."""
     assert isinstance(message.content, igtl.Transform)  # noqa: S101  by the kind in its header
     valid = message.metadata.get("TransformStatus", "OK") == "OK"
     return Pose(matrix=message.content.matrix if valid else None, stamp_s=message.time_s or None)
@@ -158,7 +158,7 @@ class RosPoses:
 
 
 def pose_matrix(message: Any) -> Float64[np.ndarray, "4 4"] | None:
-    """Matrix of a PoseStamped or a TransformStamped, in millimetres; None if it holds no pose."""
+    """Return the matrix of a PoseStamped or a TransformStamped, in millimetres; None if it holds no pose."""
     from scipy.spatial.transform import Rotation
 
     if hasattr(message, "pose"):

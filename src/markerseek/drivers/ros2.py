@@ -61,7 +61,7 @@ def require_found(
 
 
 def wait_until(node: RosNode, clock: Clock, arrived: Callable[[], bool], *, timeout_s: float, of: str = "") -> bool:
-    """Whether a condition came true in time; meanwhile the node is spun, and the clock beats.
+    """Return whether a condition came true in time; meanwhile the node is spun, and the clock beats.
 
     ``arrived``: the condition, which messages change. ``timeout_s``: longest time. ``of``: topic of the node that is
     waited for; empty while it is looked for. Raises `NotConnectedError` if nobody publishes its topic any more: it has
@@ -172,7 +172,7 @@ class Ros2Stage:
             )
 
     def _finds_angle(self) -> bool:
-        """Whether an angle has come; `NotConnectedError` if angles come, and none is of the stage's joint."""
+        """Return whether an angle has come; `NotConnectedError` if angles come, and none is of the stage's joint."""
         waited_s = self._clock.now_s() - self._joints_since_s
         if math.isnan(self._angle_deg) and waited_s >= (_STATE_S if self._readings == 0 else 0.0):
             settings = self._settings
@@ -183,7 +183,7 @@ class Ros2Stage:
         return self._readings > 0
 
     def _finds_state(self) -> bool:
-        """Whether a state has come or is not needed; the publisher decides the type of its message.
+        """Return whether a state has come or is not needed; the publisher decides the type of its message.
 
         A node that publishes its state when it changes says nothing until it is sent somewhere.
         """
@@ -481,7 +481,7 @@ class Ros2Acquisition:
         self._fired = None
 
     def acquire(self, permit: Permit) -> Frame:
-        """Frame of the request of this permit.
+        """Return the frame of the request of this permit.
 
         Raises `AcquisitionError` if it was not armed or fired under this permit, or the node reports an error. Raises
         `DeviceTimeoutError` if no frame comes in time.

@@ -114,7 +114,7 @@ def _kind(topic: str) -> str:
 
 
 def _decoded(message: Any, topic: str) -> UInt8[np.ndarray, "rows columns"] | None:
-    """Brightness of a CompressedImage; None if it is damaged."""
+    """Return the brightness of a CompressedImage; None if it is damaged."""
     try:
         return decoded_image(bytes(message.data))
     except ConfigError as problem:
@@ -122,7 +122,7 @@ def _decoded(message: Any, topic: str) -> UInt8[np.ndarray, "rows columns"] | No
 
 
 def _pixels(message: Any, topic: str) -> UInt8[np.ndarray, "rows columns"] | None:
-    """Brightness of an Image; None if it does not have the size that it states."""
+    """Return the brightness of an Image; None if it does not have the size that it states."""
     encoding = str(message.encoding)
     channels = _CHANNELS.get(encoding)
     if channels is None:

@@ -88,7 +88,7 @@ class Unread:
         self._first += data[: _SHOWN - len(self._first)]
 
     def said(self, *, cure: str) -> str:
-        """The end of an error: how many bytes came and the first of them, and what to do.
+        """Return the end of an error: how many bytes came and the first of them, and what to do.
 
         ``cure``: what to do where none came.
         """

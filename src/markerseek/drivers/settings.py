@@ -181,7 +181,7 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
         )
 
     def table(self) -> dict[str, Any]:
-        """The settings as a rig file has them, as plain values."""
+        """Return the settings as a rig file has them, as plain values."""
         table: dict[str, Any] = msgspec.to_builtins(self)
         # It changes nothing of what is measured.
         del table["trace"]
@@ -197,7 +197,7 @@ class BenchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 def _serial_port(settings: object) -> str | None:
-    """Serial port in the settings of a device, or None; the class of the device is not imported."""
+    """Return the serial port in the settings of a device, or None; the class of the device is not imported."""
     port = settings.keys.get("port") if isinstance(settings, Foreign) else getattr(settings, "port", None)
     return port if isinstance(port, str) else None
 

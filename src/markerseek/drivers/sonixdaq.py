@@ -99,7 +99,7 @@ class DaqFolder:
         self._path = path
 
     def state(self) -> FolderState:
-        """State of the channel files that are there now.
+        """Return the state of the channel files that are there now.
 
         Raises `NotConnectedError` if the folder cannot be read.
         """
@@ -121,7 +121,10 @@ class DaqFolder:
         return state
 
     def incomplete(self, name: str) -> str:
-        """Why a file is not complete, or cannot be opened yet; empty if it has the size and contents of its header."""
+        """Return why a file is not complete, or cannot be opened yet.
+
+        Empty if it has the size and contents of its header.
+        """
         try:
             # Of any size: a file that is too large is complete, and reading the file says what is wrong.
             with open_input(self._path / name, most_bytes=sys.maxsize) as file:
@@ -140,7 +143,7 @@ class DaqFolder:
             return f"{name} cannot be read ({os_reason(error)})"
 
     def read(self, names: Collection[str], *, pulses: int) -> Int16[np.ndarray, "channels samples"]:
-        """Samples of all channels by element, averaged over the pulses.
+        """Return the samples of all channels by element, averaged over the pulses.
 
         ``pulses``: how many each must hold. Raises `AcquisitionError` if the files are not one acquisition of that many
         pulses. Raises `NotConnectedError` if one cannot be read now.
@@ -156,7 +159,7 @@ class DaqFolder:
         return samples
 
     def read_singles(self, names: Collection[str], *, pulses: int) -> Int16[np.ndarray, "pulses channels samples"]:
-        """Samples of each pulse, all channels by element; refused as by `read`."""
+        """Return the samples of each pulse, all channels by element; refused as by `read`."""
         with self._refused():
             return wire.singles(self._files(names), pulses=pulses)
 
@@ -261,7 +264,7 @@ class SonixDaqReceiver:
         self._armed = (permit, self._state(), self._clock.now_s())
 
     def acquire(self, permit: Permit) -> ChannelFrame:
-        """Frame of the files written since `arm`, their pulses averaged.
+        """Return the frame of the files written since `arm`, their pulses averaged.
 
         Raises `AcquisitionError` if it was not armed for this permit, or the files are not one acquisition of the
         permitted pulses. Raises `DeviceTimeoutError` if the files are not complete in time. Raises `NotConnectedError`
@@ -305,11 +308,11 @@ class SonixDaqReceiver:
         self.arm(permit)
 
     def frames(self) -> Sequence[Frame]:
-        """None: the files come after the last trigger."""
+        """Return nothing: the files come after the last trigger."""
         return ()
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        """A frame for each pulse, from files that must hold as many triggers as pulses were permitted, then a dark one.
+        """Return a frame for each pulse; the files must hold as many triggers as were permitted, then a dark one.
 
         The laser box completes them without light: the last of them are averaged into a dark frame. Raises as
         `acquire`, and if light came with these as well.
@@ -332,11 +335,11 @@ class SonixDaqReceiver:
         return [self._frames.made_of(each, permit, pulses=seen, started_s=started_s) for each, seen in pulses_seen]
 
     def _triggers(self, permit: Permit) -> int:
-        """Number of triggers that the laser box sends under a permit."""
+        """Return the number of triggers that the laser box sends under a permit."""
         return permit.pulses or self._dark_triggers
 
     def _state(self) -> FolderState:
-        """State of the folder, once no other program holds it, and its share is there."""
+        """Return the state of the folder, once no other program holds it, and its share is there."""
         ends_s = self._clock.now_s() + self._settings.timeout_s
         while True:
             try:
@@ -347,7 +350,7 @@ class SonixDaqReceiver:
             self._clock.wait(_POLL_S)
 
     def _await_files(self, before: FolderState, read: Callable[[list[str]], ReadT], *, permit: Permit) -> ReadT:
-        """What is read of the new files, by their names, once they are complete and unchanged."""
+        """Return what is read of the new files, by their names, once they are complete and unchanged."""
         seen = before
         since_s = self._clock.now_s()
         for _ in polls(self._clock, within_s=self._settings.timeout_s, every_s=_POLL_S):
@@ -381,7 +384,7 @@ class SonixDaqReceiver:
 
 
 def _numbered(names: Iterable[str]) -> list[str]:
-    """Channel files by their number; `AcquisitionError` if two new ones are of one channel."""
+    """Return the channel files by their number; `AcquisitionError` if two new ones are of one channel."""
     try:
         return [name for _, name in sorted(wire.by_number(names).items())]
     except RecordError as error:

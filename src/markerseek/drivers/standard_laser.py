@@ -23,7 +23,7 @@ class LaserLogic(Protocol):
         """Begin to fire this number of pulses; 0: trigger the acquisition as often as for a lit one, without light."""
 
     def fired(self) -> int | None:
-        """How many were fired since `fire`; None while they go on."""
+        """Return how many were fired since `fire`; None while they go on."""
 
     def off(self) -> None:
         """Take the light away; called at any time, also twice."""

@@ -42,14 +42,14 @@ Noted = TypeVarTuple("Noted")
 
 
 def armed_for(permit: Permit, armed: tuple[Permit, *Noted] | None, *, driver: str) -> tuple[Permit, *Noted]:
-    """What a receiver noted when it was armed; `AcquisitionError` if that was not for this permit."""
+    """Return what a receiver noted when it was armed; `AcquisitionError` if that was not for this permit."""
     if armed is None or armed[0] != permit:
         raise AcquisitionError(f"{driver}: it was not armed for the permit {permit.token!r}; arm it before firing")
     return armed
 
 
 def in_the_dark(permit: Permit, triggers: int) -> str:
-    """Part of the error of a receiver that was not triggered: who should have done it without light; else empty."""
+    """Return the part of the error of a receiver that was not triggered: who should have done it without light."""
     if permit.pulses:
         return ""
     return f" in the dark: the laser's fire(0) must trigger the receiver {triggers} times without light"
@@ -66,7 +66,7 @@ class Frames:
     def made_of(
         self, samples: Int16[np.ndarray, "channels samples"], permit: Permit, *, pulses: int, started_s: float
     ) -> ChannelFrame:
-        """Channel data as the next frame, of a permit."""
+        """Return the channel data as the next frame, of a permit."""
         self._sequence += 1
         header = FrameHeader(
             sequence=self._sequence,
@@ -80,7 +80,7 @@ class Frames:
 
 
 def mean_counts(each: list[Int16[np.ndarray, "channels samples"]]) -> Int16[np.ndarray, "channels samples"]:
-    """Mean of channel data, rounded to counts."""
+    """Return the mean of channel data, rounded to counts."""
     mean: Int16[np.ndarray, "channels samples"] = np.rint(np.mean(each, axis=0)).astype(np.int16)
     return mean
 
@@ -102,13 +102,13 @@ class Messages(Protocol[MessageT]):
         """What to check where too few come."""
 
     def arm(self) -> None:
-        """A trigger follows; what came until now is of no acquisition."""
+        """Prepare for a trigger; what came until now is of no acquisition."""
 
     def take(self) -> tuple[list[MessageT], bool]:
-        """Messages that have come, without waiting, and whether there may be more."""
+        """Return the messages that have come, without waiting, and whether there may be more."""
 
     def samples(self, messages: list[MessageT]) -> Int16[np.ndarray, "channels samples"]:
-        """The mean of messages; `AcquisitionError` if one is not of this acquisition."""
+        """Return the mean of messages; `AcquisitionError` if one is not of this acquisition."""
 
     def close(self) -> None:
         """Close the connection; allowed twice."""
@@ -186,7 +186,7 @@ class StandardReceiver(Generic[MessagesT]):
         self.messages.arm()
 
     def acquire(self, permit: Permit) -> ChannelFrame:
-        """Mean of the messages since `arm`.
+        """Return the mean of the messages since `arm`.
 
         Raises `AcquisitionError` if it was not armed for this permit, or the messages are not those of the permitted
         pulses. Raises `DeviceTimeoutError` if too few come in time. Raises `NotConnectedError` if the connection has
@@ -199,7 +199,7 @@ class StandardReceiver(Generic[MessagesT]):
         return self._frames.made_of(samples, permit, pulses=permit.pulses, started_s=started_s)
 
     def until_quiet(self) -> list[object]:
-        """Messages that come before none came for a while: none, or the first that is too many and those with it."""
+        """Return the messages until none comes for a while: none, or the first one too many and those with it."""
         for _ in polls(self._clock, within_s=self._quiet_s, every_s=SLICE_S):
             if new := self.messages.take()[0]:
                 return list(new)
@@ -270,7 +270,10 @@ class ConnectionMessages(ABC, Generic[MessageT]):
 
     @abstractmethod
     def decoded(self, data: bytes) -> Iterator[MessageT | None]:
-        """Messages that these bytes complete, None for an unused message; a `DeviceError` ends the connection."""
+        """Return the messages that these bytes complete, None for an unused message.
+
+        A `DeviceError` ends the connection.
+        """
 
     def close(self) -> None:
         """Close the connection; allowed twice."""

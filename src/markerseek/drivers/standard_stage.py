@@ -240,7 +240,7 @@ class StandardStage(Generic[LogicT]):
         )
 
     def _readback(self) -> float:
-        """Angle, read twice in a row: a garbled answer does not come twice."""
+        """Return the angle, read twice in a row: a garbled answer does not come twice."""
         last_deg: float | None = None
         for _ in range(_READS):
             angle_deg = self._way(rest_deg=self._rest_deg).look().angle_deg
@@ -279,7 +279,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         return self.rules.speed_deg_s
 
     def play_deg(self, forward: float) -> float:
-        """Largest backlash in a sweep in that direction: 0 if the gears push as in the approach of a target."""
+        """Return the largest backlash in a sweep in that direction: 0 in that of the approach of a target."""
         return 0.0 if forward == self._usual else self._play_deg
 
     def move_to(self, angle_deg: float) -> float:
@@ -308,7 +308,7 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         self._sweep = SweepMove(self.logic, self._move, self._sweep_rules, to_deg=to_deg, start_deg=start_deg)
 
     def read_sweep(self) -> StageReading:
-        """Where it is, with the times of question and answer.
+        """Return where it is, with the times of question and answer.
 
         Raises `MoveError` if it is where a sound stage cannot be, or reports an error. Raises `LimitError` if it left
         its travel range. Raises `DeviceTimeoutError` if it does not answer in time.
@@ -360,7 +360,7 @@ class SweepMove:
         move.aim(to_deg)
 
     def read(self) -> StageReading:
-        """Where it is, checked as in a move."""
+        """Return where it is, checked as in a move."""
         status, reading = self._move.look_dated()
         if self._braking:
             # Sent again: without a checksum, a damaged stop is ignored and nobody reports it.

@@ -47,7 +47,7 @@ class VantageSettings(ConnectionKeys, frozen=True, kw_only=True, tag="vantage"):
 
 
 def await_sender(settings: VantageSettings, clock: Clock) -> socket.socket:
-    """The connection that the sender opens; `NotConnectedError` if it does not come."""
+    """Return the connection that the sender opens; `NotConnectedError` if it does not come."""
     where = f"{settings.host}, port {settings.port}"
     try:
         server = socket.create_server((settings.host, settings.port), backlog=1)
@@ -101,7 +101,7 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
         self._armed_counter = self._counter
 
     def samples(self, messages: list[wire.VantageFrame]) -> Int16[np.ndarray, "channels samples"]:
-        """Mean of the frames, whose counters are one after the other since the last frame that came."""
+        """Return the mean of the frames, whose counters are one after the other since the last frame that came."""
         self._require_in_order(messages, self._armed_counter)
         self._require_in_time(messages, self._armed_unix_s)
         return self._mean(messages)
@@ -154,7 +154,7 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
                 )
 
     def _mean(self, frames: list[wire.VantageFrame]) -> Int16[np.ndarray, "channels samples"]:
-        """Mean of the samples, rounded to counts."""
+        """Return the mean of the samples, rounded to counts."""
         for frame in frames:
             if frame.emulated != self.emulated:
                 raise AcquisitionError(
@@ -174,7 +174,7 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
         return mean_counts([frame.samples for frame in frames])
 
     def decoded(self, data: bytes) -> Iterator[wire.VantageFrame]:
-        """Frames, each with its counter noted."""
+        """Yield the frames, each with its counter noted."""
         for frame in self._framer.feed(data):
             _LOG.debug("vantage < frame %d of %s, its time %.6f s", frame.counter, frame.samples.shape, frame.time_s)
             # Also of frames that are not used: the next acquisition begins after them.

@@ -36,7 +36,10 @@ _LIVE = re.compile(r"[0-9]+|/dev/.*|[a-z]+://.*")
 
 
 def is_live(word: str) -> bool:
-    """Whether a word names a camera or a stream: ``0``, ``/dev/video0``, ``rtsp://…``; not a file in ``/dev/shm``."""
+    """Return whether a word names a camera or a stream: ``0``, ``/dev/video0``, ``rtsp://…``.
+
+    A file in ``/dev/shm`` is none.
+    """
     return _LIVE.fullmatch(word) is not None and not Path(word).is_file()
 
 
@@ -137,7 +140,7 @@ def _released(video: Any) -> Iterator[None]:
 
 
 def _opened(word: str) -> Any:
-    """An open video; `NotConnectedError` if there is no such camera, `ConfigError` if there is no such file."""
+    """Return an open video; `NotConnectedError` if there is no such camera, `ConfigError` if there is no such file."""
     cv2 = opencv("reading videos")
     if is_live(word):
         if word.isdecimal() or word.startswith("/"):

@@ -174,14 +174,14 @@ class XimcLogic:
         return value_deg * self._settings.steps_per_deg
 
     def _split(self, value_deg: float) -> tuple[int, int]:
-        """Whole steps, and microsteps of the same sign."""
+        """Return the whole steps, and microsteps of the same sign."""
         total = round(self._in_steps(value_deg) * self._microsteps)
         sign = 1 if total >= 0 else -1
         whole, rest = divmod(abs(total), self._microsteps)
         return sign * whole, sign * rest
 
     def _own_deg(self, angle_deg: float) -> float:
-        """The stage's own reading at an angle of the probe."""
+        """Return the stage's own reading at an angle of the probe."""
         return self._sense * angle_deg + self._settings.zero_deg
 
     @property
@@ -190,7 +190,10 @@ class XimcLogic:
         return 1 / (self._settings.steps_per_deg * self._microsteps)
 
     def read(self) -> StageStatus:
-        """Its angle: of the encoder where the controller uses one, else the count of its steps; and its errors."""
+        """Return its angle: of the encoder where the controller uses one, else the count of its steps.
+
+        Its errors come with it.
+        """
         with self._errors(NotConnectedError, "asking for its status"):
             status = self._axis.get_status()
         flags = self._ximc.StateFlags

@@ -148,11 +148,11 @@ class Prm1z8:
         return self._heading * self._settle_deg / _LARGEST_SWING * swing
 
     def angle_of(self, counts: int) -> float:
-        """Angle of the motor at which the position counter has that value, in degrees."""
+        """Return the angle of the motor at which the position counter has that value, in degrees."""
         return (counts - self.offset) / apt.COUNTS_PER_DEG
 
     def motor_angle_of(self, probe_deg: float) -> float:
-        """Angle of the motor at which it pushes the probe to that angle, in degrees."""
+        """Return the angle of the motor at which it pushes the probe to that angle, in degrees."""
         return self._sense * probe_deg + self._zero_deg
 
     def advance(self, duration_s: float) -> bool:

@@ -166,7 +166,7 @@ class EmulatedBench:
         return now_s
 
     def line(self, name: Literal["stage", "laser"], *, clock: Clock, link: Path) -> PtyLine:
-        """A pseudo-terminal for one of the devices.
+        """Return a pseudo-terminal for one of the devices.
 
         The laser box lives in the time of the process that serves it: a delay of that process does not end a lease.
         The stage lives in real time: a motor turns on, whatever a computer does, and its driver checks that it does.
@@ -191,7 +191,7 @@ class ServingClock:
         self._now_s = 0.0
 
     def now_s(self) -> float:
-        """Seconds since the clock was made, pauses left out."""
+        """Return the seconds since the clock was made, pauses left out."""
         now_s = self._clock.now_s()
         # A pause of this process would look like a stage that jumps and a lease that lapses.
         self._now_s += min(now_s - self.real_s, _HELD_UP_S)

@@ -80,12 +80,12 @@ class Faults:
         return bool(self._held)
 
     def __call__(self, name: str) -> Fault | None:
-        """The fault of that name if it holds now."""
+        """Return the fault of that name if it holds now."""
         fault = self._held.get(name)
         return fault if fault is not None and fault.from_step <= self._step() else None
 
     def amount(self, name: str, *, otherwise: float = 0.0) -> float:
-        """Amount of the fault of that name if it holds now."""
+        """Return the amount of the fault of that name if it holds now."""
         fault = self(name)
         return otherwise if fault is None else fault.amount
 

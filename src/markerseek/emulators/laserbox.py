@@ -150,7 +150,10 @@ class EmulatedLaserBox:
         return self._take()
 
     def _next_turn_us(self) -> int:
-        """Time of the next turn that can change anything; virtual time is fast because the others are skipped."""
+        """Return the time of the next turn that can change anything.
+
+        Virtual time is fast because the others are skipped.
+        """
         due_us = []
         if self._permit is not None:
             due_us.append(min(self._ends_us, self._expires_us))
@@ -190,7 +193,7 @@ class EmulatedLaserBox:
         return max(triggers, train.pulses + round(self.faults.amount("extra pulses")))
 
     def _interlock_open(self) -> bool:
-        """Whether the interlock is open, or was since the last turn."""
+        """Return whether the interlock is open, or was since the last turn."""
         opened = self._interlock_opened
         self._interlock_opened = False
         return opened or not self._interlock_closed
@@ -243,7 +246,7 @@ class EmulatedLaserBox:
         )
 
     def _clock_us(self) -> int:
-        """What its own clock shows now."""
+        """Return what its own clock shows now."""
         at_s = self.moment(self._now_us / 1e6)
         return (
             round(1e6 * at_s * (1 + self.faults.amount("clock drift")) + self.faults.amount("clock step"))
@@ -267,7 +270,7 @@ class EmulatedLaserBox:
         return answer(token=permit.token, seen=self._seen & wire.MAX_COUNT)
 
     def _pulses_of_last_minute(self) -> int:
-        """Pulses sent in the last 60 s, counted by whole seconds: never too few, and at most one second too many."""
+        """Return the pulses of the last 60 s, counted by whole seconds: never too few, at most a second too many."""
         while self._fired and self._fired[0] < self._now_us // 1_000_000 - 60:
             self._fired.popleft()
         return len(self._fired)
@@ -337,7 +340,7 @@ class EmulatedLaserBox:
             self._answer(wire.Dark(token=train.token, sent=self._sent, photodiode=seen))
 
     def _read_light(self, photodiode: int) -> int:
-        """What the light meter read of pulses that the photodiode saw; 0 without one."""
+        """Return what the light meter read of pulses that the photodiode saw; 0 without one."""
         noise = self._laser.energy_meter_noise
         if noise is None or not photodiode:
             return 0

@@ -55,11 +55,11 @@ class Train:
         return bool(self.flashes) and self.flashes[0].angle_deg is not None
 
     def pulses(self) -> Int16[np.ndarray, "pulses channels samples"]:
-        """Channel data of each trigger: of a sweep with the noise of a single pulse, else their average each time."""
+        """Return the channel data of each trigger: single pulses of a sweep, else the average each time."""
         return self._singles() if self.swept else np.stack([self._average()] * self.triggers)
 
     def _singles(self) -> Int16[np.ndarray, "pulses channels samples"]:
-        """Channel data of each trigger of a sweep, with the probe where it was."""
+        """Return the channel data of each trigger of a sweep, with the probe where it was."""
         dark = Flash(at_s=self.flashes[-1].at_s, pulses=1, energy=0.0, angle_deg=self.world.angle_deg)
         pulses = []
         for flash in self.flashes + (dark,) * (self.triggers - len(self.flashes)):
@@ -68,7 +68,7 @@ class Train:
         return np.stack(pulses)
 
     def _average(self) -> Int16[np.ndarray, "channels samples"]:
-        """Average frame; where the train was cut short, the light came with the first triggers."""
+        """Return the average frame; where the train was cut short, the light came with the first triggers."""
         flash = self.flashes[-1] if self.flashes else None
         if flash is not None and flash.pulses < self.triggers:
             flash = replace(flash, energy=flash.energy * flash.pulses / self.triggers)
@@ -231,7 +231,7 @@ class EmulatedSonixDaq(EmulatedReceiver):
         return share == 1.0
 
     def _acquisition(self, train: Train) -> list[bytes]:
-        """Channel files of the triggers of a train."""
+        """Return the channel files of the triggers of a train."""
         pulses = self._pulses(train)
         if train.swept:
             lost, doubled = (round(self.faults.amount(f"{each} trigger")) for each in ("lost", "double"))
@@ -291,7 +291,7 @@ class EmulatedSender(EmulatedReceiver):
 
     @abstractmethod
     def _message(self, counts: Int16[np.ndarray, "channels samples"], stamp_s: float) -> bytes:
-        """Bytes of a message."""
+        """Return the bytes of a message."""
 
     def advance(self, _now_s: float) -> None:
         """Meet a client, and send what was triggered."""
@@ -302,7 +302,7 @@ class EmulatedSender(EmulatedReceiver):
                 self._send(self._message(counts, train.at_s + _PULSE_S * number))
 
     def _said(self) -> bytes | None:
-        """What the client says; empty if it has gone, None if it is silent."""
+        """Return what the client says; empty if it has gone, None if it is silent."""
         if self._client is None or not select.select([self._client], [], [], 0)[0]:
             return None
         try:

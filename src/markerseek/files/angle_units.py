@@ -126,7 +126,7 @@ def _bracketed_unit(content: str) -> AngleUnit | None:
 
 
 def _words(name: str) -> list[str]:
-    """Words of a name in small letters: ``angleDeg``, ``angle_deg`` and ``angledeg`` are angle and deg."""
+    """Return the words of a name in small letters: ``angleDeg``, ``angle_deg`` and ``angledeg`` are angle and deg."""
     found: list[str] = []
     for word in _WORD.findall(unicodedata.normalize("NFKC", name)):
         # "mRad" is one word, "angleRad" two.

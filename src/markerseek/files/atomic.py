@@ -43,7 +43,9 @@ def new_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def create_atomically(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`; the file written there is renamed when the block succeeds, and deleted if not.
+    """Yield a temporary path beside `path`.
+
+    The file written there is renamed when the block succeeds, and deleted if not.
 
     Raises `OSError` if the file cannot be made or named.
     """
@@ -53,7 +55,7 @@ def create_atomically(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def replace_file(path: Path) -> Iterator[Path]:
-    """A temporary path as in `create_atomically`; an existing file of that name is replaced in one step.
+    """Yield a temporary path as in `create_atomically`; an existing file of that name is replaced in one step.
 
     Raises `OSError` if the file cannot be made or named.
     """
@@ -105,7 +107,7 @@ def sync_folder(folder: Path) -> None:
 
 @contextmanager
 def _written(path: Path, rename: Callable[[Path, Path], None]) -> Iterator[Path]:
-    """A temporary path beside `path`; the file written there is flushed and renamed when the block succeeds."""
+    """Yield a temporary path beside `path`; the file written there is flushed and renamed when the block succeeds."""
     # Random, so that two processes that write the same file do not share a temporary one.
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:

@@ -36,7 +36,7 @@ class CsvRows:
     def numbers(
         self, path: Path, columns: Sequence[int], *, most: Sequence[float | None] | None = None
     ) -> dict[int, list[str]]:
-        """Cells of these columns by their line, their numbers as Python writes them; see `plain_numbers`."""
+        """Return the cells of these columns by their line, their numbers as Python writes them; see `plain_numbers`."""
         texts = [{line: "".join(row[each : each + 1]).strip() for line, row in self.cells.items()} for each in columns]
         # Without names, "-35,5 387" may be -35.5 and 387 as well as -35 and 5387.
         spaces = bool(self.names) or self.separator != ","
@@ -45,7 +45,7 @@ class CsvRows:
 
 
 def csv_rows(path: Path, *, most_bytes: int, what: str, cure: str) -> CsvRows:
-    """Rows of a table in a file; parameters and errors as of `read_text`."""
+    """Return the rows of a table in a file; parameters and errors as of `read_text`."""
     # Windows programs write a degree sign or an umlaut of a heading as one byte.
     text = read_text(path, most_bytes=most_bytes, what=what, cure=cure, also=["cp1252"])
     if not text.strip():
@@ -117,7 +117,7 @@ class Notation:
     pattern: re.Pattern[str] = field(repr=False)
 
     def plain(self, text: str) -> str:
-        """The number as Python writes it; `text` fits the pattern."""
+        """Return the number as Python writes it; `text` fits the pattern."""
         return text.replace(_SPACE, "").replace(self.thousands, "").replace(self.point, ".")
 
 
@@ -140,7 +140,7 @@ _NOTATIONS = [_notation(point, each) for point in ".," for each in f".,'{_SPACE}
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell holds a finite number in any notation, or what Python reads as a number, such as ``nan``."""
+    """Return whether a cell holds a finite number in any notation, or another that Python reads, such as ``nan``."""
     text = cell.strip().translate(_PLAIN)
     if any(each.pattern.fullmatch(text) for each in _NOTATIONS):
         return True
@@ -152,14 +152,14 @@ def is_number(cell: str) -> bool:
 
 
 def may_be_number(cell: str) -> bool:
-    """Whether a cell that could not be read looks like a number, with a unit or in a notation of its own."""
+    """Return whether a cell that could not be read looks like a number, with a unit or in a notation of its own."""
     return _UNREAD.fullmatch(cell.strip()) is not None
 
 
 def plain_numbers(
     path: Path, columns: Sequence[Mapping[int, str]], *, most: Sequence[float | None], spaces: bool
 ) -> list[dict[int, str]]:
-    """Cells of columns with their numbers as Python writes them; a cell that is no number stays as it is.
+    """Return the cells of columns with their numbers as Python writes them; a cell that is no number stays as it is.
 
     A column whose numbers have only one reading is read in that way. The other columns follow the rest of the table, or
     are refused.
@@ -180,7 +180,7 @@ def plain_numbers(
 
 
 def _possible(path: Path, cells: Mapping[int, str], most: float | None) -> list[Notation]:
-    """Notations that fit all numbers of a column; refused if none does."""
+    """Return the notations that fit all numbers of a column; refused if none does."""
     left = _NOTATIONS
     last = next(iter(cells), 0)
     for line, text in cells.items():
@@ -200,7 +200,7 @@ def _possible(path: Path, cells: Mapping[int, str], most: float | None) -> list[
 
 
 def _plain(path: Path, cells: Mapping[int, str], left: Sequence[Notation], *, scaled: bool) -> dict[int, str]:
-    """Cells of a column whose numbers have one reading; refused if they have several.
+    """Return the cells of a column whose numbers have one reading; refused if they have several.
 
     ``scaled``: whether a factor that all numbers have in common is harmless.
     """

@@ -29,12 +29,12 @@ ContentT = TypeVar("ContentT")
 
 
 def os_reason(problem: OSError) -> str:
-    """Name and message of an error of the file system."""
+    """Return the name and message of an error of the file system."""
     return f"{errno.errorcode.get(problem.errno or 0, 'error')}: {problem.strerror or problem}"
 
 
 def quoted(path: Path) -> str:
-    """A path as it is typed in a shell: in quotes if it has spaces or the like."""
+    """Return a path as it is typed in a shell: in quotes if it has spaces or the like."""
     return shlex.quote(str(path))
 
 
@@ -50,7 +50,7 @@ def as_read_error(path: Path) -> Iterator[None]:
 
 
 def open_input(path: Path, *, most_bytes: int) -> BinaryIO:
-    """Regular file, open for reading.
+    """Open a regular file for reading.
 
     ``path``: symbolic links are followed. ``most_bytes``: largest size that a file of this format can have. Raises
     `OSError` if it cannot be opened.
@@ -68,7 +68,7 @@ def open_input(path: Path, *, most_bytes: int) -> BinaryIO:
 
 
 def read_input(path: Path, *, most_bytes: int) -> bytes:
-    """All bytes of a regular file; parameters and errors are those of `open_input`."""
+    """Return all bytes of a regular file; parameters and errors are those of `open_input`."""
     data = bytearray()
     with open_input(path, most_bytes=most_bytes) as file:
         # The size is not trusted: files of /proc state 0 bytes, and a file that is being written grows. Read in pieces,
@@ -101,7 +101,7 @@ def _too_large(path: Path, found: int, most_bytes: int) -> RecordError:
 
 
 def read_text(path: Path, *, most_bytes: int, what: str, cure: str, also: Sequence[str] = ()) -> str:
-    """Text of a file in UTF-8, or in UTF-16 with its byte order mark, which Windows writes.
+    """Return the text of a file in UTF-8, or in UTF-16 with its byte order mark, which Windows writes.
 
     ``what``: kind of file that is expected, with its article, for the message; ``cure``: what to do then. ``also``:
     encodings that are tried where it is not in UTF-8.
@@ -119,7 +119,7 @@ def read_text(path: Path, *, most_bytes: int, what: str, cure: str, also: Sequen
 
 
 def read_json(path: Path, content: type[ContentT], *, most_bytes: int, what: str, cure: str) -> ContentT:
-    """Content of a JSON file; parameters as of `read_text`."""
+    """Return the content of a JSON file; parameters as of `read_text`."""
     text = read_text(path, most_bytes=most_bytes, what=what, cure=cure)
     try:
         return msgspec.json.decode(text, type=content)

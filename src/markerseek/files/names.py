@@ -39,7 +39,7 @@ class NamedAngle:
 
 
 def natural(name: str) -> NaturalKey:
-    """Key that sorts names by the numbers in them: frame2 before frame10, and -10.0 before 2.5."""
+    """Return the key that sorts names by the numbers in them: frame2 before frame10, and -10.0 before 2.5."""
     parts: list[str | tuple[Decimal, ...]] = []
     end = 0
     for match in _NUMBER.finditer(name):
@@ -54,18 +54,18 @@ def natural(name: str) -> NaturalKey:
 
 
 def in_natural_order(paths: Iterable[Path]) -> list[Path]:
-    """Paths sorted by their last names, as `natural` sorts."""
+    """Return the paths sorted by their last names, as `natural` sorts."""
     return sorted(paths, key=lambda path: natural(path.name))
 
 
 def endings(paths: Iterable[Path]) -> str:
-    """Endings of the names of files, for messages: ".gif, .webp"; "no files" if there are none."""
+    """Return the endings of the names of files, for messages: ".gif, .webp"; "no files" if there are none."""
     found = sorted({path.suffix.lower() or "no ending" for path in paths if not path.name.startswith(".")})
     return ", ".join(found) or "no files"
 
 
 def angle_in(name: str) -> NamedAngle | None:
-    """The angle in degrees in a name without suffix, such as ``-12.5`` or ``angle_-12.5deg``; None: in doubt."""
+    """Return the angle in degrees in a name without suffix, such as ``-12.5`` or ``angle_-12.5deg``; None: in doubt."""
     match = _ANGLE.fullmatch(name)
     word = match["word"].strip("_ ").lower() if match else ""
     if match is None or _SIGN_WORDS.search(word):
@@ -94,7 +94,7 @@ def series_indices(stems: Sequence[str]) -> tuple[list[int], list[int]]:
 
 
 def data_folder() -> Path:
-    """The user's data folder, which may not exist yet; `RecordError` if the system knows none."""
+    """Return the user's data folder, which may not exist yet; `RecordError` if the system knows none."""
     from platformdirs import user_data_path
 
     try:

@@ -56,7 +56,7 @@ def own_module(module_name: str, folder: str, *, named_by: str, place: str) -> M
 
 
 def is_class_name(named: str) -> bool:
-    """Whether a text is ``module:Class``, without a folder and without ``.py``."""
+    """Return whether a text is ``module:Class``, without a folder and without ``.py``."""
     module_name, _, class_name = named.partition(":")
     is_named = class_name.isidentifier() and all(word.isidentifier() for word in module_name.split("."))
     return is_named and not module_name.endswith(".py")
@@ -64,7 +64,7 @@ def is_class_name(named: str) -> bool:
 
 @cache
 def _from_file(name: str, path: str) -> ModuleType:
-    """Module of a file; an installed one of that name does not take its place."""
+    """Return the module of a file; an installed one of that name does not take its place."""
     # A name of its own: the module of another folder may have the same.
     spec = importlib.util.spec_from_file_location(f"markerseek_own.{abs(hash(path)):x}.{name}", path)
     assert spec is not None  # noqa: S101  a path that ends with .py has a loader
@@ -80,7 +80,7 @@ def _from_file(name: str, path: str) -> ModuleType:
 
 
 def own_lines(problem: BaseException) -> str:
-    """The lines of an error's traceback that are the user's, the last one last, each on a line of its own."""
+    """Return the lines of an error's traceback that are the user's, the last one last, each on a line of its own."""
     package = Path(__file__).parents[1]
     return "".join(
         f"\n  {frame.filename}, line {frame.lineno}, in {frame.name}: {frame.line}"

@@ -43,14 +43,14 @@ class Line:
 
 
 def pyserial() -> Any:
-    """The module `serial`; `MissingExtraError` where the package pyserial is not installed."""
+    """Return the module `serial`; `MissingExtraError` where the package pyserial is not installed."""
     with needs_package("pyserial", extra="devices", purpose="a serial port", module="serial"):
         import serial  # type: ignore[import-untyped, unused-ignore]
     return serial
 
 
 def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float, rtscts: bool = False) -> Any:
-    """Serial port as an object of pyserial; reads return at once.
+    """Return the serial port as an object of pyserial; reads return at once.
 
     ``baud``: bits per second. ``write_timeout_s``: longest time that a write may block; 0: never. ``rtscts``: whether
     to use RTS/CTS flow control. Raises `NotConnectedError` if the port cannot be opened, or if another program uses it.
@@ -83,7 +83,7 @@ def open_serial(path: str, *, baud: int, parity: Parity, write_timeout_s: float,
 
 
 def _group_of(path: str) -> str:
-    """Group that may open a port; dialout if it is not known."""
+    """Return the group that may open a port; dialout if it is not known."""
     with suppress(OSError, KeyError):
         if (name := Path(path).group()) != "root":
             return name

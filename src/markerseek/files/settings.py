@@ -31,7 +31,7 @@ _LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_MOST_P
 
 
 def read_toml(path: Path, *, what: str) -> dict[str, object]:
-    """Table of a TOML file.
+    """Return the table of a TOML file.
 
     ``what``: kind of file, for the message: "rig file".
     """
@@ -202,7 +202,7 @@ def _kind_of(value: object) -> str:
 
 
 def _in_words(hint: typing.Any) -> str:
-    """What a type allows, in words."""
+    """Return what a type allows, in words."""
     if _is_union(hint):
         return " or ".join(map(_in_words, typing.get_args(hint)))
     if typing.get_origin(hint) is typing.Literal:
@@ -211,12 +211,12 @@ def _in_words(hint: typing.Any) -> str:
 
 
 def require_key(key: str, kind: type, *, prefix: str = "") -> str:
-    """The key, if the settings have a field of that name."""
+    """Return the key, if the settings have a field of that name."""
     return nearest_key(key, _keys_of(kind) or (), prefix=prefix)
 
 
 def nearest_key(key: str, names: Collection[str], *, prefix: str = "") -> str:
-    """The key, if it is one of the names; else a `ConfigError` that names the nearest.
+    """Return the key, if it is one of the names; else a `ConfigError` that names the nearest.
 
     ``prefix``: dotted path of its table, for the message, with the final dot.
     """

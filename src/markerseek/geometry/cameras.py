@@ -58,7 +58,7 @@ class Camera(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return f"images of {columns} x {rows} pixels, the camera's calibration is of {width} x {height}; {cure}"
 
     def project(self, points_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 2"]:
-        """Pixels of points in the camera's frame."""
+        """Return the pixels of points in the camera's frame."""
         if not (points_m[:, 2] > 0).all():
             number = int(np.flatnonzero(~(points_m[:, 2] > 0))[0]) + 1
             raise ConfigError(f"point {number} is at z = {points_m[number - 1, 2]:.4g} m, behind the camera")
@@ -67,7 +67,7 @@ class Camera(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def seen(
         self, points_m: Float64[np.ndarray, "points 3"]
     ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points 2 3"]]:
-        """Pixels of points in the camera's frame, also behind it, and their derivatives by the point, in px/m."""
+        """Return the pixels of points, also behind the camera, and their derivatives by the point, in px/m."""
         direct = points_m[:, :2] / points_m[:, 2:]
         distorted, bend = self.distort(direct)
         # d(x/z, y/z) by (x, y, z): [1/z, 0, −x/z²] and [0, 1/z, −y/z²].
@@ -79,14 +79,14 @@ class Camera(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def project_covariance(
         self, point_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"]
     ) -> Float64[np.ndarray, "2 2"]:
-        """Covariance of the pixel of a point in the camera's frame, to first order, in px²."""
+        """Return the covariance of the pixel of a point in the camera's frame, to first order, in px²."""
         slope = self.seen(point_m[None])[1][0]
         return np.asarray(slope @ covariance_m2 @ slope.T)
 
     def distort(
         self, direct: Float64[np.ndarray, "points 2"]
     ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points 2 2"]]:
-        """Distorted normalised coordinates (x/z, y/z) of undistorted ones, and their derivatives."""
+        """Return the distorted normalised coordinates (x/z, y/z) of undistorted ones, and their derivatives."""
         k1, k2, p1, p2, k3 = self.distortion
         x, y = direct.T
         r2 = x * x + y * y
@@ -103,7 +103,7 @@ class Camera(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return both, derivative
 
     def undistort(self, pixels: Float64[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 2"]:
-        """Undistorted normalised coordinates (x/z, y/z) of pixels, by Newton's method."""
+        """Return the undistorted normalised coordinates (x/z, y/z) of pixels, by Newton's method."""
         inside = ((pixels >= -0.5) & (pixels <= np.array(self.size_px) - 0.5)).all(axis=1)
         if not inside.all():
             number = int(np.flatnonzero(~inside)[0])
@@ -142,7 +142,7 @@ class StereoCameras:
     def project(
         self, points_m: Float64[np.ndarray, "points 3"]
     ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points 2"]]:
-        """Pixels in the left and the right image of points in the left camera's frame."""
+        """Return the pixels in the left and the right image of points in the left camera's frame."""
         return self.left.project(points_m), self.right.project(self.left_to_right.apply(points_m))
 
 
@@ -165,7 +165,7 @@ def triangulate(
     *,
     sigma_px: float,
 ) -> Triangulated:
-    """The points with projections nearest to the pixels: maximum likelihood for equal errors of all pixels.
+    """Return the points with projections nearest to the pixels: maximum likelihood for equal errors of all pixels.
 
     ``left_px``, ``right_px``: pixels in the left and the right image, row by row. ``sigma_px``: standard deviation of
     each pixel coordinate, of spot and calibration together.
@@ -191,7 +191,10 @@ class _NoPointError(ConfigError):
 def _nearest_points(
     left_px: Float64[np.ndarray, "points 2"], right_px: Float64[np.ndarray, "points 2"], cameras: StereoCameras
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 4 3"]]:
-    """Points with projections nearest to the pixels, and the derivatives of these; `_NoPointError` without any."""
+    """Return the points with projections nearest to the pixels, and the derivatives of these.
+
+    `_NoPointError` without any.
+    """
     points_m = _midpoints(cameras.left.undistort(left_px), cameras.right.undistort(right_px), cameras)
     wanted = np.concatenate([left_px, right_px], axis=1)
     for _ in range(_TRIANGULATION_STEPS):
@@ -213,14 +216,14 @@ def _nearest_points(
 
 
 def _turned(pixels: Float64[np.ndarray, "points 2"], camera: Camera) -> Float64[np.ndarray, "points 2"]:
-    """Pixels in the image turned by 180 deg."""
+    """Return the pixels in the image turned by 180 deg."""
     return np.asarray(np.subtract(camera.size_px, 1.0) - pixels)
 
 
 def _other_arrangements(
     left_px: Float64[np.ndarray, "points 2"], right_px: Float64[np.ndarray, "points 2"], cameras: StereoCameras
 ) -> list[str]:
-    """What may have been done to the images: each would make all pixels those of points in front of the cameras."""
+    """Return what may have been done to the images: each puts the points of all pixels before the cameras."""
     left = cameras.left
     right = cameras.right
     left_turned_px = _turned(left_px, left)
@@ -246,7 +249,7 @@ def _fits(
 
 
 def _cause(others: list[str]) -> str:
-    """Arrangements as the end of a sentence; empty if there are none."""
+    """Return the arrangements as the end of a sentence; empty if there are none."""
     if not others:
         return ""
     # Images that are exchanged *and* turned fit as well as the right ones, in a frame that is turned.
@@ -259,7 +262,7 @@ def _cause(others: list[str]) -> str:
 def _midpoints(
     left: Float64[np.ndarray, "points 2"], right: Float64[np.ndarray, "points 2"], cameras: StereoCameras
 ) -> Float64[np.ndarray, "points 3"]:
-    """Middle of the shortest line between two lines of sight, the start of the iteration."""
+    """Return the middle of the shortest line between two lines of sight, the start of the iteration."""
     back = cameras.left_to_right.inverse()
     first = np.concatenate([left, np.ones((len(left), 1))], axis=1)
     second = np.concatenate([right, np.ones((len(right), 1))], axis=1) @ back.rotation.T
@@ -278,7 +281,7 @@ def _midpoints(
 def _projections(
     points_m: Float64[np.ndarray, "points 3"], cameras: StereoCameras
 ) -> tuple[Float64[np.ndarray, "points 4"], Float64[np.ndarray, "points 4 3"]]:
-    """Left and right pixels of points, and their derivatives by the point, in pixels per metre."""
+    """Return the left and right pixels of points, and their derivatives by the point, in pixels per metre."""
     left, by_left = cameras.left.seen(points_m)
     right, by_right = cameras.right.seen(cameras.left_to_right.apply(points_m))
     by_point = [by_left, by_right @ cameras.left_to_right.rotation]

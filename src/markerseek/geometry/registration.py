@@ -81,16 +81,16 @@ class RegistrationErrors:
         return np.asarray(np.einsum("k,kij->ij", self.weights, self.covariances))
 
     def tre_covariance_m2(self, target_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "3 3"]:
-        """Covariance of the position of a target, given in the frame of the target points, in m²."""
+        """Return the covariance of the position of a target, given in the frame of the target points, in m²."""
         effect = effect_of_motion(target_m[None, :] - self.middle_m)[0]
         return np.asarray(effect @ self.covariance[:6, :6] @ effect.T)
 
     def tre_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
-        """Expected target registration error (TRE), root mean square in metres, at a target."""
+        """Return the expected target registration error (TRE), root mean square in metres, at a target."""
         return float(np.sqrt(np.trace(self.tre_covariance_m2(target_m))))
 
     def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
-        """Length in metres that 95 % of the errors at a target do not exceed."""
+        """Return the length in metres that 95 % of the errors at a target do not exceed."""
         effect = effect_of_motion(target_m[None, :] - self.middle_m)[0]
         spreads = effect @ self.covariances[:, :6, :6] @ effect.T
         return ErrorLength.of(self.weights, spreads).quantile_m(0.95)
@@ -104,7 +104,7 @@ def registration_errors(
     shared_m: Float64[np.ndarray, "points 3 errors"] | None = None,
     shared_estimated: bool = True,
 ) -> RegistrationErrors:
-    """Expected errors of a registration to points.
+    """Return the expected errors of a registration to points.
 
     - ``points_m``: the points in the target frame.
     - ``covariances_m2``: covariance of each residual, which is that of both measurements of the point, in the target
@@ -149,7 +149,7 @@ def registration_errors(
 
 
 def effect_of_motion(offsets_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 6"]:
-    """Displacement ω × d + τ of points by a small rotation ω about the origin and a translation τ, as matrices."""
+    """Return the matrices of the displacement ω × d + τ of points d by a small rotation ω and a translation τ."""
     effect = np.zeros((len(offsets_m), 3, 6))
     x, y, z = offsets_m.T
     # ω × d, column by column of ω.
@@ -165,7 +165,7 @@ def best_rotation(
     target_m: Float64[np.ndarray, "points 3"],
     weights: Float64[np.ndarray, " points"],
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, " 3"]]:
-    """Rotation R and translation t, in metres, that minimise Σ w ‖R p + t − q‖².
+    """Return the rotation R and translation t, in metres, that minimise Σ w ‖R p + t − q‖².
 
     ``source_m``, ``target_m``: the points p and q, at least three that are not on a line (`register_points` checks
     that). ``weights``: weight of each point, positive.
@@ -187,7 +187,7 @@ def best_rotation(
 
 
 def mirror_image_fre(source_m: Float64[np.ndarray, "points 3"], target_m: Float64[np.ndarray, "points 3"]) -> float:
-    """Root mean square residual, in metres, of the best fit with a mirror image of the source points.
+    """Return the root mean square residual, in metres, of the best fit with a mirror image of the source points.
 
     Every improper rotation is a rotation of the points reflected through the origin. For points in a plane, as any
     three are, it is the same as that of the best fit without reflection.
@@ -258,15 +258,15 @@ class Registration:
         return 1.0 if self.offset_sigma_m is not None else math.sqrt(max(1.0, self.misfit))
 
     def tre_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
-        """Expected target registration error, root mean square in metres, at a point of the target frame."""
+        """Return the expected target registration error, root mean square in metres, at a point of the target frame."""
         return self.errors.tre_m(target_m) * self.scale
 
     def tre_covariance_m2(self, target_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "3 3"]:
-        """Covariance of a target's position in its frame, in m²; scaled as `tre_m`."""
+        """Return the covariance of a target's position in its frame, in m²; scaled as `tre_m`."""
         return self.errors.tre_covariance_m2(target_m) * self.scale**2
 
     def tre95_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
-        """Length in metres that 95 % of the errors at a target stay below; scaled as `tre_m`."""
+        """Return the length in metres that 95 % of the errors at a target stay below; scaled as `tre_m`."""
         return self.errors.tre95_m(target_m) * self.scale
 
 
@@ -284,7 +284,7 @@ def register_points(
     target: str = "ProbeHome",
     refined: bool = True,
 ) -> Registration:
-    """Rigid transform from source to target points that belong together row by row.
+    """Return the rigid transform from source to target points that belong together row by row.
 
     - ``source_covariances_m2``, ``target_covariances_m2``: covariance of each point in its own frame; None: not known.
       Where either is given it weighs the points.
@@ -354,7 +354,7 @@ def register_points(
 def _with_offset(
     points: _Points, fit: _Fit, doubtful: Float64[np.ndarray, "directions errors"], source: str, target: str
 ) -> Registration:
-    """Registration with an offset of unknown size, from the fit with the stated one."""
+    """Return the registration with an offset of unknown size, from the fit with the stated one."""
     misfit = points.chi_squared(fit) / points.freedom
     posterior = _posterior(points, fit, doubtful)
     fit = fit.moved(posterior.mean, posterior.middle_m)
@@ -421,22 +421,22 @@ class _Points:
         return 3 * len(self.source_m) - 6
 
     def noise(self, rotation: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "points 3 3"]:
-        """Covariance of each residual, with the stated offset; that of the source points turns with them."""
+        """Return the covariance of each residual, with the stated offset; that of the source points turns with them."""
         return np.asarray(rotation @ self.from_source @ rotation.T + self.from_target + self.offset_m2 * np.eye(3))
 
     def shared(self, rotation: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "points 3 errors"]:
-        """Change of each residual by each error that all points share."""
+        """Return the change of each residual by each error that all points share."""
         return np.concatenate([-rotation @ self.source_shared_m, self.target_shared_m], axis=2)
 
     def unexplained(self, fit: _Fit) -> Float64[np.ndarray, "points 3"]:
-        """Transformed source points minus target points, without what the shared errors explain."""
+        """Return the transformed source points minus target points, without what the shared errors explain."""
         residuals = self.source_m @ fit.rotation.T + fit.translation_m - self.target_m
         return np.asarray(residuals + self.shared(fit.rotation) @ fit.shared)
 
     def linear(
         self, fit: _Fit
     ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 3 unknowns"], Float64[np.ndarray, " 3"]]:
-        """Residuals that a fit leaves, their derivatives by rotation, translation and shared errors, and the middle.
+        """Return the residuals of a fit, their derivatives by rotation, translation and shared errors, and the middle.
 
         The derivative is taken at the most likely true points, between the two measurements of each: that of the whole
         likelihood, in which also the noise depends on the rotation. At the measured points it would not converge where
@@ -451,14 +451,14 @@ class _Points:
         return left_m, effect, middle_m
 
     def chi_squared(self, fit: _Fit) -> float:
-        """Minus twice the logarithm of the probability of all errors, but for a constant."""
+        """Return the minus twice the logarithm of the probability of all errors, but for a constant."""
         left = self.unexplained(fit)
         inverse = np.linalg.inv(self.noise(fit.rotation))
         return float(np.einsum("ni,nij,nj->", left, inverse, left) + fit.shared @ fit.shared)
 
 
 def _refine(points: _Points, fit: _Fit) -> _Fit:
-    """Maximum likelihood by Gauss-Newton steps."""
+    """Return the maximum likelihood by Gauss-Newton steps."""
     misfit = points.chi_squared(fit)
     prior = np.concatenate([np.zeros(6), np.ones(len(fit.shared))])
     for _ in range(_STEPS):
@@ -500,7 +500,7 @@ class _Posterior:
 
 
 def _posterior(points: _Points, fit: _Fit, doubtful: Float64[np.ndarray, "directions errors"]) -> _Posterior:
-    """Posterior about a fit.
+    """Return the posterior about a fit.
 
     For one size of the offset, with residuals e = r + A x + noise of covariance N, and the shared errors s + x of prior
     covariance D: H = Aᵀ N⁻¹ A + D⁻¹, x = H⁻¹ b, b = −(Aᵀ N⁻¹ r + D⁻¹ s), chi² = rᵀ N⁻¹ r + sᵀ D⁻¹ s − bᵀ x. The
@@ -560,7 +560,7 @@ def _doubts(
     covariances: Float64[np.ndarray, "offsets directions errors errors"],
     doubtful: Float64[np.ndarray, "directions errors"],
 ) -> tuple[DoubtedError, ...]:
-    """Probability and estimate of the shared errors along each direction, if it is the wider one."""
+    """Return the probability and estimate of the shared errors along each direction, if it is the wider one."""
     values = np.einsum("kji,ji->kj", shared, doubtful)
     variances = np.einsum("ji,kjil,jl->kj", doubtful, covariances, doubtful)
     found = []

@@ -142,11 +142,11 @@ class StereoMotion:
     rigid scene, more for one that deforms."""
 
     def displacement_m(self, points_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-        """Displacement of points given where they were."""
+        """Return the displacement of points given where they were."""
         return np.asarray(self.transform.apply(points_m) - points_m)
 
     def covariances_m2(self, points_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 3"]:
-        """Covariances of where points are now, given where they were."""
+        """Return the covariances of where points are now, given where they were."""
         effect = effect_of_motion(self.transform.apply(points_m) - self.middle_m)
         return np.asarray(effect @ self.covariance @ np.swapaxes(effect, 1, 2))
 
@@ -191,7 +191,10 @@ _START_PER_M = 10.0
 def seen_after(
     points: RangedPoints, transform: RigidTransform, cameras: StereoCameras
 ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points 2"]]:
-    """Pixels of points in the left and the right image after a motion; not finite for points behind a camera."""
+    """Return the pixels of points in the left and the right image after a motion.
+
+    Those of points behind a camera are not finite.
+    """
     left, _, right, _ = _projected(points, transform, cameras)
     return left, right
 
@@ -377,13 +380,13 @@ class _Linear:
         return np.asarray(np.einsum("nij,nik,nk->nj", self.effect, self.weight, self.residual))
 
     def squares(self, steps: Float64[np.ndarray, "steps 6"]) -> Float64[np.ndarray, "steps points"]:
-        """Squared residuals of all points after small motions, over their variances."""
+        """Return the squared residuals of all points after small motions, over their variances."""
         left = self.residual - np.einsum("nij,sj->sni", self.effect, steps)
         return np.asarray(np.einsum("sni,nij,snj->sn", left, self.weight, left, optimize=True))
 
 
 def _right_of(cameras: StereoCameras, transform: RigidTransform) -> Float64[np.ndarray, " 3"]:
-    """What the inverse depth of a point adds to its direction in the right camera's frame."""
+    """Return what the inverse depth of a point adds to its direction in the right camera's frame."""
     return cameras.left_to_right.apply(transform.translation_m)
 
 
@@ -395,7 +398,7 @@ def _projected(
     Float64[np.ndarray, "points 2"],
     Float64[np.ndarray, "points 2 3"],
 ]:
-    """Left pixels, their derivatives by the scaled point, right pixels, theirs."""
+    """Return the left pixels, their derivatives by the scaled point, right pixels, theirs."""
     near = points.nearness_per_m[:, None]
     turned = points.directions @ transform.rotation.T
     left, by_left = cameras.left.seen(turned + near * transform.translation_m)

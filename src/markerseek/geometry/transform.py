@@ -50,11 +50,11 @@ class RigidTransform:
         return matrix
 
     def apply(self, points_m: Float64[np.ndarray, "*points 3"]) -> Float64[np.ndarray, "*points 3"]:
-        """Coordinates in frame B of points in frame A, in metres."""
+        """Return the coordinates in frame B of points in frame A, in metres."""
         return np.asarray(points_m @ self.rotation.T + self.translation_m)
 
     def inverse(self) -> RigidTransform:
-        """The transform ``BToA``."""
+        """Return the transform ``BToA``."""
         back = self.rotation.T
         return RigidTransform(
             source=self.target, target=self.source, rotation=back.copy(), translation_m=-back @ self.translation_m

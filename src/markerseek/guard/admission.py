@@ -113,7 +113,7 @@ class Admission:
                 raise AcquisitionError(f"{why}; check the probe's connector")
 
     def source_in_dark(self, reading: Reading) -> str | None:
-        """Message that a dark frame holds a source; None if noise alone can explain it, or is not known.
+        """Return the message that a dark frame holds a source; None if noise alone can explain it, or is not known.
 
         The largest of M cells of noise exceeds σ·sqrt(2·ln(M/p)) with probability p.
         """
@@ -128,14 +128,14 @@ class Admission:
 
 
 def _shape(frame: Frame) -> str:
-    """Text of what must not change within a run."""
+    """Return the text of what must not change within a run."""
     if isinstance(frame, ReadingFrame):
         return "a number"
     return f"of shape {frame.samples.shape} at {frame.sampling_hz:g} Hz"
 
 
 def _is_old(frame: Frame, previous: Frame | None) -> bool:
-    """Whether the data are not new; `previous` is of the same kind and shape."""
+    """Return whether the data are not new; `previous` is of the same kind and shape."""
     if isinstance(frame, ReadingFrame):
         return frame.intensity in (0, getattr(previous, "intensity", None))
     data = frame.samples.ravel()

@@ -33,7 +33,7 @@ class Lease:
                 self._ends_s = now_s + self._period_s
 
     def lapsed(self, *, now_s: float) -> bool:
-        """Whether steps are required and none came in time."""
+        """Return whether steps are required and none came in time."""
         return self._ends_s is not None and not (is_finite(now_s) and now_s <= self._ends_s)
 
     def release(self) -> None:

@@ -40,6 +40,6 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 def _degrees(value: float) -> str:
-    """Text of an angle as the device or the caller gave it, which may be no number at all."""
+    """Return the text of an angle as the device or the caller gave it, which may be no number at all."""
     number = is_finite(value) or isinstance(value, float)
     return f"{float(value):g} deg" if number else f"a {type(value).__name__} (no angle)"

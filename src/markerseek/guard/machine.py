@@ -132,7 +132,7 @@ class Guard:
         self._fault = None
 
     def readback(self, angle_deg: float) -> float:
-        """The stage's readback in degrees, checked against the travel range wherever it is read."""
+        """Return the stage's readback in degrees, checked against the travel range wherever it is read."""
         try:
             self.limits.require_travel(angle_deg)
         except LimitError as error:
@@ -155,7 +155,10 @@ class Guard:
         self._state = State.ARMED
 
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
-        """Permit for one acquisition at one angle, as `Permits.issue`; the state stays ARMED or FOLLOWING."""
+        """Return the permit for one acquisition at one angle, as `Permits.issue`.
+
+        The state stays ARMED or FOLLOWING.
+        """
         self._require("permit pulses", State.ARMED, State.FOLLOWING)
         if self._following is not None:
             self._require_following(now_s)
@@ -167,7 +170,10 @@ class Guard:
         return permit
 
     def issue_sweep(self, wanted: SweepPermit, *, now_s: float) -> SweepPermit:
-        """The permit that is wanted for one sweep, which must stay in the search range; the state stays ARMED."""
+        """Return the permit that is wanted for one sweep, which must stay in the search range.
+
+        The state stays ARMED.
+        """
         self._require("permit pulses", State.ARMED)
         self.limits.require_search(wanted.to_deg)
         self.limits.require_search(wanted.end_deg)
@@ -196,7 +202,7 @@ class Guard:
             self._turned_s = math.inf
 
     def read_sweep(self, angle_deg: float, *, now_s: float) -> bool:
-        """Whether the probe may be lit at this readback of a sweep: not while it is slower than permitted.
+        """Return whether the probe may be lit at this readback of a sweep: not while it is slower than permitted.
 
         Faster, backwards, out of its angles, or later than `SWEEP_READING_S` after the readback before ends in FAULT.
         A sweep that may turn back may be slow where it does, and turns the other way from there on.
@@ -212,7 +218,7 @@ class Guard:
         return turned_deg >= sweep.slowest_deg_s * elapsed_s or (turning and now_s <= self._turned_s + sweep.turn_s)
 
     def _read_on_way(self, angle_deg: float, *, now_s: float) -> float:
-        """How far the probe has turned along its way; one that is not where its permit allows ends in FAULT."""
+        """Return how far the probe has turned along its way; one that is not where its permit allows ends in FAULT."""
         angle_deg = self.readback(angle_deg)
         before_deg, before_s = self._read
         way = self._sweep

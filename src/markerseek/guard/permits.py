@@ -57,7 +57,7 @@ class Permits:
         self._pulses += pulses
 
     def issue(self, *, angle_deg: float, pulses: int, now_s: float) -> Permit:
-        """Permit for one acquisition at one angle, now on the rig's clock; 0 pulses take a dark frame.
+        """Return the permit for one acquisition at one angle, now on the rig's clock; 0 pulses take a dark frame.
 
         `LimitError` if its pulses exceed a limit, or a value is no number; nothing was permitted then.
         """
@@ -67,7 +67,7 @@ class Permits:
         return permit
 
     def issue_sweep(self, wanted: SweepPermit, *, now_s: float) -> SweepPermit:
-        """The permit that is wanted for one sweep, with token and expiry; refused as by `issue`."""
+        """Return the permit that is wanted for one sweep, with token and expiry; refused as by `issue`."""
         token, expires_s = self._charge(wanted.pulses, wanted.angle_deg, now_s, most=self._limits.pulses_per_sweep)
         permit = replace(wanted, token=token, expires_s=expires_s)
         self._open = {permit}

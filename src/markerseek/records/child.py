@@ -85,7 +85,7 @@ def try_files(reader: ReadFunction, paths: Sequence[Path]) -> None:
 
 
 def _serve(name: str) -> None:
-    """Main function of the child: one byte of output for each file that the reader lived through."""
+    """Run the child: it puts out one byte for each file that the reader lived through."""
     # Libraries may print to standard output.
     answers = os.dup(sys.stdout.fileno())
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())

@@ -83,7 +83,7 @@ class CheckedHdf5(Closing):
         self.opened.close()
 
     def found(self, *, deep: bool) -> Iterator[tuple[str, h5py.HLObject | str]]:
-        """Datasets and groups by their names, each once, those that are nearest to the top first.
+        """Yield the datasets and groups by their names, each once, those that are nearest to the top first.
 
         For what cannot be opened, the reason in place of it. ``deep``: whether groups are looked into.
         """
@@ -108,18 +108,21 @@ class CheckedHdf5(Closing):
                     waiting.append((f"{prefix}{name}/", item))
 
     def has(self, name: str) -> bool:
-        """Whether the name exists; `TypeError` where it leads to another file."""
+        """Return whether the name exists; `TypeError` where it leads to another file."""
         return self.inside(self.opened, name) is not None
 
     def names(self, name: str) -> list[str]:
-        """Names in a group in natural order, of the whole file for an empty name; empty if it is no group."""
+        """Return the names in a group in natural order, of the whole file for an empty name.
+
+        Empty if it is no group.
+        """
         import h5py
 
         item = self.inside(self.opened, name) if name else self.opened
         return sorted(item, key=natural) if isinstance(item, h5py.Group) else []
 
     def dataset(self, name: str) -> h5py.Dataset:
-        """Dataset of that name, which fits into memory.
+        """Return the dataset of that name, which fits into memory.
 
         Raises `TypeError` or `ValueError` if it is missing, is a link to another file, or needs much more memory than
         the file has bytes.
@@ -130,7 +133,7 @@ class CheckedHdf5(Closing):
         return self.checked(item, name=name)
 
     def referred(self, reference: h5py.Reference, *, name: str) -> h5py.Dataset:
-        """Dataset that a reference points to, with the errors of `dataset`."""
+        """Return the dataset that a reference points to, with the errors of `dataset`."""
         if not reference:
             raise ValueError(f"{name} refers to nothing")
         import h5py
@@ -141,7 +144,7 @@ class CheckedHdf5(Closing):
         return self.checked(self.opened[reference], name=name)
 
     def scalars(self, references: Iterable[h5py.Reference], *, name: str) -> Float64[np.ndarray, " references"] | None:
-        """The single numbers that many references point to; None if one of them points to more.
+        """Return the single numbers that many references point to; None if one of them points to more.
 
         Read by the low-level interface of h5py, which takes a tenth of the time. Raises `ValueError` or `TypeError`.
         """
@@ -163,7 +166,7 @@ class CheckedHdf5(Closing):
         return np.array(values)
 
     def checked(self, item: object, *, name: str) -> h5py.Dataset:
-        """The item, if it is a dataset as `dataset` returns it."""
+        """Return the item, if it is a dataset as `dataset` returns it."""
         import h5py
 
         if not isinstance(item, h5py.Dataset):
@@ -179,7 +182,7 @@ class CheckedHdf5(Closing):
         return item
 
     def numbers(self, name: str, *, units: frozenset[str] = _SI) -> Float64[np.ndarray, " values"]:
-        """All numbers of a dataset, flattened; refused if it states a unit other than ``units``."""
+        """Return all numbers of a dataset, flattened; refused if it states a unit other than ``units``."""
         item = self.dataset(name)
         if item.dtype.kind not in "iuf" or item.dtype.itemsize > 8:
             raise ValueError(f"{name} is {item.dtype}, numbers are expected")
@@ -193,7 +196,7 @@ class CheckedHdf5(Closing):
         return np.atleast_1d(np.asarray(self.values(item, name=name), dtype=np.float64)).ravel()
 
     def values(self, item: h5py.Dataset, *, name: str) -> np.ndarray:
-        """All values of a dataset, unpacked as its attributes say (``scale_factor`` … of the CF conventions).
+        """Return all values of a dataset, unpacked as its attributes say (``scale_factor`` … of the CF conventions).
 
         Values that mark missing ones become NaN. Raises `RecordError` if another attribute would change the numbers.
         """
@@ -220,7 +223,7 @@ class CheckedHdf5(Closing):
         return np.where(marked, np.nan, unpacked)
 
     def _attribute(self, item: h5py.Dataset, attribute: str, *, name: str) -> float | None:
-        """The one number of an attribute; None if it is missing."""
+        """Return the one number of an attribute; None if it is missing."""
         if attribute not in item.attrs:
             return None
         held = item.attrs.get_id(attribute)
@@ -240,7 +243,7 @@ class CheckedHdf5(Closing):
             )
 
     def number(self, name: str) -> float | None:
-        """The single number of a dataset; None if it is missing, not finite, or the text ``None``."""
+        """Return the single number of a dataset; None if it is missing, not finite, or the text ``None``."""
         if not self.has(name) or self.text(name) == "None":
             return None
         values = self.numbers(name)
@@ -249,7 +252,7 @@ class CheckedHdf5(Closing):
         return float(values[0]) if math.isfinite(values[0]) else None
 
     def text(self, name: str) -> str | None:
-        """The text of a dataset; None if it is missing or is not text."""
+        """Return the text of a dataset; None if it is missing or is not text."""
         import h5py
 
         if not self.has(name):
@@ -288,7 +291,7 @@ class CheckedHdf5(Closing):
         return item
 
     def _opened(self, group: h5py.Group, name: str) -> h5py.HLObject:
-        """What a hard link leads to.
+        """Return what a hard link leads to.
 
         An object of h5py's own keeps the plan of a virtual dataset open, on which HDF5 2.0 crashes when Python ends: no
         such object is made of one.
@@ -302,7 +305,7 @@ class CheckedHdf5(Closing):
 
 
 def _lies_elsewhere(item: h5py.h5d.DatasetID) -> bool:
-    """Whether the numbers of a dataset lie in other files."""
+    """Return whether the numbers of a dataset lie in other files."""
     import h5py
 
     plan = item.get_create_plist()
@@ -310,12 +313,12 @@ def _lies_elsewhere(item: h5py.h5d.DatasetID) -> bool:
 
 
 def unit_of_dataset(item: h5py.Dataset) -> str:
-    """Unit that the attributes of a dataset state; empty if they state none."""
+    """Return the unit that the attributes of a dataset state; empty if they state none."""
     return next(filter(None, (_text_attribute(item, name) for name in _UNITS)), "")
 
 
 def _text_attribute(item: h5py.Dataset, name: str) -> str:
-    """Text of an attribute, also of one in capitals; empty if it is missing or no short text."""
+    """Return the text of an attribute, also of one in capitals; empty if it is missing or no short text."""
     import h5py
 
     found = next((each for each in (name, name.capitalize(), name.upper()) if each in item.attrs), None)

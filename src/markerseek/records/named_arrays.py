@@ -45,7 +45,7 @@ _MATLAB_TYPES: dict[str, np.dtype[Any]] = {
 
 
 def arrays_in(path: Path, *, most_bytes: int) -> dict[str, np.ndarray]:
-    """Real numeric arrays in a file, by name; the array of an ``.npy`` has none.
+    """Return the real numeric arrays in a file, by name; the array of an ``.npy`` has none.
 
     ``most_bytes``: largest file that is read. Raises `OSError` if it cannot be opened.
     """
@@ -73,7 +73,7 @@ class NamedArrays(dict[str, np.ndarray]):
 
 
 def content(arrays: Mapping[str, np.ndarray]) -> str:
-    """The first of some arrays in words, for messages: name, type and shape of each; and what was left out."""
+    """Return the first of some arrays in words, for messages: name, type and shape of each; and what was left out."""
     held = (
         ", ".join(f"{name[:40]} {each.dtype} {each.shape}".strip() for name, each in sorted(arrays.items())[:8])
         or "nothing"
@@ -83,7 +83,7 @@ def content(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def read_npy(path: Path) -> dict[str, np.ndarray]:
-    """The array of an ``.npy``, under an empty name."""
+    """Return the array of an ``.npy``, under an empty name."""
     try:
         array, ends = _npy_array(path)
     # The header is a Python literal; a hostile one raises errors of many kinds in NumPy's parser.
@@ -102,7 +102,7 @@ def read_npy(path: Path) -> dict[str, np.ndarray]:
 
 
 def _npy_array(path: Path) -> tuple[np.ndarray, int]:
-    """The array, and the byte at which it ends."""
+    """Return the array, and the byte at which it ends."""
     with path.open("rb") as file:
         head = file.read(12)
     # NumPy reads a header, and takes memory for it, before it looks at its length.
@@ -117,7 +117,7 @@ def _npy_array(path: Path) -> tuple[np.ndarray, int]:
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an ``.npz``."""
+    """Return the arrays of an ``.npz``."""
     with as_record_error(path, what=".npz", cure="save it again with numpy.savez"):
         with zipfile.ZipFile(path) as archive:
             # A zip bomb declares its true sizes, or zipfile stops at the size that it declares.
@@ -161,7 +161,7 @@ def _is_numbers(array: np.ndarray) -> bool:
 
 
 def read_mat(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a ``.mat``, in the types that they had in MATLAB: of version 7.3 by h5py, else by SciPy."""
+    """Return the arrays of a ``.mat``, in the types that they had in MATLAB: of version 7.3 by h5py, else by SciPy."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     if any(head[start:].startswith(_HDF5_SIGNATURE) for start in _HDF5_STARTS):
@@ -190,7 +190,7 @@ def read_mat(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_mat73(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of a ``.mat`` of version 7.3, read by h5py."""
+    """Return the arrays of a ``.mat`` of version 7.3, read by h5py."""
     with (
         as_record_error(path, what="MATLAB file of version 7.3", cure="it is damaged: fetch or save it again"),
         CheckedHdf5(path) as file,
@@ -208,7 +208,7 @@ def read_mat73(path: Path) -> dict[str, np.ndarray]:
 
 
 def plain_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
-    """The arrays of an HDF5 file that is of no known format.
+    """Return the arrays of an HDF5 file that is of no known format.
 
     Groups are looked into where the top level holds single numbers at most. An array in a group has the last part of
     its name where no other has it, else its whole path.
@@ -231,7 +231,7 @@ def plain_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
 
 
 def _short_names(paths: Iterable[str]) -> dict[str, str]:
-    """The last part of each path where no other has it, else the path."""
+    """Return the last part of each path where no other has it, else the path."""
     last = {path: path.rpartition("/")[2] for path in paths}
     count = Counter(last.values())
     return {path: name if count[name] == 1 or name == path else path for path, name in last.items()}
@@ -240,7 +240,7 @@ def _short_names(paths: Iterable[str]) -> dict[str, str]:
 def _numeric(
     path: Path, file: CheckedHdf5, held: Iterable[tuple[str, h5py.HLObject | str]], *, cure: str
 ) -> Iterator[tuple[str, h5py.Dataset]]:
-    """The datasets that hold numbers, of what a file holds."""
+    """Yield the datasets that hold numbers, of what a file holds."""
     unpacked_bytes = 0
     for name, item in held:
         if _is_numeric(item):
@@ -251,18 +251,18 @@ def _numeric(
 
 
 def _kind_of(item: h5py.HLObject | str) -> str:
-    """Kind of a variable that is no array of numbers, as MATLAB calls it."""
+    """Return the kind of a variable that is no array of numbers, as MATLAB calls it."""
     return "link" if isinstance(item, str) else _class_of(item, otherwise="struct")
 
 
 def _class_of(item: h5py.HLObject, *, otherwise: str) -> str:
-    """The class that a variable had in MATLAB; ``otherwise``: where the file does not say."""
+    """Return the class that a variable had in MATLAB; ``otherwise``: where the file does not say."""
     kind = item.attrs.get("MATLAB_class", otherwise)
     return kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
 
 
 def _is_numeric(item: h5py.HLObject | str) -> TypeGuard[h5py.Dataset]:
-    """Whether something is a dataset of numbers, real or complex, also by the class that it had in MATLAB."""
+    """Return whether something is a dataset of numbers, real or complex, also by the class that it had in MATLAB."""
     import h5py
 
     if not isinstance(item, h5py.Dataset) or item.shape is None:
@@ -274,7 +274,7 @@ def _is_numeric(item: h5py.HLObject | str) -> TypeGuard[h5py.Dataset]:
 
 
 def _matlab_values(file: CheckedHdf5, item: h5py.Dataset, name: str) -> np.ndarray:
-    """Values with the axes as in MATLAB."""
+    """Return the values with the axes as in MATLAB."""
     # Of an empty array the dataset holds the shape, not values.
     if "MATLAB_empty" in item.attrs:
         return np.empty(0)
@@ -282,7 +282,7 @@ def _matlab_values(file: CheckedHdf5, item: h5py.Dataset, name: str) -> np.ndarr
 
 
 def _values(file: CheckedHdf5, item: h5py.Dataset, name: str) -> np.ndarray:
-    """Values in the byte order of this machine; a pair of real and imaginary parts is one number."""
+    """Return the values in the byte order of this machine; a pair of real and imaginary parts is one number."""
     if item.dtype.names == ("real", "imag"):
         pairs = item[()]
         return np.asarray(pairs["real"] + 1j * pairs["imag"])

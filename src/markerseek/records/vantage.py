@@ -60,12 +60,12 @@ _CLEAR = 10.0
 
 
 def is_workspace(file: CheckedHdf5) -> bool:
-    """Whether a file holds the receive data of a Vantage."""
+    """Return whether a file holds the receive data of a Vantage."""
     return RCV_DATA in file.opened
 
 
 def vantage_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
-    """Frames of a workspace and what is known of them, named as `markerseek.records.banks.arrays` reads them.
+    """Return the frames of a workspace and what is known of them, named as `read_arrays` takes them.
 
     The acquisitions of a frame are averaged, and refused if they are no repeats; those of a buffer of one frame are
     frames themselves. The frames are in the order of the buffer, with their numbers and the number of the last one, as
@@ -128,13 +128,13 @@ class _Receives:
 def _acquisition(
     data: h5py.Dataset, number: int, start: int, samples: int, columns: Int64[np.ndarray, " channels"]
 ) -> Int16[np.ndarray, "channels samples"]:
-    """One acquisition of a frame; ``number`` and ``start`` count from 1."""
+    """Return one acquisition of a frame; ``number`` and ``start`` count from 1."""
     rows = slice(start - 1, start - 1 + samples)
     return np.asarray((data[number - 1, :, rows] if data.ndim == 3 else data[:, rows])[columns], dtype=np.int16)
 
 
 def _strengths(acquired: Int16[np.ndarray, "channels samples"]) -> Float64[np.ndarray, " depths"]:
-    """Mean over the channels of the largest magnitude in each of some ranges of depth."""
+    """Return the mean over the channels of the largest magnitude in each of some ranges of depth."""
     samples = acquired.shape[1]
     firsts = np.unique(np.linspace(0, samples, min(_DEPTHS, samples), endpoint=False, dtype=int))
     magnitudes = np.abs(acquired.astype(np.float64))
@@ -204,7 +204,10 @@ class _Workspace:
         )
 
     def _without_transmit(self, receives: int) -> Int64[np.ndarray, " receives"]:
-        """Indices of the receives whose event has no transmit, each once, in their order; all where none is stated."""
+        """Return the indices of the receives whose event has no transmit, each once, in their order.
+
+        All where none is stated.
+        """
         if self._items("Event.rcv") is None:
             return np.arange(receives)
         received = self._whole("Event.rcv")
@@ -221,14 +224,14 @@ class _Workspace:
         return chosen
 
     def _is_silent(self, number: int) -> bool:
-        """Whether a TX, counted from 1, has an apodization of zeros."""
+        """Return whether a TX, counted from 1, has an apodization of zeros."""
         items = self._items("TX.Apod")
         if items is None or number > len(items):
             self.refuse(f"an event names TX {number}, and its Apod is missing", "save TX too")
         return not self._values(items[number - 1], name="TX.Apod").any()
 
     def buffer(self, number: int) -> h5py.Dataset:
-        """Samples of one buffer: (frames, channels, rows), or (channels, rows) of a single frame."""
+        """Return the samples of one buffer: (frames, channels, rows), or (channels, rows) of a single frame."""
         items = self._items(RCV_DATA) or []
         if not 1 <= number <= len(items):
             self.refuse(
@@ -245,7 +248,7 @@ class _Workspace:
         return data
 
     def frame_numbers(self, receives: _Receives, data: h5py.Dataset) -> Int64[np.ndarray, " frames"]:
-        """Numbers of the frames that the receives fill, from 1, rising."""
+        """Return the numbers of the frames that the receives fill, from 1, rising."""
         frames = data.shape[0] if data.ndim == 3 else 1
         rows = data.shape[-1]
         numbers = np.unique(receives.frame)
@@ -295,14 +298,14 @@ class _Workspace:
             )
 
     def last_frame(self, buffer: int) -> float | None:
-        """Number of the frame of a buffer that was filled last; None if not stated."""
+        """Return the number of the frame of a buffer that was filled last; None if not stated."""
         last = self._items("Resource.RcvBuffer.lastFrame")
         if last is None or buffer > len(last):
             return None
         return float(self._values(last[buffer - 1], name="Resource.RcvBuffer.lastFrame").flat[0])
 
     def columns(self, channels: int) -> Int64[np.ndarray, " elements"]:
-        """Channel of each element, counted from 0."""
+        """Return the channel of each element, counted from 0."""
         for name in ("ConnectorES", "Connector"):
             items = self._items(f"Trans.{name}")
             if items is None:
@@ -326,7 +329,7 @@ class _Workspace:
         return np.arange(channels)
 
     def pitch_m(self) -> float | None:
-        """Distance of the elements; None if not stated."""
+        """Return the distance of the elements; None if not stated."""
         kind = self.number("Trans.type")
         if kind not in (None, 0):
             self.refuse(f"Trans.type is {kind:g}, the array is not linear", "only linear arrays (type 0) can be imaged")
@@ -339,7 +342,7 @@ class _Workspace:
         return waves * speed_m_s / (1e6 * frequency_mhz) if waves and speed_m_s and frequency_mhz else None
 
     def number(self, name: str) -> float | None:
-        """One number by the dotted name of its variable; None if it is missing."""
+        """Return one number by the dotted name of its variable; None if it is missing."""
         items = self._items(name)
         if items is None:
             return None
@@ -351,7 +354,7 @@ class _Workspace:
     def _each(
         self, name: str, *, count: int | None = None, otherwise: float | None = None
     ) -> Float64[np.ndarray, " items"]:
-        """One number for each item of an array of structures; ``otherwise`` where the field is missing."""
+        """Return one number for each item of an array of structures; ``otherwise`` where the field is missing."""
         quick = self._scalars(name)
         if quick is not None and count in (None, len(quick)) and np.isfinite(quick).all():
             return quick
@@ -380,7 +383,7 @@ class _Workspace:
         return values.astype(np.int64)
 
     def _texts(self, name: str, *, count: int, chosen: Int64[np.ndarray, " receives"]) -> set[str]:
-        """The different texts of a field of some structures; none where it is missing."""
+        """Return the different texts of a field of some structures; none where it is missing."""
         items = self._items(name)
         if items is None:
             return set()
@@ -389,7 +392,7 @@ class _Workspace:
         return {_text_of(items[index]) for index in chosen.tolist()}
 
     def _same(self, name: str, values: np.ndarray) -> float:
-        """The value that all of them are."""
+        """Return the value that all of them are."""
         different = np.unique(values)
         if len(different) != 1:
             self.refuse(
@@ -407,7 +410,7 @@ class _Workspace:
         return values
 
     def _scalars(self, name: str) -> Float64[np.ndarray, " items"] | None:
-        """One number for each structure of an array of MATLAB; None if they are stored otherwise."""
+        """Return one number for each structure of an array of MATLAB; None if they are stored otherwise."""
         import h5py
 
         item = self._item(name)
@@ -418,12 +421,15 @@ class _Workspace:
         return self.file.scalars(data[()].ravel(), name=name)
 
     def _items(self, name: str) -> list[h5py.Dataset] | None:
-        """Datasets of a variable, or of a field of it, one for each cell or structure; None if it has none."""
+        """Return the datasets of a variable, or of a field of it, one for each cell or structure.
+
+        None if it has none.
+        """
         item = self._item(name)
         return None if item is None else self._expanded(item, name=name) or None
 
     def _item(self, name: str) -> object:
-        """A variable, or a field of it; None if it is missing."""
+        """Return a variable, or a field of it; None if it is missing."""
         item: object = self.file.opened
         for part in name.split("."):
             item = self.file.inside(_octave_value(self.file, item), part)
@@ -451,7 +457,7 @@ class _Workspace:
 
 
 def _octave_value(file: CheckedHdf5, item: object) -> object:
-    """What a value of Octave holds; a value of MATLAB itself."""
+    """Return what a value of Octave holds; a value of MATLAB itself."""
     import h5py
 
     octave = isinstance(item, h5py.Group) and set(item) == {"type", "value"}
@@ -459,7 +465,7 @@ def _octave_value(file: CheckedHdf5, item: object) -> object:
 
 
 def _text_of(item: h5py.Dataset) -> str:
-    """A short text: codes of characters in MATLAB, bytes in Octave."""
+    """Return a short text: codes of characters in MATLAB, bytes in Octave."""
     if item.dtype.kind not in "iuSO" or item.size > 100 or item.dtype.itemsize > 100:
         return ""
     values = item[()]

@@ -95,13 +95,13 @@ class OpenDevices:
             self.stack = opening.pop_all()
 
     def stage(self, clock: Clock) -> tuple[Stage, str]:
-        """The stage, and what it is."""
+        """Return the stage, and what it is."""
         opened, name = self._open("stage", clock)
         self._opened_stage = opened
         return opened, name
 
     def acquisition(self, clock: Clock) -> tuple[Laser, Receiver, str]:
-        """Laser and receiver, and what they are."""
+        """Return the laser and receiver, and what they are."""
         receiver, receiver_name = self._open("receiver", clock)
         laser, laser_name = self._open("laser", clock, receiver=receiver)
         return laser, receiver, ", ".join(filter(None, (laser_name, receiver_name)))
@@ -147,13 +147,13 @@ class OpenDevices:
             each()
 
     def _ros_node(self) -> RosNode:
-        """The rig's ROS 2 node, made for its first device."""
+        """Return the rig's ROS 2 node, made for its first device."""
         if self._node is None:
             self._node = self.stack.enter_context(RosNode("markerseek_rig"))
         return self._node
 
     def _simulated_device(self, settings: DeviceKeys, *, clock: Clock) -> Any:
-        """A simulated device in the world of this rig."""
+        """Return a simulated device in the world of this rig."""
         if self._simulated is None:
             self._simulated = SimulatedParts(self._settings)
         return self._simulated.opened(settings, clock=clock, stage=self._opened_stage)
@@ -171,7 +171,7 @@ class OpenDevices:
 
 
 def guard_of(settings: BenchSettings) -> Guard:
-    """Guard of a bench."""
+    """Return the guard of a bench."""
     admission = Admission(noise_ratio=settings.receiver.noise_ratio, dark_alarm=DARK_ALARM)
     guard = partial(Guard, limits=settings.limits, firing=settings.firing)
     hand = entry_of(settings.stage).by_hand(settings.stage)
@@ -196,7 +196,7 @@ class SimulatedParts:
         self._world = draw_scene(settings, rng).world(settings, rng)
 
     def opened(self, settings: DeviceKeys, *, clock: Clock, stage: Stage | None) -> Any:
-        """The device that has these settings; ``stage``: of the rig, whatever drives it."""
+        """Return the device that has these settings; ``stage``: of the rig, whatever drives it."""
         if isinstance(settings, SimulatedStageSettings):
             return _Stage(world=self._world, clock=clock, motion=self._settings.stage, travel=self._bench.limits.travel)
         if isinstance(settings, GuidedStageSettings):
@@ -237,7 +237,7 @@ class _Laser(SimulatedLaser):
 
 
 def bench(settings: BenchSettings) -> Rig:
-    """A rig of real devices; connecting to them moves nothing and fires nothing.
+    """Return a rig of real devices; connecting to them moves nothing and fires nothing.
 
     A person must arm it (`Rig.arm`) before each search. Use it as a context manager, which closes it.
 
@@ -302,7 +302,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
 
 
 def imaging_of(probe: BenchProbe, *, sampling_hz: float) -> ImageReader:
-    """Imaging chain of a bench with this probe and the sampling frequency of its receiver in Hz."""
+    """Return the imaging chain of a bench with this probe and the sampling frequency of its receiver in Hz."""
     preset = probe_preset(probe.preset)
     # Another array or band makes another probe: a bank has to describe it in full.
     own = (probe.pitch_m, probe.low_hz, probe.high_hz, probe.f_number, probe.pickup_samples, probe.full_scale)

@@ -29,7 +29,7 @@ class _ProbeFile(ProbeKeys, frozen=True, kw_only=True):
 
 
 def read_probe_file(path: Path) -> ProbePreset:
-    """Probe that a TOML file describes; it is named after the file.
+    """Return the probe that a TOML file describes; it is named after the file.
 
     ``path``: its keys are those of `ProbeKeys`, ``sampling_hz`` and ``preset``. Without a ``preset`` the keys of
     `NEEDED` must be there.
@@ -43,7 +43,10 @@ def read_probe_file(path: Path) -> ProbePreset:
 
 
 def _start(keys: _ProbeFile) -> ProbePreset:
-    """The preset that a probe file starts from; without one, every key that differs between probes must be given."""
+    """Return the preset that a probe file starts from.
+
+    Without one, every key that differs between probes must be given.
+    """
     missing = [name for name in NEEDED if getattr(keys, name) is None]
     if keys.preset is None and missing:
         keys_text = f"the key {missing[0]} is missing; add it"
@@ -54,14 +57,14 @@ def _start(keys: _ProbeFile) -> ProbePreset:
 
 
 def chosen_probe(probe: str | ProbePreset) -> ProbePreset:
-    """Preset by its name or from a TOML file; a preset comes back as it is."""
+    """Return the preset by its name or from a TOML file; a preset comes back as it is."""
     if not isinstance(probe, str):
         return probe
     return read_probe_file(Path(probe)) if probe.lower().endswith(".toml") else probe_preset(probe)
 
 
 def probe_facts(preset: ProbePreset) -> dict[str, Any]:
-    """What `RigFacts` and `BankFacts` state of a probe; one of the user's own is described in full, as JSON."""
+    """Return what `RigFacts` and `BankFacts` state of a probe; one of the user's own is described in full, as JSON."""
     return {
         "probe": preset.name,
         "probe_settings": msgspec.json.encode(preset).decode() if is_own(preset) else None,
@@ -74,17 +77,17 @@ def probe_facts(preset: ProbePreset) -> dict[str, Any]:
 def read_recording(
     path: Path, table: TableFormat = DEFAULT_FORMAT, *, probe: str | ProbePreset | None
 ) -> IntensityBank | FrameBank:
-    """Bank at a path, read and completed as its probe says; None: the first preset. ``table``: of a CSV."""
+    """Return the bank at a path, read and completed as its probe says; None: the first preset. ``table``: of a CSV."""
     return with_probe_facts(read_bank(path, table, blanked=blanked_samples(probe)), probe)
 
 
 def blanked_samples(probe: str | ProbePreset | None) -> int:
-    """Samples from the trigger on that are not imaged, of a probe; None: the first preset."""
+    """Return the samples from the trigger on that are not imaged, of a probe; None: the first preset."""
     return chosen_probe(PRESET_NAMES[0] if probe is None else probe).pickup_samples
 
 
 def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> IntensityBank | FrameBank:
-    """The bank with sampling frequency and face radius of a probe of the user's own, where it does not hold them."""
+    """Return the bank, completed with the sampling frequency and face radius of a user's own probe."""
     preset = None if probe is None else chosen_probe(probe)
     if preset is None or not is_own(preset) or isinstance(bank, IntensityBank):
         return bank
@@ -100,7 +103,7 @@ def with_probe_facts(bank: IntensityBank | FrameBank, probe: str | ProbePreset |
 
 
 def preset_of(bank: IntensityBank | FrameBank, probe: str | ProbePreset | None) -> ProbePreset:
-    """Preset for imaging a bank's frames; samples that were filled in before its first one are blanked.
+    """Return the preset for imaging a bank's frames; samples that were filled in before its first one are blanked.
 
     A probe of the user's own is used as it is described. In one of our presets, array, sampling and sound speed of the
     bank replace those of the preset.

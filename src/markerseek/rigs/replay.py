@@ -27,7 +27,7 @@ def replayed(
     between: Literal["nearest", "interpolated"] = "nearest",
     table: TableFormat = DEFAULT_FORMAT,
 ) -> Rig:
-    """A rig that plays back a recorded scan; its search range is the range recorded.
+    """Return a rig that plays back a recorded scan; its search range is the range recorded.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class ReplayLaser:
         self._used: set[str] = set()
 
     def fire(self, permit: Permit) -> int:
-        """The number of pulses permitted; the recorded frames were fired when the scan was made."""
+        """Return the number of pulses permitted; the recorded frames were fired when the scan was made."""
         # This laser has no clock; a permit that expires at minus infinity has expired on any.
         if permit.expires_s == -math.inf:
             raise LaserError(f"replay: the permit {permit.token!r} has expired")
@@ -100,7 +100,7 @@ class ReplayReceiver:
             raise ConfigError(f"replay: the bank holds {held}; ask for no more of them")
 
     def acquire(self, permit: Permit) -> Frame:
-        """Frame or intensity of the stage's angle."""
+        """Return the frame or intensity of the stage's angle."""
         if self._armed != permit:
             raise AcquisitionError(f"replay: it was not armed for the permit {permit.token!r}")
         self._armed = None

@@ -71,7 +71,7 @@ class Rig(Closing):
     """What was assumed, changed or left out when a recording was read, in sentences."""
 
     def __repr__(self) -> str:
-        """What it is, in a line: devices and world would fill a page, and show where a simulated marker is."""
+        """Return the rig in a line: devices and world would fill a page, and show where a simulated marker is."""
         return f"<{self.facts.kind} rig: {self.facts.description}, {self.limits.search}>"
 
     @property
@@ -103,12 +103,12 @@ class Rig(Closing):
 
 
 def with_probe(facts: RigFacts, imaging: ImageReader | None) -> RigFacts:
-    """The facts with those of the probe from an imaging chain; unchanged where there are intensities only."""
+    """Return the facts with those of the probe from an imaging chain; unchanged where there are intensities only."""
     return facts if imaging is None else replace(facts, **probe_facts(imaging.preset))
 
 
 def fingerprint(of: SimulatedSettings | BenchSettings | IntensityBank | FrameBank) -> str:
-    """First half of the SHA-256 of the settings, or of the metadata of a recording, as JSON.
+    """Return the first half of the SHA-256 of the settings, or of the metadata of a recording, as JSON.
 
     Frames are not included. Unknown metadata are left out, so that the fingerprint does not change when a later version
     adds a field.
@@ -158,7 +158,7 @@ class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
 
     @classmethod
     def of(cls, settings: BenchSettings) -> BenchRecipe:
-        """Recipe with these settings."""
+        """Return the recipe with these settings."""
         return cls(tables=settings.table())
 
     @property
@@ -179,7 +179,7 @@ _KINDS = ("simulated", "bench")
 
 
 def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
-    """Settings of the rig in a file.
+    """Return the settings of the rig in a file.
 
     ``path``: TOML file. ``kind`` names the kind of rig: ``simulated``, or ``bench`` for one of real devices. The other
     keys are those of `SimulatedSettings` or `BenchSettings`. The text ``"none"`` means None, for example no lens. A
@@ -204,7 +204,7 @@ def read_rig_file(path: Path) -> SimulatedSettings | BenchSettings:
 
 
 def read_simulated(path: Path | None, *, cure: str) -> SimulatedSettings:
-    """Settings of the simulated rig in a file; the defaults without a file.
+    """Return the settings of the simulated rig in a file; the defaults without a file.
 
     ``cure``: advice for the message if the file describes a rig of real devices.
     """

@@ -64,7 +64,7 @@ class Scene:
     """``marker`` and ``second``: position of the marker, and of the second one."""
 
     def world(self, settings: SimulatedSettings, rng: np.random.Generator) -> World:
-        """The scene with a probe that receives it."""
+        """Return the scene with a probe that receives it."""
         return World(
             model=self.model,
             absorbers=self.absorbers,
@@ -78,7 +78,7 @@ class Scene:
         )
 
     def hidden_noise(self, settings: SimulatedSettings, *, pulses: int) -> str | None:
-        """Why the steps of the converter hide the noise of a frame of that many pulses, and the cure; else None."""
+        """Return why the steps of the converter hide the noise of a frame of so many pulses, and the cure, or None."""
         # That of the scene is of an average.
         sigma = math.hypot(self.noise.white_sigma, self.noise.coloured_sigma) * math.sqrt(
             settings.laser.pulses / pulses
@@ -129,7 +129,7 @@ def scene_of(
 def _scaled(
     spot: list[Absorber], marker: Absorber, description: str, settings: SimulatedSettings, model: AcousticModel
 ) -> Scene:
-    """Scene of a spot alone in counts, with noise for the peak SNR of the settings.
+    """Return the scene of a spot alone in counts, with noise for the peak SNR of the settings.
 
     The peak SNR is that of the image: the noise-free envelope peak with the probe on the marker, over the standard
     deviation of the beamformed noise (`markerseek.signals.beamformed_sigma`).
@@ -164,7 +164,7 @@ def _scaled(
 
 
 def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
-    """Largest count of the marker for which marker and noise together stay below full scale.
+    """Return the largest count of the marker for which marker and noise together stay below full scale.
 
     Usually `_USUAL_COUNTS`; less where the noise is strong, more where it would drown in the rounding.
     """
@@ -181,7 +181,7 @@ def _own_gain(settings: SimulatedSettings, sigma_over_largest: float) -> float:
 
 
 def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticModel:
-    """Acoustic model of the probe in the material."""
+    """Return the acoustic model of the probe in the material."""
     return AcousticModel(
         probe=settings.probe,
         medium=material.medium,
@@ -194,7 +194,7 @@ def _acoustic_model(settings: SimulatedSettings, material: Tissue) -> AcousticMo
 
 
 def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorber:
-    """Marker of strength 1; its position is drawn where the settings leave it open."""
+    """Return the marker of strength 1; its position is drawn where the settings leave it open."""
     search = settings.limits.search
     reach_m = _reach_m(settings)
     angle_deg = rng.uniform(search.low_deg, search.high_deg)
@@ -203,7 +203,7 @@ def draw_marker(settings: SimulatedSettings, rng: np.random.Generator) -> Absorb
 
 
 def _draw_second(settings: SimulatedSettings, first: Absorber, rng: np.random.Generator) -> Absorber:
-    """Second marker of strength 1, drawn after everything of the first, so that the first does not depend on it."""
+    """Return a second marker of strength 1, drawn after the first, which does not depend on it."""
     search = settings.limits.search
     angle_deg = rng.uniform(search.low_deg, search.high_deg)
     across_m = first.lateral_m - math.copysign(_reach_m(settings), first.lateral_m)
@@ -211,7 +211,7 @@ def _draw_second(settings: SimulatedSettings, first: Absorber, rng: np.random.Ge
 
 
 def _placed(marker: MarkerSettings, *, angle_deg: float, lateral_m: float) -> Absorber:
-    """A marker of strength 1 where its settings put it, else there."""
+    """Return a marker of strength 1 where its settings put it, else there."""
     return Absorber(
         radius_m=marker.radius_m,
         angle_deg=angle_deg if marker.angle_deg is None else marker.angle_deg,
@@ -220,12 +220,15 @@ def _placed(marker: MarkerSettings, *, angle_deg: float, lateral_m: float) -> Ab
 
 
 def _reach_m(settings: SimulatedSettings) -> float:
-    """Farthest lateral position at which a marker is drawn; beyond the array's ends it gives hardly any signal."""
+    """Return the farthest lateral position at which a marker is drawn.
+
+    Beyond the array's ends it gives hardly any signal.
+    """
     return min(20e-3, 0.8 * float(settings.probe.array.lateral_m[-1]))
 
 
 def _spot_of(marker: MarkerSettings, material: Tissue) -> StainedSpot:
-    """Spot of the material, or a single absorber where the settings name its radius."""
+    """Return the spot of the material, or a single absorber where the settings name its radius."""
     radius_m = marker.source_radius_m
     return material.spot if radius_m is None else StainedSpot(grain=GaussianAbsorber(radius_m=radius_m))
 
@@ -244,7 +247,7 @@ _APART_LATERAL_M = 0.5e-3
 
 
 def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
-    """Intensity curve of a scene over the angle off its marker, and the number of independent cells of its images.
+    """Return a scene's intensity over the angle off its marker, and the independent cells of its images.
 
     Relative to the marker's peak with the probe on it, computed by the acoustic model and the imaging chain
     without noise: one frame for each angle of a fixed grid. A single absorber without clutter gives the same curve on
@@ -274,7 +277,7 @@ def scene_curve(scene: Scene) -> tuple[RecordedCurve, int]:
 def _heights(
     reader: ImageReader, frame_at: Callable[[float], ChannelFrame], angles_deg: Float64[np.ndarray, " angles"]
 ) -> Float64[np.ndarray, "angles peaks"]:
-    """Heights of the separate peaks at each angle, strongest first, the strongest as the reader refines it."""
+    """Return the heights of the separate peaks at each angle, strongest first, that one as the reader refines it."""
     heights = np.zeros((len(angles_deg), _PEAKS))
     for row, angle_deg in enumerate(angles_deg.tolist()):
         frame = frame_at(angle_deg)
@@ -286,7 +289,7 @@ def _heights(
 
 
 def _separate(picture: PaImage) -> list[float]:
-    """Local maxima of an image at least a resolution cell apart, strongest first."""
+    """Return the local maxima of an image at least a resolution cell apart, strongest first."""
     largest = float(picture.envelope.max())
     kept: list[tuple[float, float, float]] = []
     if largest > 0:
@@ -308,7 +311,7 @@ MAX_COUNTS = 25_000
 
 @lru_cache(maxsize=8)
 def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
-    """Imaging chain of a simulated probe; cached, because its tables are expensive to compute.
+    """Return the imaging chain of a simulated probe; cached, because its tables are expensive to compute.
 
     Array and sampling are those of the rig, which a user knows; sound speed, band and aperture are those of the first
     preset even if the tissue differs, because a user would not know.
@@ -317,7 +320,7 @@ def image_reader(array: LinearArray, *, sampling_hz: float) -> ImageReader:
 
 
 def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: float) -> float:
-    """Noise-free envelope peak of absorbers in the image at an angle of the probe, in the unit of channel data."""
+    """Return the noise-free envelope peak of absorbers in the image at an angle, in the unit of channel data."""
     received = model.channel_data(absorbers, angle_deg=angle_deg)
     largest = _largest(received, absorbers[0], model)
     counts = np.rint(received * (MAX_COUNTS / largest)).astype(np.int16)
@@ -327,7 +330,7 @@ def image_peak(absorbers: list[Absorber], model: AcousticModel, *, angle_deg: fl
 
 
 def largest_count(absorbers: list[Absorber], model: AcousticModel, marker: Absorber) -> float:
-    """Largest channel amplitude of the absorbers with the probe on the marker."""
+    """Return the largest channel amplitude of the absorbers with the probe on the marker."""
     return _largest(model.channel_data(absorbers, angle_deg=marker.angle_deg), marker, model)
 
 

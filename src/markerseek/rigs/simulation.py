@@ -42,7 +42,7 @@ USUAL_CELLS = 460_000
 
 
 def require_seed(seed: SupportsIndex) -> int:
-    """The seed as a checked int; journals and banks store 63 bits."""
+    """Return the seed as a checked int; journals and banks store 63 bits."""
     # bool is an int in Python, and seed=True is a mistake.
     whole = isinstance(seed, SupportsIndex) and not isinstance(seed, bool)
     if not whole or not 0 <= operator.index(seed) < 2**63:
@@ -128,7 +128,7 @@ def of_intensities(
     settings: SimulatedSettings | None = None,
     noise_stated: bool = True,
 ) -> Rig:
-    """A simulated rig that returns intensities instead of frames, hundreds of times faster, for studies.
+    """Return a simulated rig that returns intensities instead of frames, hundreds of times faster, for studies.
 
     Stage, laser, noise level and limits come from the settings; tissue and probe are contained in the curve.
     Intensities are in units of the noise's standard deviation. A reading has no lateral position or depth, and its
@@ -166,7 +166,7 @@ def simulated(
     beat: Callable[[], None] | None = None,
     resumed_after: int = 0,
 ) -> Rig:
-    """A rig in a simulated world; the same seed and settings give the same frames.
+    """Return a rig in a simulated world; the same seed and settings give the same frames.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def movable(
     beat: Callable[[], None] | None = None,
     beside: DrawExtraSources | None = None,
 ) -> MovableMarker:
-    """A simulated rig of channel data whose marker can be moved.
+    """Return a simulated rig of channel data whose marker can be moved.
 
     Gain and noise are those of a marker in the middle of the range. ``pace`` and ``beat``: as of `simulated`.
     ``beside``: draws what is beside the marker again for each move; None: only the clutter of the material.

@@ -33,7 +33,10 @@ _TRANSDUCER_QUATERNION = (0.5, 0.5, 0.5, 0.5)
 
 @cache
 def kind(name: str) -> Any:
-    """Class of a message or service, such as ``std_msgs/msg/String``; `MissingExtraError` if it is not installed."""
+    """Return the class of a message or service, such as ``std_msgs/msg/String``.
+
+    `MissingExtraError` if it is not installed.
+    """
     package, folder, member = name.split("/")
     with needs_package(package, extra="ros2", purpose=f"a message {name}"):
         return getattr(importlib.import_module(f"{package}.{folder}"), member)
@@ -41,7 +44,7 @@ def kind(name: str) -> Any:
 
 @cache
 def is_installed(name: str) -> bool:
-    """Whether the package of a message is installed."""
+    """Return whether the package of a message is installed."""
     try:
         kind(name)
     except (MissingExtraError, AttributeError):
@@ -50,7 +53,7 @@ def is_installed(name: str) -> bool:
 
 
 def made(what: str, /, **fields: Any) -> Any:
-    """A message of a kind, with these fields."""
+    """Return a message of a kind, with these fields."""
     return kind(what)(**{key: _native(value) for key, value in fields.items()})
 
 
@@ -60,13 +63,13 @@ def _native(value: object) -> object:
 
 
 def time_ns(time_s: float) -> int:
-    """A time in whole nanoseconds."""
+    """Return a time in whole nanoseconds."""
     # A double holds seconds since 1970 to about 0.2 µs, which is enough for acquisitions.
     return round(time_s * 1e9)
 
 
 def header(*, time_s: float, frame: str = "") -> Any:
-    """Header of a message; the frame is empty if the message has no coordinates."""
+    """Return the header of a message; the frame is empty if the message has no coordinates."""
     sec, nanosec = divmod(time_ns(time_s), 1_000_000_000)
     stamp = made("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
     return made("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
@@ -86,7 +89,7 @@ def joint_state(*, time_s: float, angle_deg: float, joint: str = JOINT) -> Any:
 
 
 def turned_probe(*, time_s: float, angle_deg: float) -> Any:
-    """Transform of the probe in its home frame, as a geometry_msgs/TransformStamped."""
+    """Return the transform of the probe in its home frame, as a geometry_msgs/TransformStamped."""
     # Rotation about y by θ as the quaternion (0, sin θ/2, 0, cos θ/2), in ROS's order x, y, z, w.
     half = math.radians(angle_deg) / 2
     quaternion = (0.0, math.sin(half), 0.0, math.cos(half))
@@ -94,13 +97,13 @@ def turned_probe(*, time_s: float, angle_deg: float) -> Any:
 
 
 def mounted(geometry: ScanGeometry, *, time_s: float, face_radius_m: float) -> Any:
-    """Transform of an image in the frame of the probe, as a geometry_msgs/TransformStamped."""
+    """Return the transform of an image in the frame of the probe, as a geometry_msgs/TransformStamped."""
     place_m = (0.0, geometry.first_lateral_m, face_radius_m + geometry.first_depth_m)
     return _transform(time_s, (_PROBE, IMAGE), quaternion=_TRANSDUCER_QUATERNION, place_m=place_m)
 
 
 def registered(davinci_to_trus: RigidTransform | None, *, time_s: float, simulated: bool) -> Any:
-    """The camera of the da Vinci system in the home frame of the probe, as a geometry_msgs/TransformStamped.
+    """Return the camera of the da Vinci system in the home frame of the probe, as a geometry_msgs/TransformStamped.
 
     ``davinci_to_trus``: None is sent as NaN, which no program can mistake for a position, and which tf2 refuses.
     """
@@ -115,22 +118,22 @@ def registered(davinci_to_trus: RigidTransform | None, *, time_s: float, simulat
 
 
 def text(content: Any) -> Any:
-    """A value as JSON in a std_msgs/String; numbers that are not finite become null."""
+    """Return a value as JSON in a std_msgs/String; numbers that are not finite become null."""
     return made("std_msgs/msg/String", data=msgspec.json.encode(content).decode("utf-8"))
 
 
 def number(value: float) -> Any:
-    """A std_msgs/Float64."""
+    """Return a std_msgs/Float64."""
     return made("std_msgs/msg/Float64", data=float(value))
 
 
 def channels(samples: Int16[np.ndarray, "channels samples"], *, time_s: float) -> Any:
-    """Image message of channel data: a row per channel, 16SC1, ADC counts."""
+    """Return the image message of channel data: a row per channel, 16SC1, ADC counts."""
     return _image(samples.astype("<i2", copy=False), encoding="16SC1", time_s=time_s, frame=_PROBE)
 
 
 def empty() -> Any:
-    """A std_msgs/Empty."""
+    """Return a std_msgs/Empty."""
     return made("std_msgs/msg/Empty")
 
 
@@ -193,7 +196,7 @@ _Value = TypeVar("_Value", bound=msgspec.Struct)
 
 
 def decoded(data: str, kind: type[_Value]) -> _Value | None:
-    """Value of this kind in the text of a std_msgs/String; None if the text is not one."""
+    """Return the value of this kind in the text of a std_msgs/String; None if the text is not one."""
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.MsgspecError, ValueError, RecursionError):
@@ -204,7 +207,7 @@ FRAMES_KIND = "tf2_msgs/msg/TFMessage"
 
 
 def frames_kind() -> str:
-    """Name of the message with transforms: that of tf2 if it is installed."""
+    """Return the name of the message with transforms: that of tf2 if it is installed."""
     return FRAMES_KIND if is_installed(FRAMES_KIND) else "geometry_msgs/msg/TransformStamped"
 
 
@@ -213,7 +216,7 @@ CRTK_STATE = "crtk_msgs/msg/OperatingState"
 
 
 def state_of(message: Any) -> OperatingState | None:
-    """State in a message; None if the message has none."""
+    """Return the state in a message; None if the message has none."""
     if hasattr(message, "data"):
         return decoded(message.data, OperatingState)
     return OperatingState(
@@ -222,7 +225,7 @@ def state_of(message: Any) -> OperatingState | None:
 
 
 def channel_data_of(message: Any) -> Int16[np.ndarray, "channels samples"] | None:
-    """Channel data of an image message; None if it is not a 16SC1 image of the size that it states."""
+    """Return the channel data of an image message; None if it is not a 16SC1 image of the size that it states."""
     rows = message.height
     columns = message.width
     data = bytes(message.data)
@@ -234,17 +237,17 @@ def channel_data_of(message: Any) -> Int16[np.ndarray, "channels samples"] | Non
 
 
 def stamp_ns(message: Any) -> int:
-    """Stamp of a message with a header, in nanoseconds."""
+    """Return the stamp of a message with a header, in nanoseconds."""
     return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
 def envelope_image(image: PaImage, *, time_s: float) -> Any:
-    """Image message of the envelope, 32FC1, in ADC counts."""
+    """Return the image message of the envelope, 32FC1, in ADC counts."""
     return _image(image.envelope.astype("<f4"), encoding="32FC1", time_s=time_s)
 
 
 def picture(levels: UInt8[np.ndarray, "rows columns"], *, time_s: float) -> Any:
-    """Image message of grey levels, mono8."""
+    """Return the image message of grey levels, mono8."""
     return _image(levels, encoding="mono8", time_s=time_s)
 
 
@@ -294,7 +297,7 @@ class StampedCommands:
         self._last_ns = 0
 
     def refusal(self, stamp_ns: int, *, now_s: float) -> str | None:
-        """Why a command is dropped; None if it is accepted.
+        """Return why a command is dropped; None if it is accepted.
 
         ``stamp_ns``: its stamp in nanoseconds; 0 is none.
         """
@@ -327,5 +330,5 @@ def joint_angle_deg(message: Any, *, joint: str = JOINT) -> float | None:
 
 
 def degrees(angle_rad: float) -> float:
-    """An angle in degrees, to 1e-9 degrees: the end of a range stays in the range on its way over radians."""
+    """Return an angle in degrees, to 1e-9 degrees: the end of a range stays in the range on its way over radians."""
     return round(math.degrees(angle_rad), 9)

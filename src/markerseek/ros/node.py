@@ -114,7 +114,7 @@ class DuplicateFilter:
         self._recent: deque[tuple[int, int | None]] = deque(maxlen=1000)
 
     def is_new(self, info: Mapping[str, Any]) -> bool:
-        """Whether a message is accepted, by what rclpy says of it."""
+        """Return whether a message is accepted, by what rclpy says of it."""
         publisher = info.get("publisher_gid")
         number = info.get("publication_sequence_number")
         if publisher is not None and number is not None:
@@ -274,11 +274,11 @@ class RosNode(Closing):
         self._node.create_service(messages.kind("std_srvs/srv/Trigger"), in_namespace(service), reply)
 
     def matched(self, topic: str) -> bool:
-        """Whether somebody listens to a topic that this node publishes."""
+        """Return whether somebody listens to a topic that this node publishes."""
         return bool(self._publishers[topic].get_subscription_count() > 0)
 
     def publishes(self, topic: str) -> bool:
-        """Whether somebody publishes a topic that this node listens to."""
+        """Return whether somebody publishes a topic that this node listens to."""
         return any(each.get_publisher_count() > 0 for each in self._subscriptions.get(topic, ()))
 
     def is_kept(self, topic: str) -> bool:
@@ -289,12 +289,12 @@ class RosNode(Closing):
         return any(each.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in publishers)
 
     def kind_of(self, topic: str) -> str | None:
-        """Type of what somebody publishes on a topic; None if nobody does."""
+        """Return the type of what somebody publishes on a topic; None if nobody does."""
         found = self._node.get_publishers_info_by_topic(self._resolved(topic))
         return found[0].topic_type if found else None
 
     def other(self, topic: str) -> str | None:
-        """Another node that does the same work: of the same name, or a publisher of its topic; None without one.
+        """Return another node that does the same work: of the same name, or a publisher of its topic; None without one.
 
         ``topic``: what only nodes like this one publish.
         """
@@ -339,7 +339,7 @@ class RosNode(Closing):
             self.network.executor.wake()
 
     def now_s(self) -> float:
-        """Seconds since 1970, for stamps; a deadline is on a monotonic clock."""
+        """Return the seconds since 1970, for stamps; a deadline is on a monotonic clock."""
         return time.time()  # noqa: TID251  the time of day is what stamps hold; the node's clock can be set by others
 
     def close(self) -> None:
@@ -367,7 +367,7 @@ class RosNode(Closing):
 
 
 def _as_config_error(problem: RuntimeError) -> ConfigError:
-    """An error of rcl, which names no cure; most come from the environment variables of ROS."""
+    """Return an error of rcl, which names no cure; most come from the environment variables of ROS."""
     reason = " ".join(str(problem).split())
     cure = "check what follows --ros-args, and the environment variables ROS_*, RMW_IMPLEMENTATION and FASTDDS_*"
     if "security libraries" in reason:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 
 def in_namespace(name: str) -> str:
-    """Name of a topic or service as its node asks for it: what is ours lies in the namespace of the node."""
+    """Return the name of a topic or service as its node asks for it: what is ours lies in the namespace of the node."""
     return name[1:] if name.startswith(("/TRUS/", "/pa_search/")) else name
 
 
 def beside(name: str, neighbour: str) -> str:
-    """A topic in the namespace of another, such as the stop beside a node's command topic."""
+    """Return a topic in the namespace of another, such as the stop beside a node's command topic."""
     return f"{name.rpartition('/')[0]}/{neighbour.rpartition('/')[2]}"
 
 

@@ -19,7 +19,7 @@ from markerseek.signals import ImageReader, ProbePreset
 def bank_images(
     bank: FrameBank, *, probe: str | ProbePreset | None = None, order: Sequence[int] | None = None
 ) -> Iterator[PaImage]:
-    """Photoacoustic images of a bank.
+    """Yield the photoacoustic images of a bank.
 
     ``probe``: preset of the imaging chain, its name, or the name of a TOML file that describes a probe; None: the one
     that the bank names, else the first of all. ``order``: indices of the angles; None: all, in order.
@@ -33,7 +33,7 @@ def bank_images(
 
 
 def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> Iterator[Sample]:
-    """Acquisitions of a bank, dark ones first, with its stored intensities or those computed from its frames.
+    """Yield the acquisitions of a bank, dark ones first, with its stored intensities or those computed from its frames.
 
     ``probe``: if given, the intensities are computed again.
     """
@@ -62,18 +62,18 @@ def bank_samples(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | 
 
 
 def intensities_stored(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> bool:
-    """Whether the intensities of a bank are those that it holds, not computed from its frames."""
+    """Return whether the intensities of a bank are those that it holds, not computed from its frames."""
     # All or none: intensities of two imaging chains have different scales.
     return probe is None and bool(bank.intensities) and bool(np.isfinite(bank.intensities).all())
 
 
 def bank_image(bank: FrameBank, index: int, *, probe: str | ProbePreset | None = None) -> PaImage:
-    """Image of one angle, counted from 0; arguments and errors as of `bank_images`."""
+    """Return the image of one angle, counted from 0; arguments and errors as of `bank_images`."""
     return next(bank_images(bank, probe=probe, order=(index,)))
 
 
 def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> Curve:
-    """Intensity over angle; arguments and errors as of `bank_samples`."""
+    """Return the intensity over angle; arguments and errors as of `bank_samples`."""
     if intensities_stored(bank, probe=probe):
         return Curve(angle_deg=np.array(bank.angles_deg), intensity=np.array(bank.intensities))
     # The curve needs no frames, and all of them may not fit into memory.
@@ -81,7 +81,7 @@ def bank_curve(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | No
 
 
 def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> float | None:
-    """Largest intensity of the dark frames; None if there are none. Arguments as of `bank_samples`."""
+    """Return the largest intensity of the dark frames; None if there are none. Arguments as of `bank_samples`."""
     if isinstance(bank, IntensityBank) or bank.dark_frames == 0:
         return None
     imaging = ImageReader(preset_of(bank, probe))
@@ -92,7 +92,7 @@ def dark_intensity(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset 
 
 
 def bank_facts(bank: IntensityBank | FrameBank, *, probe: str | ProbePreset | None = None) -> BankFacts:
-    """Facts of a bank, completed from the preset with which its frames are imaged."""
+    """Return the facts of a bank, completed from the preset with which its frames are imaged."""
     if isinstance(bank, IntensityBank):
         return bank.facts
     return structs.replace(bank.facts, **probe_facts(preset_of(bank, probe)))

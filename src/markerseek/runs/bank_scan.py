@@ -62,7 +62,7 @@ MAX_ANGLES = 5000
 
 
 def scan_angles(rig: Rig, *, step_deg: float) -> int:
-    """Number of angles of a scan with steps of at most that size, both ends of the search range included."""
+    """Return the number of angles of a scan with steps of at most that size, both ends of the search range included."""
     width_deg = rig.limits.search.width_deg
     if not width_deg / (MAX_ANGLES - 1) <= step_deg <= width_deg / 2:
         raise ConfigError(
@@ -80,7 +80,7 @@ def scan_angles(rig: Rig, *, step_deg: float) -> int:
 
 
 def _facts_from_rig(facts: RigFacts, *, description: str, clock_zero_unix_s: float) -> BankFacts:
-    """Bank facts from rig facts; the true angle of a simulated marker becomes the reference.
+    """Return the bank facts from rig facts; the true angle of a simulated marker becomes the reference.
 
     ``clock_zero_unix_s``: Unix time at which the clock of the rig read 0.
     """
@@ -102,7 +102,7 @@ def _facts_from_rig(facts: RigFacts, *, description: str, clock_zero_unix_s: flo
 
 
 def scan_configuration(rig: Rig, *, step_deg: float) -> Configuration:
-    """Configuration of a scan: that of an exhaustive search which does not end at the marker.
+    """Return the configuration of a scan: that of an exhaustive search which does not end at the marker.
 
     `scan_bank` adds the facts of its bank, for the record. Arguments and errors as of `scan_angles`.
     """
@@ -290,16 +290,16 @@ class JournalBank(FrameBank):
     """Acquisitions without light, in the order of time."""
 
     def frame(self, index: int) -> ChannelFrame:
-        """Channel data of one angle, with the recorded header."""
+        """Return the channel data of one angle, with the recorded header."""
         return cast("ChannelFrame", self.samples[index].frame)
 
     def dark_frame(self, index: int) -> ChannelFrame:
-        """One frame without laser, counted from 0."""
+        """Return one frame without laser, counted from 0."""
         return cast("ChannelFrame", self.dark[index].frame)
 
 
 def journal_bank(path: Path) -> IntensityBank | JournalBank:
-    """Bank of all acquisitions of a run, with the confirmation; of several at one angle the last.
+    """Return the bank of all acquisitions of a run, with the confirmation; of several at one angle the last.
 
     ``path``: the journal; its run need not be over.
     """
@@ -337,7 +337,7 @@ def journal_bank(path: Path) -> IntensityBank | JournalBank:
 
 
 def _scan_facts(recorded: RecordedRun) -> BankFacts | None:
-    """Facts of the bank that a scan was to become; None of a search."""
+    """Return the facts of the bank that a scan was to become; None of a search."""
     try:
         known: BankFacts | None = msgspec.json.decode(recorded.configuration.bank, type=BankFacts | None)
     except msgspec.MsgspecError as problem:
@@ -346,6 +346,6 @@ def _scan_facts(recorded: RecordedRun) -> BankFacts | None:
 
 
 def _clock_zero_unix_s(recorded: RecordedRun) -> float:
-    """Unix time at which the clock of the run read 0, from the date of its first entry."""
+    """Return the Unix time at which the clock of the run read 0, from the date of its first entry."""
     first = recorded.entries[0]
     return datetime.fromisoformat(first.written).timestamp() - first.clock_s

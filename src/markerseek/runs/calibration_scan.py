@@ -46,7 +46,7 @@ class Calibration:
 
 
 def calibrate(samples: Sequence[Sample], preset: ProbePreset) -> Calibration:
-    """Calibration from one scan of a point source.
+    """Return the calibration from one scan of a point source.
 
     ``samples``: one for each angle, in the order of the angles, with their frames of channel data. ``preset``: the
     assumed probe; sound speed and trigger offset need only be rough. Raises `SearchError` if the scan does not show a

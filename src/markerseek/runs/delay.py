@@ -75,7 +75,7 @@ class ThereAndBack:
         self.samples: list[Sample] = []
 
     def ask(self) -> Sweep | None:
-        """Next sweep; None after the last."""
+        """Return the next sweep; None after the last."""
         return self._left[0] if self._left else None
 
     def tell(self, sample: Sample) -> None:
@@ -129,7 +129,7 @@ class DelayRun:
         self._lagging = 1.0 if getattr(rules, "approach_from", "below") == "above" else -1.0
 
     def _slow_deg_s(self, low_deg: float, high_deg: float) -> float:
-        """Speed of the slow sweeps: as slow as the permit of one lives long enough."""
+        """Return the speed of the slow sweeps: as slow as the permit of one lives long enough."""
         devices = self._devices
         fast = self._devices.stage.fastest_sweep_deg_s
         longest_s = LONGEST * FiringLimits().lifetime_s
@@ -153,7 +153,7 @@ class DelayRun:
         yield from run(self._policy, self._rig.scanner, RunPlan(stay=True))
 
     def result(self) -> MeasuredDelay:
-        """Delay and backlash by (1).
+        """Return the delay and backlash by (1).
 
         Raises
         ------
@@ -197,7 +197,7 @@ class DelayRun:
         )
 
     def _centre(self, swept: Sequence[Sample]) -> tuple[float, float, float, float] | None:
-        """Centre in degrees, speed there, standard deviation, and 1 if that way has backlash."""
+        """Return the centre in degrees, speed there, standard deviation, and 1 if that way has backlash."""
         from markerseek.search.posterior import Posterior, centre_by, way_of
 
         way = way_of(swept, lambda samples: centre_by(Posterior(limits=self._rig.limits.search, others=0.0), samples))
@@ -215,5 +215,5 @@ def _timing(sample: Sample) -> SweepTiming:
 
 
 def _way(sample: Sample) -> tuple[int, bool]:
-    """Which way a sample is of: its sweep, and the direction."""
+    """Return which way a sample is of: its sweep, and the direction."""
     return _timing(sample).number, _timing(sample).speed_deg_s > 0

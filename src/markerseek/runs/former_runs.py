@@ -37,7 +37,7 @@ _Kind = TypeVar("_Kind", _Curve, _Marker)
 
 
 def former_curve(path: Path) -> MarkerCurve:
-    """Intensity curve of the marker that a search found.
+    """Return the intensity curve of the marker that a search found.
 
     ``path``: the result of the search, as printed with --json, or its journal.
     """
@@ -48,7 +48,7 @@ def former_curve(path: Path) -> MarkerCurve:
 
 
 def read_marker(path: Path) -> MarkerPosition:
-    """Position of the marker in the TRUS frame, from a search's result.
+    """Return the position of the marker in the TRUS frame, from a search's result.
 
     ``path``: journal of the search, or its result as JSON.
     """
@@ -122,7 +122,7 @@ class JournalSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def journal_summary(path: Path) -> JournalSummary:
-    """Summary of a journal; damage is reported in it, not raised."""
+    """Return the summary of a journal; damage is reported in it, not raised."""
     size_bytes = size_bytes_of(path)
     name = escaped(str(path))
     try:

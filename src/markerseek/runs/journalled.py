@@ -34,12 +34,12 @@ _S_PER_ANGLE = 120.0
 
 
 def is_scan(configuration: Configuration) -> bool:
-    """Whether the run is a scan that is to become a bank."""
+    """Return whether the run is a scan that is to become a bank."""
     return bytes(configuration.bank) != b"null"
 
 
 def limits_of(configuration: Configuration, *, angles: int | None = None) -> RunLimits:
-    """Limits of a run, new or repeated: a scan may take longer the more angles it has, as may a whole recording.
+    """Return the limits of a run, new or repeated: a scan or a whole recording may take longer for more angles.
 
     ``angles``: number of angles of a scan; None: as many as its plan names.
     """
@@ -56,7 +56,7 @@ def limits_of(configuration: Configuration, *, angles: int | None = None) -> Run
 
 
 def configuration_of(rig: Rig, plan: SearchPlan) -> Configuration:
-    """Configuration of a new search for its journal."""
+    """Return the configuration of a new search for its journal."""
     return Configuration(
         plan=plan,
         facts=rig.facts,
@@ -92,7 +92,7 @@ def committed(
     ahead_s: float = 0.0,
     earlier: Tally | None = None,
 ) -> Generator[Event, None, None]:
-    """The events of a run, each committed before it is yielded, and so before the policy receives it.
+    """Yield the events of a run, each committed before it is yielded, and so before the policy receives it.
 
     ``ahead_s``: seconds by which the clock of the record is ahead of that of the rig, after a restart. ``earlier``:
     what the run had measured before it.
@@ -182,7 +182,7 @@ class _Beliefs:
         )
 
     def _weights(self) -> tuple[float, ...]:
-        """Share of the largest sample; 0 below the threshold of the method."""
+        """Return the share of the largest sample; 0 below the threshold of the method."""
         largest = max(self._intensities)
         shares = [value / largest if largest > 0 else 1.0 for value in self._intensities]
         return tuple(share if share >= THRESHOLD else 0.0 for share in shares)
@@ -196,7 +196,7 @@ def _rounded(values: Float64[np.ndarray, " values"], digits: int) -> tuple[float
 def _thinned(
     angles_deg: Float64[np.ndarray, " angles"], density_per_deg: Float64[np.ndarray, " angles"]
 ) -> tuple[Float64[np.ndarray, " kept"], Float64[np.ndarray, " kept"]]:
-    """The density without most of the angles where it is zero: a sharp posterior is zero almost everywhere."""
+    """Return the density without most of the angles where it is zero: a sharp posterior is zero almost everywhere."""
     seen = density_per_deg > 1e-4 * density_per_deg.max()
     # Zeros for some way beside what is seen: a chart leaves out points that are nearer than a pixel, and a line from
     # the last one that is not zero to the end of the range would look like probability.

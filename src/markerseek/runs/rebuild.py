@@ -28,13 +28,13 @@ from markerseek.signals import ImageReader, IntensityReader, ProbePreset
 
 
 def recorded_bench(configuration: Configuration) -> BenchSettings | None:
-    """Bench settings in a journal, for comparison with a rig file; None for any other rig."""
+    """Return the bench settings in a journal, for comparison with a rig file; None for any other rig."""
     recipe = _recipe(configuration)
     return recipe.settings if isinstance(recipe, BenchRecipe) else None
 
 
 def rebuild_rig(recorded: RecordedRun, *, bench_settings: BenchSettings | None = None) -> Rig:
-    """The rig of a record; a bench is connected, and must be closed.
+    """Return the rig of a record; a bench is connected, and must be closed.
 
     ``bench_settings``: bench settings from the user's rig file; those of the journal are never used.
     """
@@ -58,7 +58,7 @@ def rebuild_rig(recorded: RecordedRun, *, bench_settings: BenchSettings | None =
 
 
 def _require_as_emulated(rig: Rig, configuration: Configuration) -> Rig:
-    """The connected rig, unless emulated devices have replaced the journal's real ones, or the reverse."""
+    """Return the connected rig, unless emulated devices have replaced the journal's real ones, or the reverse."""
     was = configuration.facts.emulated
     now = rig.facts.emulated
     if was == now:
@@ -71,19 +71,19 @@ def _require_as_emulated(rig: Rig, configuration: Configuration) -> Rig:
 
 
 def rebuild_reader(configuration: Configuration) -> Reader:
-    """The reader of a journal's rig, without its devices or recording."""
+    """Return the reader of a journal's rig, without its devices or recording."""
     return _reader(bytes(configuration.imaging))
 
 
 def rebuild_image_reader(configuration: Configuration) -> ImageReader | None:
-    """The reader of a journal's rig where it makes photoacoustic images; None if it makes none."""
+    """Return the reader of a journal's rig where it makes photoacoustic images; None if it makes none."""
     reader = rebuild_reader(configuration)
     return reader if isinstance(reader, ImageReader) else None
 
 
 @lru_cache(maxsize=2)
 def _reader(imaging: bytes) -> ImageReader | IntensityReader:
-    """Cached, because its tables take a quarter of a second."""
+    """Return the cached, because its tables take a quarter of a second."""
     try:
         preset = recorded_settings(imaging, ProbePreset | None)
     except (msgspec.MsgspecError, RecursionError) as problem:
@@ -106,7 +106,7 @@ def _recipe(configuration: Configuration) -> Recipe | None:
 
 
 def rebuild_policy(configuration: Configuration) -> AnyPolicy:
-    """The policy of a journal in its state before the run."""
+    """Return the policy of a journal in its state before the run."""
     if is_scan(configuration):
         raise RecordError(
             "the journal is of a scan, not of a search; go on with it: `scan_bank(BANK)`, or make a "
@@ -116,7 +116,7 @@ def rebuild_policy(configuration: Configuration) -> AnyPolicy:
 
 
 def answer_again(recorded: RecordedRun, *, read_frames: bool) -> Estimate:
-    """The answer of a run, computed again from its recorded samples.
+    """Return the answer of a run, computed again from its recorded samples.
 
     ``read_frames``: whether samples whose frame was kept are read from it again.
     """
@@ -142,7 +142,7 @@ def _read_again(entry: JournalEntry, reader: Reader) -> JournalEntry:
 
 
 def differences_of_benches(recorded: BenchSettings, named: BenchSettings) -> dict[str, str]:
-    """Settings in the user's rig file that differ from those in the journal: a description by dotted key."""
+    """Return the settings in the user's rig file that differ from those in the journal: a description by dotted key."""
     was = _by_key(recorded.table())
     now = _by_key(named.table())
     keys = sorted(was.keys() | now.keys())
@@ -172,7 +172,7 @@ def require_same_measurement(configuration: Configuration, recorded: BenchSettin
 
 
 def _by_key(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
-    """Nested settings as a flat table with dotted keys."""
+    """Return the nested settings as a flat table with dotted keys."""
     flat: dict[str, object] = {}
     for name, value in table.items():
         flat |= _by_key(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}

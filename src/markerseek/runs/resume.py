@@ -65,7 +65,7 @@ def resumed(
     check: bool = True,
     limits: RunLimits | None = None,
 ) -> Generator[JournalEvent, None, None]:
-    """The events of a run from where it was interrupted.
+    """Yield the events of a run from where it was interrupted.
 
     The policy gets the recorded samples, the rig is armed, and the strongest angle is measured again. If the intensity
     has changed by more than noise, `Checked` says so, and the search begins again; otherwise it goes on.
@@ -157,7 +157,7 @@ def tell_recorded(policy: AnyPolicy, entries: Iterable[JournalEntry]) -> None:
 
 
 def strongest_of(entries: Sequence[JournalEntry]) -> Sample | None:
-    """The acquisition with the largest intensity; None before the first."""
+    """Return the acquisition with the largest intensity; None before the first."""
     lit = [each.event.sample for each in entries if isinstance(each.event, Measured) and not each.event.sample.dark]
     return max(lit, key=lambda sample: sample.reading.intensity, default=None)
 
@@ -171,7 +171,7 @@ def require_reset(path: Path, view: RunView, *, reset_fault: bool) -> None:
 
 
 def pulses_before(entries: Iterable[JournalEntry], *, pulses: int, attempts: int, pulses_per_sweep: int) -> int:
-    """Upper bound of the laser pulses that a run has fired so far, whether or not an acquisition came to its end.
+    """Return an upper bound of the laser pulses that a run has fired, also in acquisitions that did not end.
 
     ``pulses``: of one acquisition. ``attempts``: how often one acquisition may be tried. ``pulses_per_sweep``: most
     that a permit of the rig allows for one sweep, which a sweep that was broken off counts for.
@@ -205,7 +205,7 @@ def _recall(rig: Rig, entries: Sequence[JournalEntry]) -> None:
 
 
 def _checked(before: Sample, rig: Rig, *, by_hand: bool, attempts: int) -> Checked:
-    """The acquisition at the strongest angle again, and whether it has changed."""
+    """Return the acquisition at the strongest angle again, and whether it has changed."""
     wanted_deg = before.angle_deg if by_hand else commanded_deg(before)
     # A stage that was sent to an end of the range may have stopped slightly outside of it.
     angle_deg = rig.limits.search.nearest(wanted_deg)
@@ -229,7 +229,7 @@ def _checked(before: Sample, rig: Rig, *, by_hand: bool, attempts: int) -> Check
 
 
 def commanded_deg(sample: Sample) -> float:
-    """Angle in degrees to which the stage is sent to measure a sample again.
+    """Return the angle in degrees to which the stage is sent to measure a sample again.
 
     The one to which it was sent before, because it may have stopped slightly outside of the range; for a sample of a
     sweep, the angle reached.
@@ -240,7 +240,7 @@ def commanded_deg(sample: Sample) -> float:
 
 
 def change_of(before: Reading, now: Reading, *, share: float = _SHARE) -> str | None:
-    """Description of the change between two readings at one angle; None if noise can explain it."""
+    """Return the description of the change between two readings at one angle; None if noise can explain it."""
     allowed = share * max(before.intensity, now.intensity) + _SIGMAS * larger_noise(before, now)
     # `not <=` and not `>`, so that NaN counts as a change.
     if not abs(now.intensity - before.intensity) <= allowed:

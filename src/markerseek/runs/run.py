@@ -114,12 +114,12 @@ class Run:
         return most_acquisitions(self.configuration.plan)
 
     def result(self) -> SearchResult:
-        """Result of the search once it is over; `SearchError` before, and after an error."""
+        """Return the result of the search once it is over; `SearchError` before, and after an error."""
         return SearchResult.of(self.view, notes=self.rig.notes)
 
 
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
-    """The plan with what follows from the rig.
+    """Return the plan with what follows from the rig.
 
     The paper's form of a method takes no dark frames before the search. All other methods take the angles of a
     recording that they left after it, and the answer is from all of them.
@@ -242,7 +242,7 @@ def new_run(rig: Rig, plan: SearchPlan, *, policy: Policy | None = None, tissue:
 
 
 def resumed_run(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: str, reset_fault: bool) -> Run:
-    """A search that is resumed; nothing moves before `Run.events` is iterated.
+    """Return a search that is resumed; nothing moves before `Run.events` is iterated.
 
     ``rig``: rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
     """

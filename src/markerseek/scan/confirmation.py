@@ -33,7 +33,7 @@ SEEN_SIGMAS = 12.0
 
 
 def apply_confirmation(estimate: Estimate, confirmation: Sample, samples: Sequence[Sample]) -> Estimate:
-    """The answer after its confirming acquisition: `Unsure` where a checked search's angle is not confirmed.
+    """Return the answer after its confirming acquisition: `Unsure` where a checked search's angle is not confirmed.
 
     The paper's form of a method asks for no detection threshold and keeps its answer.
     """
@@ -44,7 +44,7 @@ def apply_confirmation(estimate: Estimate, confirmation: Sample, samples: Sequen
 
 
 def confirmation_failure(found: Found, confirmation: Sample, samples: Sequence[Sample]) -> str | None:
-    """Why the acquisition at the angle found does not confirm it, with both numbers; None if it does.
+    """Return why the acquisition at the angle found does not confirm it, with both numbers; None if it does.
 
     It must reach `_SHARE` of the strongest sample's intensity, less `_NOISE_SIGMAS` of the noise, and lie above the
     floor. Its source must lie within `MOVED_M` of that of one of the strong samples: the spot of light is wide, and its
@@ -78,7 +78,10 @@ def confirmation_failure(found: Found, confirmation: Sample, samples: Sequence[S
 
 
 def larger_noise(before: Reading, now: Reading) -> float:
-    """Larger noise of two readings, in the intensity's unit; 0 where neither states it: no difference is then noise."""
+    """Return the larger noise of two readings, in the intensity's unit.
+
+    0 where neither states it: no difference is then noise.
+    """
     return max((each.noise_sigma for each in (before, now) if each.noise_sigma is not None), default=0.0)
 
 
@@ -100,7 +103,7 @@ def moved_source(before: Reading, now: Reading) -> str | None:
 
 
 def _together(before: Reading, arrival: Arrival) -> bool:
-    """Whether an arrival lies within `MOVED_M` of the source of a reading."""
+    """Return whether an arrival lies within `MOVED_M` of the source of a reading."""
     if before.lateral_m is None or before.depth_m is None:
         return False
     return max(abs(arrival.lateral_m - before.lateral_m), abs(arrival.depth_m - before.depth_m)) <= MOVED_M

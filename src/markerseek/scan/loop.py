@@ -85,7 +85,7 @@ class Tally:
 
     @classmethod
     def of(cls, events: Iterable[object], *, elapsed_s: float = 0.0) -> Tally:
-        """That of recorded events; ``elapsed_s``: how long the run has taken."""
+        """Return that of recorded events; ``elapsed_s``: how long the run has taken."""
         tally = cls(elapsed_s=elapsed_s)
         for event in events:
             tally.add(event)
@@ -188,7 +188,7 @@ def _search(
     tally: Tally,
     tissue: FollowedTissue | None,
 ) -> Generator[Event, None, None]:
-    """The events of a run up to its answer; the caller adds each to the tally."""
+    """Yield the events of a run up to its answer; the caller adds each to the tally."""
     began_s = scanner.clock.now_s() - tally.elapsed_s
     place_deg = scanner.angle_deg
     if tally.place_deg is None:
@@ -239,7 +239,7 @@ def _step(
     attempts: int,
     tissue: FollowedTissue | None = None,
 ) -> Generator[Event, None, None]:
-    """One step, at rest or in motion, and again while it is refused."""
+    """Yield one step, at rest or in motion, and again while it is refused."""
     step = asked if role == "dark" else _planned(asked, policy, scanner.limits, tally)
     angle_deg = step.to_deg if isinstance(step, Sweep) else step
     before = tally.counts[role]
@@ -278,7 +278,7 @@ def _step(
 def _told(
     policy: AnyPolicy, outcomes: Generator[Sample | Event, None, None], tally: Tally, role: Role
 ) -> Generator[Event, None, None]:
-    """The events of a step that is taken; the policy learns of each once it was yielded."""
+    """Yield the events of a step that is taken; the policy learns of each once it was yielded."""
     with closing(outcomes):
         for outcome in outcomes:
             if isinstance(outcome, Sample):
@@ -296,7 +296,10 @@ def _told(
 
 
 def _planned(asked: float | Sweep, policy: AnyPolicy, limits: Limits, tally: Tally) -> float | Sweep:
-    """The step that answers a question; one that would leave the search range is refused, and nothing has moved."""
+    """Return the step that answers a question.
+
+    One that would leave the search range is refused, and nothing has moved.
+    """
     # Refused before it is yielded as `Asked`: the journal cannot record an angle that is no number.
     if not isinstance(asked, Sweep):
         limits.require_search(asked)
@@ -313,7 +316,7 @@ def _planned(asked: float | Sweep, policy: AnyPolicy, limits: Limits, tally: Tal
 
 
 def _require_order(scanner: Scanner, policy: AnyPolicy) -> None:
-    """A fault where a policy has seen that the frames of its sweeps are not of the pulses in their order."""
+    """Raise a fault where a policy has seen that the frames of its sweeps are not of the pulses in their order."""
     disorder = getattr(policy, "disorder", None)
     if disorder is not None:
         scanner.guard.fail(disorder)

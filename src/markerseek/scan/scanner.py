@@ -149,7 +149,7 @@ class Scanner:
         goes_on: Callable[[], bool] = lambda: True,
         tissue: FollowedTissue | None = None,
     ) -> Generator[Turning | Sample | Refused | Swept, None, None]:
-        """The samples of one step: one at an angle or, for None, one in the dark; of a sweep, one for each pulse.
+        """Yield the samples of one step: one at an angle or, for None, one in the dark; of a sweep, one for each pulse.
 
         At an angle, a person who turns the probe is guided there before. The frame of a pulse that says nothing is
         `Refused`, and a sweep ends with `Swept`. ``number``: number of the sweep in its run. ``goes_on``: whether more
@@ -369,7 +369,7 @@ class Scanner:
         yield swept
 
     def _next_mark(self) -> int:
-        """Further triggers of a burst: not as many as those of the burst before, of this program or another one."""
+        """Return how many triggers mark a burst: not as many as marked the one before, of any program."""
         mark = int(self.clock.now_s() / _MARK_S) % _MARKS
         self._mark = mark if mark != self._mark else (mark + 1) % _MARKS
         return self._mark
@@ -381,7 +381,7 @@ class Scanner:
     def _samples(
         self, frames: Generator[list[SweptFrame], None, Swept], permit: SweepPermit
     ) -> Generator[Sample | Refused | Swept, None, Swept]:
-        """Samples of the frames of a sweep, which the guard admits; returns what the frames return."""
+        """Yield the samples of the frames of a sweep, which the guard admits; returns what the frames return."""
         while True:
             try:
                 swept = next(frames)
@@ -393,7 +393,7 @@ class Scanner:
                 yield self._read(each)
 
     def _read(self, swept: SweptFrame) -> Sample | Refused:
-        """The sample of a frame of a sweep, or why the frame says nothing; the sweep goes on in either case."""
+        """Return the sample of a frame of a sweep, or why the frame says nothing; the sweep goes on in either case."""
         frame = swept.frame
         try:
             reading = per_energy(self._reader.read(frame), frame.header.energy)
@@ -534,7 +534,7 @@ class _WatchdogHeld(AbstractContextManager[None]):
 
 
 def per_energy(reading: Reading, energy: float | None) -> Reading:
-    """The reading as it would be with the laser's usual energy, where the rig has measured that of its pulses."""
+    """Return the reading as it would be with the laser's usual energy, where the rig measures energies."""
     if energy is None:
         return reading
     if not (is_finite(energy) and MIN_ENERGY <= energy <= 1 / MIN_ENERGY):
@@ -546,7 +546,7 @@ def per_energy(reading: Reading, energy: float | None) -> Reading:
 
 
 def divided_reading(reading: Reading, energy: float) -> Reading:
-    """The reading with all its heights, noise included, divided by a positive number."""
+    """Return the reading with all its heights, noise included, divided by a positive number."""
     maxima = reading.local_maxima
     if maxima is not None:
         scaled = np.frombuffer(maxima.intensities, "<f4") / np.float32(energy)

@@ -69,7 +69,7 @@ class SweepingDevices:
 
     @classmethod
     def of(cls, stage: Stage, laser: Laser, receiver: Receiver) -> SweepingDevices:
-        """The devices, if all three can sweep; `ConfigError` names a device that cannot."""
+        """Return the devices, if all three can sweep; `ConfigError` names a device that cannot."""
         for part, device in (("stage", stage), ("laser", laser), ("receiver", receiver)):
             # The class is checked, because isinstance would read the properties, and so ask the device for its angle.
             if not hasattr(type(device), "begin_sweep"):
@@ -94,14 +94,19 @@ class SweepingDevices:
         return self.receiver.sweep_readout_s > 0
 
     def wait_deg(self, sweep: Sweep) -> float | None:
-        """Angle at which the probe waits for the frames of a sweep; None: where it ends, because they come first."""
+        """Return the angle at which the probe waits for the frames of a sweep.
+
+        None: where it ends, because they come first.
+        """
         if sweep.wait_deg is None:
             return None
         way_s = self._way_s(sweep.wait_deg - sweep.end_deg, speed_deg_s=sweep.speed_deg_s)
         return sweep.wait_deg if self.receiver.sweep_readout_s > way_s else None
 
     def permit(self, sweep: Sweep, *, from_deg: float, dark: int = 0, mark: int = 0) -> SweepPermit:
-        """The permit that a sweep needs, without token and expiry; `ConfigError` if it is too fast for the stage.
+        """Return the permit that a sweep needs, without token and expiry.
+
+        `ConfigError` if it is too fast for the stage.
 
         ``dark``: least number of triggers without light at the end. ``mark``: additional triggers.
         """
@@ -142,7 +147,7 @@ class SweepingDevices:
             )
 
     def duration_s(self, sweep: Sweep, *, from_deg: float) -> float:
-        """Time of a sweep in seconds, run-up and braking included."""
+        """Return the time of a sweep in seconds, run-up and braking included."""
         there_s = self._way_s(sweep.to_deg - from_deg, speed_deg_s=sweep.speed_deg_s)
         if sweep.back_deg is None:
             return there_s
@@ -238,7 +243,7 @@ class Way:
         self._began_s = start.asked_s
 
     def moment_s(self, reading: StageReading) -> float:
-        """Earliest moment of a reading, never before its question or after its answer."""
+        """Return the earliest moment of a reading, never before its question or after its answer."""
         done_deg = abs(reading.angle_deg - self._start_deg)
         # By what a servo may be off its way, it needed a little less or a little more.
         self._began_s = max(self._began_s, reading.asked_s - self._needed_s(done_deg + OFF_WAY_DEG))
@@ -246,7 +251,7 @@ class Way:
         return min(max(moment_s, reading.asked_s), reading.answered_s)
 
     def _needed_s(self, done_deg: float) -> float:
-        """Time that a part of the way takes from its start."""
+        """Return the time that a part of the way takes from its start."""
         way_deg = abs(self._target_deg - self._start_deg)
         done_deg = min(max(done_deg, 0.0), way_deg)
         if done_deg > way_deg / 2:
@@ -254,7 +259,7 @@ class Way:
         return self._run_up_s(done_deg)
 
     def _run_up_s(self, way_deg: float) -> float:
-        """Time from rest over a way, braking left out."""
+        """Return the time from rest over a way, braking left out."""
         ramp_deg = self._speed_deg_s**2 / (2 * self._acceleration_deg_s2)
         if way_deg <= ramp_deg:
             return math.sqrt(2 * way_deg / self._acceleration_deg_s2)
@@ -374,7 +379,7 @@ class SweepInProgress:
         return reading
 
     def _way_to(self, target_deg: float) -> Way:
-        """The way from where it stands now."""
+        """Return the way from where it stands now."""
         return Way(
             start=self._readings[-1],
             target_deg=target_deg,
@@ -490,7 +495,7 @@ class SweepInProgress:
                 self._admit_dark(frame)
 
     def _matched(self) -> list[SweptFrame]:
-        """Frames whose pulse lies between two readings, with the angle at it, once the displacement at it is known."""
+        """Return the frames between two readings, with their angles, once the displacement at them is known."""
         matched: list[SweptFrame] = []
         until_s = self._readings[-1].at_s
         if self._tissue is not None:
@@ -504,7 +509,7 @@ class SweepInProgress:
         return matched
 
     def _at(self, pulse: Pulse, frame: Frame) -> SweptFrame:
-        """A frame with the angle of its pulse, and what that angle may be off by."""
+        """Return a frame with the angle of its pulse, and what that angle may be off by."""
         stamped = stamped_angle(pulse, self._readings)
         # A controller that answers late may do so each time: its readings are then old by the same time, all of them.
         answer_s = max(each.answered_s - each.asked_s for each in (stamped.lower, stamped.upper)) / math.sqrt(12)
@@ -545,7 +550,7 @@ class StampedAngle:
 
 
 def stamped_angle(pulse: Pulse, readings: Sequence[StageReading]) -> StampedAngle:
-    """The angle of a pulse by its time; `not_between` is raised where no two readings enclose it."""
+    """Return the angle of a pulse by its time; `not_between` is raised where no two readings enclose it."""
     after = next((index for index, each in enumerate(readings) if each.at_s >= pulse.at_s), 0)
     if after == 0:
         raise not_between(pulse, readings)
@@ -574,7 +579,7 @@ def stamped_angle(pulse: Pulse, readings: Sequence[StageReading]) -> StampedAngl
 
 
 def not_between(pulse: Pulse, readings: Sequence[StageReading]) -> AcquisitionError:
-    """The error of a pulse that no two readings of the stage enclose."""
+    """Return the error of a pulse that no two readings of the stage enclose."""
     return AcquisitionError(
         f"a pulse at {pulse.at_s:.3f} s is not between two readings of the stage, from {readings[0].at_s:.3f} to "
         f"{readings[-1].at_s:.3f} s; the sweep is refused whole, compare the clocks"

@@ -122,7 +122,7 @@ def background_sigma(curve: Curve, background: Background, *, scatter: float) ->
 
 
 def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
-    """Whether a curve of the family that goes through the highest samples goes through most others as well.
+    """Return whether a curve of the family that goes through the highest samples goes through most others as well.
 
     ``lowest``: intensity of the lowest ones.
     """
@@ -158,12 +158,12 @@ def _is_explained(curve: Curve, *, lowest: float, scatter: float) -> bool:
 
 
 def _depth(curve: Curve, background: Background) -> float:
-    """How far the lowest samples lie below a background."""
+    """Return how far the lowest samples lie below a background."""
     return -float(np.quantile(curve.intensity - background.at(curve.angle_deg), LOW_SHARE))
 
 
 def _sloping(curve: Curve, *, middle_deg: float, scatter: float) -> Background | None:
-    """The line through the lowest samples; None if they are too few."""
+    """Return the line through the lowest samples; None if they are too few."""
     away_deg = curve.angle_deg - middle_deg
     kept = curve.intensity <= np.median(curve.intensity)
     slope_per_deg = 0.0

@@ -93,7 +93,7 @@ class BracketSearch(SearchPolicy):
         return Interval(low_deg=self._low_deg, high_deg=self._high_deg)
 
     def _next_deg(self) -> float | None:
-        """Next inner point in degrees, the left one of a new pair first; None at the end."""
+        """Return the next inner point in degrees, the left one of a new pair first; None at the end."""
         if len(self._lit) >= self._budget:
             return None
         left = self._kept is None or not self._kept[1]
@@ -126,11 +126,11 @@ class BracketSearch(SearchPolicy):
         return (right, True) if self._reuse else None
 
     def estimate(self) -> Found:
-        """Middle of the bracket, (θl + θr)/2, with the bracket as its interval."""
+        """Return the middle of the bracket, (θl + θr)/2, with the bracket as its interval."""
         return self.answer(noise_sigma=None)
 
     def answer(self, *, noise_sigma: float | None) -> Found:
-        """The middle of the bracket, with its width and what the noise hides as uncertainty.
+        """Return the middle of the bracket, with its width and what the noise hides as uncertainty.
 
         A comparison near the maximum is decided by noise once the two points differ by less than it, so that the
         bracket of a long search is far too narrow. With σ known, the standard deviation holds besides width/√12 what

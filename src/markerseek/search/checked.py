@@ -69,7 +69,7 @@ class CheckedPolicy(SearchPolicy):
         self._tolerance = tolerance
 
     def _next_deg(self) -> float | None:
-        """Next angle of the method in degrees; None at its end."""
+        """Return the next angle of the method in degrees; None at its end."""
         intensity = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
         if self._early_end and peak_passed(intensity):
             noise = noise_above_background(self._lit, dark=self._dark)
@@ -82,7 +82,7 @@ class CheckedPolicy(SearchPolicy):
         self.inner.tell(sample)
 
     def estimate(self) -> Estimate:
-        """Answer as far as the samples prove it; `NotFound` before the first."""
+        """Return the answer as far as the samples prove it; `NotFound` before the first."""
         noise = noise_above_background(self._lit, dark=self._dark)
         floor = noise.measured_floor
         lit = above_background(self._lit, noise.background)
@@ -107,7 +107,7 @@ class CheckedPolicy(SearchPolicy):
         return found.as_unsure("width", f"{too_wide}; more acquisitions, or more pulses in each, reduce it")
 
     def _rising_side(self) -> Literal["low", "high"] | None:
-        """The end at which the curve rises; a bracket begins at both ends, and counts only once it is narrow."""
+        """Return the end at which the curve rises; a bracket begins at both ends, and counts only once it is narrow."""
         # The answer without noise: with noise the interval is wider, and the bracket the same.
         bare = self.inner.estimate()
         if bare.interval_kind == "bracket" and bare.sigma_deg > KNOWN_SIGMA_DEG:

@@ -107,7 +107,7 @@ def peak_of(curve: Curve, *, background: float = 0.0) -> Peak:
 
 
 def _crossing_deg(curve: Curve, top: int, *, height: float, step: int) -> float | None:
-    """Where a straight line between samples first crosses that height on that side of the top, in degrees."""
+    """Return where a straight line between samples first crosses that height on that side of the top, in degrees."""
     if height == 0:
         return None
     index = top + step
@@ -124,7 +124,7 @@ def _crossing_deg(curve: Curve, top: int, *, height: float, step: int) -> float 
 
 
 def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
-    """Standard deviation in degrees of the maximum found by comparing two samples, however many comparisons are made.
+    """Return the least standard deviation in degrees of a maximum that is found by comparing samples.
 
     A peak of height A and full width at half maximum F that is near its top as a Gaussian, A·exp(−4 ln2 (t/F)²), has
     fallen by σ at t = F·sqrt(σ / (4 ln2 · A)). Nearer to the maximum one comparison is chance. In simulation, over

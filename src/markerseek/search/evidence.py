@@ -74,12 +74,12 @@ def why_not_detected(lit: Sequence[Sample], *, dark: Sequence[Sample], noise: Se
 
 
 def _above(noise: SearchNoise) -> str:
-    """What intensities are counted from, for a message; empty if from zero."""
+    """Return what intensities are counted from, for a message; empty if from zero."""
     return "" if noise.background is None else f", both above a background of {noise.background.level:.4g}"
 
 
 def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str | None:
-    """Why the strong samples are not of one source; None if most come from one position in the image."""
+    """Return why the strong samples are not of one source; None if most come from one position in the image."""
     # Only strong samples: the position of a weak one is pulled by noise.
     least = max(level, strongest.reading.intensity / 2)
     others = [sample for sample in lit if sample is not strongest and sample.reading.intensity >= least]
@@ -98,7 +98,7 @@ def _elsewhere(lit: Sequence[Sample], strongest: Sample, *, level: float) -> str
 
 
 def _incoherent(lit: Sequence[Sample], strongest: Sample, dark: Sequence[Sample], *, level: float) -> str | None:
-    """Why the strongest sample may be noise: no more coherent than dark frames, alone at its position; else None."""
+    """Return why the strongest sample may be noise, as incoherent as dark frames and alone at its place; else None."""
     # A marker in tissue whose speed of sound is not the preset's may be no more coherent than a noise peak; but noise,
     # or a spike on a channel, does not come from one place again and again.
     coherence = strongest.reading.coherence
@@ -111,7 +111,7 @@ def _incoherent(lit: Sequence[Sample], strongest: Sample, dark: Sequence[Sample]
 
 
 def _same_position(sample: Sample, other: Sample) -> bool:
-    """Whether two samples are known to come from the same place in the image."""
+    """Return whether two samples are known to come from the same place in the image."""
     here = sample.reading
     there = other.reading
     if here.lateral_m is None or there.lateral_m is None or here.depth_m is None or there.depth_m is None:
@@ -176,23 +176,26 @@ What the user tolerates has nothing to do with it: beside a centre that is known
 
 
 def marker_radius_m(lit: Sequence[Sample]) -> float | None:
-    """Distance of the marker from the axis in metres, by the depth of the strongest sample; None if it has none."""
+    """Return the distance of the marker from the axis in metres, by the depth of the strongest sample.
+
+    None if it has none.
+    """
     depth_m = max(lit, key=lambda sample: sample.reading.intensity).reading.depth_m
     return None if depth_m is None else USUAL_FACE_RADIUS_M + depth_m
 
 
 def half_width_deg(found: Found) -> float:
-    """How far the 95 % interval reaches from the angle, to the further side, in degrees."""
+    """Return how far the 95 % interval reaches from the angle, to the further side, in degrees."""
     return max(found.mean_deg - found.interval95_deg.low_deg, found.interval95_deg.high_deg - found.mean_deg)
 
 
 def with_half_width(found: Found, *, radius_m: float | None) -> Found:
-    """The answer with its half-width as a length at the marker, where its radius is known."""
+    """Return the answer with its half-width as a length at the marker, where its radius is known."""
     return found if radius_m is None else replace(found, half_width_m=radius_m * math.radians(half_width_deg(found)))
 
 
 def beyond_tolerance(found: Found, tolerance: Tolerance, *, radius_m: float | None) -> str | None:
-    """How well the angle is known, in words, where that is not within the tolerance; None if it is."""
+    """Return how well the angle is known, in words, where that is not within the tolerance; None if it is."""
     half_deg = half_width_deg(found)
     if half_deg <= tolerance.half_width_deg(radius_m):
         return None

@@ -182,6 +182,6 @@ def _quantile_factor(share: float, *, cells: int) -> float:
 
 
 def _is_even(curve: Curve) -> bool:
-    """Whether the angles have even steps, as those of a scan: about a search's own, far apart, a curve bends."""
+    """Return whether the angles have even steps, as those of a scan: about a search's own, far apart, a curve bends."""
     steps_deg = np.diff(np.unique(curve.angle_deg))
     return bool(steps_deg.max() <= 2 * np.median(steps_deg))

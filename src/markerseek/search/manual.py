@@ -64,7 +64,7 @@ class ScriptedManual(SearchPolicy):
         self._sides: tuple[int, ...] = (-1, 1)
 
     def _next_deg(self) -> float | None:
-        """Next angle in degrees: a coarse turn, then a step from the strongest; None at the end."""
+        """Return the next angle in degrees: a coarse turn, then a step from the strongest; None at the end."""
         if len(self._lit) >= self._budget:
             return None
         if len(self._lit) < TURNS:
@@ -96,11 +96,11 @@ class ScriptedManual(SearchPolicy):
             self._step_deg /= 2
 
     def estimate(self) -> Found:
-        """Strongest angle, with its neighbours among the samples (or an end of the range) as its bracket."""
+        """Return the strongest angle, with its neighbours among the samples (or an end of the range) as its bracket."""
         return self.answer(noise_sigma=None)
 
     def answer(self, *, noise_sigma: float | None) -> Found:
-        """Strongest angle, uncertain by the distance of its neighbours and by what noise hides (`bracket_answer`)."""
+        """Return the strongest angle, uncertain by its neighbours and by what noise hides (`bracket_answer`)."""
         if not self._lit:
             return bracket_answer(self._limits.centre_deg, self._limits, curve_of(()), noise_sigma=None)
         angles = [sample.angle_deg for sample in self._lit]

@@ -131,7 +131,7 @@ def build(plan: SearchPlan | str, *, limits: Interval | Sequence[SupportsFloat] 
 
 
 def _whole(plan: SearchPlan, *, limits: Interval) -> WholeRecording:
-    """A search of a recording that goes on to its other angles."""
+    """Return a search of a recording that goes on to its other angles."""
     search = replace(plan, whole=False)
     if plan.method != "posterior":
         # These settings are for the answer from all angles, which the posterior gives.
@@ -179,7 +179,7 @@ def build_sweeping(plan: SearchPlan, *, limits: Interval) -> AnyPolicy:
 
 
 def _posterior(plan: SearchPlan, *, limits: Interval, target_deg: float | None = None) -> Posterior:
-    """The posterior of a plan, at rest; ``target_deg``: None takes its own."""
+    """Return the posterior of a plan, at rest; ``target_deg``: None takes its own."""
     _refuse_published(plan)
     # Imported here: other methods need neither SciPy nor the compiled kernels.
     from markerseek.search.posterior import CUES, TARGET_SIGMA_DEG, USUAL_OTHERS, Posterior
@@ -251,7 +251,7 @@ def most_acquisitions(plan: SearchPlan) -> int | None:
 
 
 def _acquisitions(plan: SearchPlan) -> int:
-    """The number of acquisitions of a plan, its own or that of its method, if a search can be made of it."""
+    """Return the number of acquisitions of a plan, its own or that of its method, if a search can be made of it."""
     if is_own_method(plan.method) and plan.acquisitions is not None:
         return check_acquisitions(plan.acquisitions, least=1, method=plan.method)
     method = method_named(plan.method)
@@ -260,7 +260,10 @@ def _acquisitions(plan: SearchPlan) -> int:
 
 
 def _as_published(plan: SearchPlan, limits: Interval, acquisitions: int) -> PaperPolicy:
-    """The method of a plan as the paper has it; a checked one begins at the nearer end, and ends early by itself."""
+    """Return the method of a plan as the paper has it.
+
+    A checked one begins at the nearer end, and ends early by itself.
+    """
     (method,) = (each for each in PAPER_METHODS if each.name == plan.method)
     if issubclass(method, BracketSearch):
         return method(limits=limits, acquisitions=acquisitions)

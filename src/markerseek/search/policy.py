@@ -31,11 +31,11 @@ class SearchPolicy(ABC):
         self._next: tuple[float | None] | None = None
 
     def __repr__(self) -> str:
-        """What it is, and how many acquisitions it has."""
+        """Return its class and how many acquisitions it has."""
         return f"<{self.name} after {len(self._lit)} acquisitions>"
 
     def ask(self) -> float | None:
-        """Next angle in degrees; None at the end of the search. It is computed once for each new sample."""
+        """Return the next angle in degrees; None at the end of the search. It is computed once for each new sample."""
         if self._next is None:
             self._next = (self._next_deg(),)
         return self._next[0]
@@ -60,7 +60,7 @@ class SearchPolicy(ABC):
 
     @abstractmethod
     def _next_deg(self) -> float | None:
-        """Next angle in degrees from the samples so far; None at the end."""
+        """Return the next angle in degrees from the samples so far; None at the end."""
 
     def _update(self, sample: Sample) -> None:  # noqa: B027  most policies have no state beside their samples
         """Change the state of the search by a sample with the laser on, which is the last one kept."""
@@ -71,16 +71,16 @@ class PaperPolicy(Protocol):
     """A policy that always answers `Found`, as the methods of the paper do."""
 
     def ask(self) -> float | None:
-        """Next angle in degrees, or None when the search is over."""
+        """Return the next angle in degrees, or None when the search is over."""
 
     def tell(self, sample: Sample) -> None:
         """Take one sample."""
 
     def estimate(self) -> Found:
-        """Answer from the samples alone."""
+        """Return the answer from the samples alone."""
 
     def answer(self, *, noise_sigma: float | None) -> Found:
-        """The same angle, with the uncertainty that follows from noise of this standard deviation in the intensity."""
+        """Return the same angle, with the uncertainty by noise of this standard deviation in the intensity."""
 
 
 def check_sample(sample: Sample) -> None:

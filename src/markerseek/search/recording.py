@@ -54,7 +54,7 @@ class WholeRecording:
         return self._posterior
 
     def ask(self) -> float | None:
-        """Next angle of the search in degrees; after it the next one left, and None after the last."""
+        """Return the next angle of the search in degrees; after it the next one left, and None after the last."""
         return self._search.ask() if self.searched is None else next(iter(self._left_deg), None)
 
     def tell(self, sample: Sample) -> None:
@@ -72,7 +72,7 @@ class WholeRecording:
         self._left_deg = [each for each in self._left_deg if each != sample.angle_deg]
 
     def estimate(self) -> Estimate:
-        """The answer of the search while angles are left, then the one from all angles.
+        """Return the answer of the search while angles are left, then the one from all angles.
 
         Where a search by the posterior names another angle than all angles, no angle is claimed. The other methods end
         at any peak: what they say is no evidence against all angles.

@@ -39,7 +39,10 @@ def weighted_average(
 
 
 def _weights(intensity: Float64[np.ndarray, "*scans samples"]) -> Float64[np.ndarray, "*scans samples"]:
-    """Share of the largest sample where it reaches the threshold, else 0; all ones where all samples are zero."""
+    """Return the share of the largest sample where it reaches the threshold, else 0.
+
+    All ones where all samples are zero.
+    """
     largest = intensity.max(axis=-1, keepdims=True)
     relative = np.divide(intensity, largest, out=np.ones_like(intensity), where=largest > 0)
     return np.where(relative >= THRESHOLD, relative, 0.0)
@@ -92,7 +95,7 @@ def average_sigma_deg(curve: Curve, *, step_deg: float, noise_sigma: float) -> f
 def _cut_variance(
     curve: Curve, weight: Float64[np.ndarray, " samples"], *, mean_deg: float, step_deg: float, noise: float
 ) -> float:
-    """Part 4: from the samples that have as many neighbours on one side of the largest as on the other, in deg²."""
+    """Return the part of the samples with as many neighbours on either side of the largest, in deg²."""
     top = curve.strongest
     reach = min(top, len(curve) - 1 - top)
     near = slice(top - reach, top + reach + 1)
@@ -156,7 +159,7 @@ def fit_top(curve: Curve, *, step_deg: float, noise_sigma: float) -> tuple[float
 
 
 def _top_run(curve: Curve) -> tuple[int, int]:
-    """Half-open run of samples round the largest that reach `TOP_SHARE`, widened to three where there are so many."""
+    """Return the half-open run of samples round the largest that reach `TOP_SHARE`, widened to three if possible."""
     top = curve.strongest
     level = TOP_SHARE * curve.intensity[top]
     first = last = top
@@ -180,7 +183,7 @@ MAX_STEPS = 5000
 
 
 def peak_passed(intensity: Float64[np.ndarray, " samples"]) -> bool:
-    """Whether a sweep has recorded its peak and passed it (section 3.3 of the paper).
+    """Return whether a sweep has recorded its peak and passed it (section 3.3 of the paper).
 
     True where the largest sample so far is not the last, and the last two are below `THRESHOLD` of it. If
     several are equally large, each counts. If all are zero, none is below the threshold, and the sweep continues.
@@ -224,11 +227,11 @@ class EqualSteps(SearchPolicy):
         return self._limits.width_deg / (self._angles.size - 1)
 
     def _next_deg(self) -> float | None:
-        """Next angle of the sweep in degrees; None at the end."""
+        """Return the next angle of the sweep in degrees; None at the end."""
         return float(self._angles[len(self._lit)]) if len(self._lit) < self._angles.size else None
 
     def _found(self, mean_deg: float, sigma_deg: float) -> Found:
-        """Answer with a normal interval, its middle moved into the range if the stage overshot the range."""
+        """Return the answer with a normal interval, its middle moved into the range if the stage overshot the range."""
         inside_deg = self._limits.nearest(mean_deg)
         # An interval has a width: one unit in the last place of a range means "exact".
         half_deg = max(1.96 * sigma_deg, 1e-12 * self._limits.width_deg)
@@ -240,7 +243,7 @@ class EqualSteps(SearchPolicy):
         )
 
     def _unmeasured(self) -> Found:
-        """Answer before the first sample: uniform over the range."""
+        """Return the answer before the first sample: uniform over the range."""
         return self._found(self._limits.centre_deg, self._limits.width_deg / math.sqrt(12))
 
 
@@ -280,18 +283,18 @@ class WeightedAverage(EqualSteps):
         self._early_end = early_end
 
     def _next_deg(self) -> float | None:
-        """Next angle of the sweep in degrees; None at its end, or once the peak is passed."""
+        """Return the next angle of the sweep in degrees; None at its end, or once the peak is passed."""
         intensity = np.array([sample.reading.intensity for sample in self._lit], dtype=np.float64)
         if self._early_end and peak_passed(intensity):
             return None
         return super()._next_deg()
 
     def estimate(self) -> Found:
-        """Weighted average of the angles measured so far; the range's middle before the first."""
+        """Return the weighted average of the angles measured so far; the range's middle before the first."""
         return self.answer(noise_sigma=None)
 
     def answer(self, *, noise_sigma: float | None) -> Found:
-        """Weighted average with the uncertainty of `average_sigma_deg`.
+        """Return the weighted average with the uncertainty of `average_sigma_deg`.
 
         Parameters
         ----------
@@ -326,11 +329,11 @@ class Exhaustive(EqualSteps):
     least = 3
 
     def estimate(self) -> Found:
-        """Vertex of the parabola through the top; the range's middle before the first sample."""
+        """Return the vertex of the parabola through the top; the range's middle before the first sample."""
         return self.answer(noise_sigma=None)
 
     def answer(self, *, noise_sigma: float | None) -> Found:
-        """Vertex with the uncertainty of the fit.
+        """Return the vertex with the uncertainty of the fit.
 
         Parameters
         ----------

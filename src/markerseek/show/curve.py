@@ -195,13 +195,13 @@ def mean_deg(view: RunView) -> float | None:
 
 
 def _points(view: RunView) -> Sequence[LitAcquisition]:
-    """The acquisitions; at the end of a recording only those that its search took."""
+    """Return the acquisitions; at the end of a recording only those that its search took."""
     searched = None if view.finished is None else view.finished.searched
     return view.points if searched is None else view.points[: searched.acquisitions]
 
 
 def _recorded(view: RunView) -> Sequence[LitAcquisition]:
-    """A point for each angle of a recording in ascending order, once it was measured to its end."""
+    """Return a point for each angle of a recording in ascending order, once it was measured to its end."""
     if view.finished is None or view.finished.searched is None:
         return ()
     by_angle = {point.angle_deg: point for point in view.points}
@@ -223,7 +223,7 @@ def _mark(point: LitAcquisition, view: RunView) -> Mark:
 
 
 def _number(point: LitAcquisition, view: RunView) -> str:
-    """Number of an acquisition at rest; the pulses of a sweep are too many to be read."""
+    """Return the number of an acquisition at rest; the pulses of a sweep are too many to be read."""
     return "" if view.plan.sweep else str(point.number)
 
 
@@ -242,7 +242,7 @@ def _answers(estimate: Estimate | None) -> tuple[DrawnAngle, ...]:
 
 
 def _answer_text(view: RunView) -> str:
-    """What is claimed, for a legend."""
+    """Return what is claimed, for a legend."""
     if view.belief is None:
         return ""
     estimate = view.belief.estimate

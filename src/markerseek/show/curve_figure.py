@@ -71,7 +71,7 @@ def pictured_sample(view: RunView) -> Sample:
 
 
 def _shown_deg(curve: DrawnCurve) -> tuple[float, float]:
-    """A little more than the range, so that points at its ends are whole."""
+    """Return a little more than the range, so that points at its ends are whole."""
     margin_deg = 0.02 * (curve.high_deg - curve.low_deg)
     start_deg = curve.low_deg if curve.start_deg is None else curve.start_deg
     return min(curve.low_deg, start_deg) - margin_deg, max(curve.high_deg, start_deg) + margin_deg
@@ -122,7 +122,7 @@ def _draw_intensities(axes: Axes, curve: DrawnCurve) -> None:
 
 
 def _area(mark: Mark) -> float:
-    """Area of a dot in square points; in a weighted average it is its weight."""
+    """Return the area of a dot in square points; in a weighted average it is its weight."""
     return 28.0 if mark.weight is None else 6 + 40 * mark.weight
 
 
@@ -148,7 +148,7 @@ def _draw_inset(axes: Axes, curve: DrawnCurve) -> None:
 
 
 def _numbered(marks: Sequence[Mark]) -> _Numbered:
-    """Points and the numbers of their acquisitions; repeated points (as in a replay) get one label."""
+    """Return the points and the numbers of their acquisitions; repeated points (as in a replay) get one label."""
     numbers: dict[tuple[float, float], list[str]] = {}
     for each in marks:
         numbers.setdefault((each.angle_deg, each.intensity), []).append(each.text)
@@ -156,7 +156,7 @@ def _numbered(marks: Sequence[Mark]) -> _Numbered:
 
 
 def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
-    """Points whose labels leave half a digit to earlier ones; the axes must have their final range."""
+    """Return the points whose labels leave half a digit to earlier ones; the axes must have their final range."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     digit = _ROOM[0] * (right - left)
     line = _ROOM[1] * (top - bottom)
@@ -171,7 +171,7 @@ def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
 
 
 def _near(axes: Axes, place: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether a number above one point would be hidden by a star at the other."""
+    """Return whether a number above one point would be hidden by a star at the other."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     digit = _ROOM[0] * (right - left)
     line = _ROOM[1] * (top - bottom)
@@ -210,7 +210,7 @@ def _draw_track(axes: Axes, curve: DrawnCurve) -> None:
 
 
 def _way(curve: DrawnCurve) -> tuple[range, list[float]]:
-    """Numbers of the acquisitions, 0 for the start, and the angle of the probe at each."""
+    """Return the numbers of the acquisitions, 0 for the start, and the angle of the probe at each."""
     angles_deg = [each.angle_deg for each in curve.marks]
     if curve.start_deg is None:
         return range(1, 1 + len(angles_deg)), angles_deg

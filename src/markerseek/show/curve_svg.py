@@ -79,7 +79,7 @@ def _marks_in(curve: DrawnCurve, frame: _Frame) -> list[Mark]:
 
 
 def _radius(mark: Mark, curve: DrawnCurve) -> float:
-    """Radius in pixels; in a weighted average the size of a dot is its weight."""
+    """Return the radius in pixels; in a weighted average the size of a dot is its weight."""
     if mark.role == "confirmation":
         return 6.0
     if mark.weight is not None:
@@ -97,7 +97,7 @@ def _dot(mark: Mark, frame: _Frame, *, radius: float) -> str:
 
 
 def _numbers(curve: DrawnCurve, frame: _Frame) -> list[str]:
-    """Numbers of the acquisitions, the newest first; one that would cover another one is left out."""
+    """Return the numbers of the acquisitions, the newest first; one that would cover another one is left out."""
     parts: list[str] = []
     taken: list[tuple[float, float]] = []
     for each in reversed(_marks_in(curve, frame)):
@@ -127,7 +127,7 @@ def _area(curve: DrawnCurve, frame: _Frame) -> str:
 
 
 def _recorded(curve: DrawnCurve, frame: _Frame) -> str:
-    """The recording that a search replays, as a line."""
+    """Return the recording that a search replays, as a line."""
     low, high = frame.ends
     recorded = zip(curve.recorded_deg, curve.recorded, strict=True)
     points = " ".join(f"{frame.x(at):.1f},{frame.y(each):.1f}" for at, each in recorded if low <= at <= high)
@@ -135,7 +135,7 @@ def _recorded(curve: DrawnCurve, frame: _Frame) -> str:
 
 
 def _labels(curve: DrawnCurve, frame: _Frame) -> list[str]:
-    """Angles above the frame; one that would cover another one is left out."""
+    """Return the angles above the frame; one that would cover another one is left out."""
     # That which is known otherwise has a row of its own, because it is near to the answer.
     said = [(each, 28) for each in curve.answers]
     said += [(each, 14) for each in (curve.known,) if each is not None]
@@ -242,7 +242,7 @@ class _Frame:
 
 
 def _ticks(ends: tuple[float, float], most: float) -> list[float]:
-    """Round numbers between two ends, at most so many."""
+    """Return round numbers between two ends, at most so many."""
     width = ends[1] - ends[0]
     exponent = math.floor(math.log10(width / max(most, 1.0)))
     for part in (1, 2, 5, 10, 20, 50):

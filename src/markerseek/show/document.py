@@ -83,7 +83,7 @@ def _write_pages(document: Document, part: Path) -> None:
 
 
 def _text_pages(document: Document) -> Iterator[Figure]:
-    """The text of a report on pages."""
+    """Yield the text of a report on pages."""
     for lines in _pages(document, most=int((PAGE_IN[1] - 2 * _MARGIN_IN - 0.4) / _LINE_IN)):
         page = new_figure(width_in=PAGE_IN[0], height_in=PAGE_IN[1])
         left = _MARGIN_IN / PAGE_IN[0]
@@ -103,7 +103,7 @@ def _text_pages(document: Document) -> Iterator[Figure]:
 
 
 def _pages(document: Document, *, most: int) -> list[list[str]]:
-    """The lines of each page, at most so many; a section that fits on one page is not broken."""
+    """Return the lines of each page, at most so many; a section that fits on one page is not broken."""
     pages: list[list[str]] = [[]]
     for section in _sections(document):
         if pages[-1] and len(pages[-1]) + len(section) > most:
@@ -116,7 +116,7 @@ def _pages(document: Document, *, most: int) -> list[list[str]]:
 
 
 def _sections(document: Document) -> Iterator[list[str]]:
-    """The text of a report, in lines of a fixed font; an empty one ends each section."""
+    """Yield the text of a report, in lines of a fixed font; an empty one ends each section."""
     yield [*_head(document), ""]
     yield [*(line for name, value in document.facts for line in _fact(name, value)), ""]
     for title, rows in document.tables.items():
@@ -142,7 +142,7 @@ def _fact(name: str, value: str) -> Iterator[str]:
 
 
 def _table(rows: Rows) -> Iterator[str]:
-    """A table in a fixed font; its last column, which may hold sentences, is wrapped."""
+    """Yield a table in a fixed font; its last column, which may hold sentences, is wrapped."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
     room = max(_COLUMNS - sum(widths) - 2 * len(widths), 20)
     for row in rows:

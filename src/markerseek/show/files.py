@@ -80,7 +80,7 @@ def png_data_uri(figure: Figure) -> str:
 
 @cache
 def _templates() -> Environment:
-    """Jinja2 environment of the templates; an undefined name in a template is an error."""
+    """Return the Jinja2 environment of the templates; an undefined name in a template is an error."""
     with needs_package("jinja2", extra="plot", purpose="a page"):
         from jinja2 import Environment, PackageLoader, StrictUndefined
     return Environment(

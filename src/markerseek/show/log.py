@@ -65,7 +65,7 @@ def _finished(view: RunView, event: Finished) -> str:
 
 
 def _broken_off(view: RunView, event: Interrupted | Resuming | Checked) -> str:
-    """Line of a run that is broken off, or goes on."""
+    """Return the line of a run that is broken off, or goes on."""
     match event:
         case Interrupted(reason=reason):
             return f"{STOPPED} ({reason})"
@@ -77,7 +77,7 @@ def _broken_off(view: RunView, event: Interrupted | Resuming | Checked) -> str:
 
 
 def _name(view: RunView, role: Role, index: int) -> str:
-    """Name of an acquisition."""
+    """Return the name of an acquisition."""
     if role == "confirmation" and view.plan.as_published:
         return "acquisition at the answer"
     return f"{_ROLES[role]} {index}"

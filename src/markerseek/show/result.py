@@ -250,7 +250,7 @@ class SearchResult:
         ]
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The acquisitions as a table of pandas: a row for each, numbered from 1, with the keys of the JSON output.
+        """Return the acquisitions as a table of pandas: a row for each, numbered from 1, with the keys of the JSON.
 
         The column ``role`` tells the confirmation, the last row where there is one, from the search; the answer is in
         ``attrs``.
@@ -269,11 +269,11 @@ class SearchResult:
         return table
 
     def __str__(self) -> str:
-        """The result in lines, as the terminal shows it; `repr` has every field and every acquisition."""
+        """Return the result in lines, as the terminal shows it; `repr` has every field and every acquisition."""
         return "\n".join([self._heading(), *(f"{name}: {value}" for name, value in self.rows)])
 
     def _repr_html_(self) -> str:
-        """The answer and the intensities, for a notebook."""
+        """Return the answer and the intensities, for a notebook."""
         return as_html(self._heading(), self.rows, curve_svg(drawn_curve(self.run, reveal=True)))
 
     def _heading(self) -> str:
@@ -283,7 +283,7 @@ class SearchResult:
 
 
 def _answer_rows(result: SearchResult) -> list[tuple[str, str]]:
-    """The answer and its angle."""
+    """Return the answer and its angle."""
     estimate = result.estimate
     if result.run.plan.as_published:
         return [("angle", f"{result.angle_deg:.3f}°"), ("claim", f"none: {NO_CLAIM}")]
@@ -312,14 +312,14 @@ _KINDS = {
 
 
 def _prior_rows(result: SearchResult) -> list[tuple[str, str]]:
-    """What became of the prior over the angle."""
+    """Return what became of the prior over the angle."""
     evidence = result.near_evidence
     near = result.run.plan.near
     return [] if evidence is None or near is None else [("prior", evidence.said(near))]
 
 
 def _marker_rows(result: SearchResult) -> list[tuple[str, str]]:
-    """Where the marker is."""
+    """Return where the marker is."""
     marker = result.marker
     if marker is None:
         return []
@@ -331,7 +331,7 @@ def _marker_rows(result: SearchResult) -> list[tuple[str, str]]:
 
 
 def _effort_rows(result: SearchResult) -> list[tuple[str, str]]:
-    """What the answer took; for a recording, what the answer is from."""
+    """Return what the answer took; for a recording, what the answer is from."""
     if result.search is not None:
         return [("answered from", f"all {counted(result.acquisitions, 'angle')} of the recording")]
     rows = [("acquisitions", acquisitions_text(result.acquisitions, result.run.refused))]
@@ -345,7 +345,7 @@ def _effort_rows(result: SearchResult) -> list[tuple[str, str]]:
 
 
 def _confirmation_rows(result: SearchResult) -> list[tuple[str, str]]:
-    """The confirmation, and the threshold of all evidence."""
+    """Return the confirmation, and the threshold of all evidence."""
     rows = []
     confirmation = result.confirmation
     floor = result.estimate.floor
@@ -361,7 +361,7 @@ def _confirmation_rows(result: SearchResult) -> list[tuple[str, str]]:
 
 
 def _truth_rows(result: SearchResult) -> list[tuple[str, str]]:
-    """How far the angle is from what is known of it, and for a recording what a search would have said."""
+    """Return how far the angle is from what is known of it, and for a recording what a search would have said."""
     rows = []
     facts = result.run.facts
     error_deg = result.error_deg

@@ -153,7 +153,7 @@ def _reason(view: RunView) -> str:
 
 
 def _turn(view: RunView, belief: AngleBelief) -> str:
-    """How far the probe has to turn to the marker; empty if nothing turns."""
+    """Return how far the probe has to turn to the marker; empty if nothing turns."""
     if view.facts.kind == "replayed" or view.probe_deg is None:
         return ""
     turn_deg = belief.estimate.mean_deg - view.probe_deg
@@ -203,7 +203,7 @@ def numbers_of(view: RunView, *, name: str, pulse_j: float | None = None) -> lis
 
 
 def _snr(view: RunView) -> str:
-    """Largest intensity over the noise, or that it is below the threshold."""
+    """Return the largest intensity over the noise, or that it is below the threshold."""
     if view.snr_db is None:
         return "–"
     below = view.floor_level is not None and view.strongest <= view.floor_level

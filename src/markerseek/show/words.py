@@ -57,7 +57,7 @@ def answer_reason(estimate: Estimate) -> str | None:
 
 
 def _which_of(estimate: Ambiguous) -> str:
-    """Between which places an answer does not decide, and how strong they are."""
+    """Return the between which places an answer does not decide, and how strong they are."""
     named = {each.angle_deg: each for each in estimate.others if each.angle_deg in estimate.modes_deg}
     places = [
         f"{mode:.2f} deg" + (f" ({named[mode].relative_db:+.1f} dB)" if mode in named else "")
@@ -207,7 +207,7 @@ def outliers_rows(outliers_deg: Sequence[float]) -> list[tuple[str, str]]:
 
 
 def motion_rows(motion: MarkerMotion | None) -> list[tuple[str, str]]:
-    """Row of the marker's motion; none where the search did not look for it, or detected no marker."""
+    """Return the row of the marker's motion; none where the search did not look for it, or detected no marker."""
     if motion is None:
         return []
     if motion.lateral_mm is None or motion.depth_mm is None:

@@ -103,7 +103,10 @@ def magnitude(
 
 @compiled
 def _samples(first: int, weight: np.float32, instead: int) -> tuple[int, np.float32, np.float32]:
-    """Sample before the delay and its weight and that of the next; both weights of an unused element are 0."""
+    """Return the sample before the delay and its weight and that of the next.
+
+    Both weights of an unused element are 0.
+    """
     if first < 0:
         return instead, np.float32(0), np.float32(0)
     return first, np.float32(1) - weight, weight
@@ -321,7 +324,7 @@ def beams(
 
 @compiled
 def local_maxima(envelope: Float32[np.ndarray, "depth lateral"], level: np.float32) -> Int64[np.ndarray, "found 2"]:
-    """Rows and columns of the pixels above ``level`` that no neighbour exceeds, those on the image's edge left out."""
+    """Return the rows and columns of the pixels above ``level`` that no neighbour exceeds; none on the edge."""
     rows, columns = envelope.shape
     found = []
     for z in range(1, rows - 1):

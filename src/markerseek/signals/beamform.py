@@ -46,7 +46,7 @@ class ImageGrid:
 
 
 def path_delay(preset: ProbePreset) -> tuple[float, float]:
-    """Samples per metre of path, and the sample number (a fraction) of the laser's pulse."""
+    """Return the samples per metre of path, and the sample number (a fraction) of the laser's pulse."""
     return preset.sampling_hz / preset.sound_speed_m_s, preset.trigger_offset_s * preset.sampling_hz
 
 
@@ -59,7 +59,7 @@ def elements_m(array: LinearArray) -> Float64[np.ndarray, " elements"]:
 def half_aperture_m(
     preset: ProbePreset, depth_m: Float64[np.ndarray, " depth"], *, at_least: float = 0.5
 ) -> Float64[np.ndarray, " depth"]:
-    """Half the width of the receiving aperture in metres, at least ``at_least`` pitches."""
+    """Return half the width of the receiving aperture in metres, at least ``at_least`` pitches."""
     if preset.f_number == 0:
         return np.full(len(depth_m), np.inf)
     # Wider by 1e-9, so that rounding does not decide about an element on the edge.
@@ -67,7 +67,7 @@ def half_aperture_m(
 
 
 def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray, " depth"]) -> ImageGrid:
-    """Grid and table for records of that length, with a column on each element.
+    """Return the grid and table for records of that length, with a column on each element.
 
     ``preset``: probe, sound speed, aperture and trigger offset. ``samples``: length of the records. ``depth_m``: rows,
     positive and ascending.
@@ -87,7 +87,7 @@ def image_grid(preset: ProbePreset, *, samples: int, depth_m: Float64[np.ndarray
 
 
 def beamform(signals: Float32[np.ndarray, "samples columns"], grid: ImageGrid) -> Float32[np.ndarray, "depth lateral"]:
-    """Image of filtered channels (from `filtering.band_pass`), shape (depth, lateral), in the unit of the signals."""
+    """Return the image of filtered channels (from `filtering.band_pass`), in the unit of the signals."""
     if signals.shape[0] != grid.samples:
         raise ConfigError(f"beamform: the records have {signals.shape[0]} samples, the table is for {grid.samples}")
     table = grid.table
@@ -103,7 +103,7 @@ def beamform_at(
     lateral_m: Float64[np.ndarray, " lateral"],
     depth_m: Float64[np.ndarray, " depth"],
 ) -> Float32[np.ndarray, "depth lateral"]:
-    """Image on any columns, otherwise as `beamform`, which takes less time per pixel."""
+    """Return the image on any columns, otherwise as `beamform`, which takes less time per pixel."""
     image = np.empty((len(depth_m), len(lateral_m)), np.float32)
     aperture = half_aperture_m(preset, depth_m)
     beams(signals, elements_m(preset.array), lateral_m, depth_m, path_delay(preset), aperture, image)
@@ -111,7 +111,7 @@ def beamform_at(
 
 
 def image_rows(preset: ProbePreset, *, samples: int) -> tuple[Float64[np.ndarray, " depth"], slice]:
-    """Depths of an image with the rows that the envelope needs beyond it, and the slice of the rows without these.
+    """Return the depths of an image with the rows that the envelope needs beyond it, and the slice without these.
 
     ``preset``: its pick-up and trigger offset limit the depths. ``samples``: length of the records.
     """
@@ -137,7 +137,7 @@ def delay_table(
     reach_m: Float64[np.ndarray, " depths"],
     samples: int,
 ) -> DelayTable:
-    """Table of any delay that depends on the depth and on the lateral distance alone.
+    """Return the table of any delay that depends on the depth and on the lateral distance alone.
 
     ``place``: delay in samples at lateral distances in metres. ``reach_m``: how far the aperture reaches at each depth;
     infinity for the whole array. ``samples``: length of the records.

@@ -52,7 +52,7 @@ _RAYLEIGH_MEDIAN = math.sqrt(2 * math.log(2))
 
 
 def noise_profile(envelope: Float32[np.ndarray, "depth lateral"]) -> Float64[np.ndarray, " blocks"]:
-    """Standard deviation of one quadrature in each block of `BLOCK_ROWS` rows, from the median of its envelope.
+    """Return the standard deviation of one quadrature in each block of rows, from the median of its envelope.
 
     The envelope of Gaussian noise is Rayleigh distributed, with the median sigma sqrt(2 ln 2). Neighbouring pixels
     hold the same noise, so every sixth is enough.
@@ -66,7 +66,7 @@ def noise_profile(envelope: Float32[np.ndarray, "depth lateral"]) -> Float64[np.
 
 
 def noise_floor(profile: Float64[np.ndarray, " blocks"]) -> float:
-    """Standard deviation of one quadrature where there is no source: the median of the blocks.
+    """Return the standard deviation of one quadrature where there is no source: the median of the blocks.
 
     The median is taken twice. A source fills some blocks with its arcs, and those drop out as long as they are fewer
     than half; a median over all pixels at once would rise with their share.
@@ -75,7 +75,7 @@ def noise_floor(profile: Float64[np.ndarray, " blocks"]) -> float:
 
 
 def found_level(cells: int, *, false_found: float = FALSE_PER_FRAME) -> float:
-    """Peak over noise floor that noise alone exceeds with the given probability, sqrt(2 ln(M/p))."""
+    """Return the peak over noise floor that noise alone exceeds with the given probability, sqrt(2 ln(M/p))."""
     return math.sqrt(2 * math.log(cells / false_found))
 
 
@@ -86,7 +86,7 @@ def coherent_energies(
     lateral_m: Float64[np.ndarray, " points"],
     depth_m: Float64[np.ndarray, " points"],
 ) -> tuple[Float64[np.ndarray, " points"], Int64[np.ndarray, " points"]]:
-    """Energy of the sum over the energy of the channels near each point, and the number of channels used.
+    """Return the energy of the sum over the energy of the channels near each point, and the number of channels used.
 
     Their quotient is the coherence factor, 0 to 1. The window is one over the bandwidth long, as the shortest pulse
     is; the aperture is the image's, and at least `MIN_CHANNELS` wide.
@@ -112,7 +112,7 @@ def energy_in_depth(
     depth_m: float,
     sigma: float,
 ) -> tuple[float, float]:
-    """Centroid and standard deviation in depth of the energy of a peak, in metres.
+    """Return the centroid and standard deviation in depth of the energy of a peak, in metres.
 
     Off plane the pulse splits into the edge waves of the element, and a long laser pulse has two edges of its own:
     which of these is the highest is a matter of noise, and the centroid of all is steady. The envelope of the column
@@ -143,14 +143,14 @@ def energy_in_depth(
 
 
 def window_samples(preset: ProbePreset) -> int:
-    """Samples in one over the bandwidth, the length of the shortest pulse."""
+    """Return the samples in one over the bandwidth, the length of the shortest pulse."""
     return max(1, round(preset.sampling_hz / (preset.high_hz - preset.low_hz)))
 
 
 def saturated_channels(
     samples: Int16[np.ndarray, "channels samples"], preset: ProbePreset, *, lateral_m: float, depth_m: float
 ) -> tuple[tuple[int, ...], int]:
-    """Channels of the aperture that touch full scale when a point's sound arrives, and the number of channels there."""
+    """Return how many channels of the aperture touch full scale when a point's sound arrives, and of how many."""
     offset = np.abs(elements_m(preset.array) - lateral_m)
     aperture = float(half_aperture_m(preset, np.array([depth_m]))[0])
     per_metre, origin = path_delay(preset)
@@ -167,7 +167,7 @@ def at_full_scale(
     middle: Int64[np.ndarray, " used"],
     full_scale: int,
 ) -> tuple[int, ...]:
-    """Those of the rows, channels or lines, that touch full scale near their sample in ``middle``.
+    """Return those of the rows, channels or lines, that touch full scale near their sample in ``middle``.
 
     The pick-up, which is blanked, does not count.
     """
@@ -180,7 +180,7 @@ def at_full_scale(
 
 
 def dead_channels(signals: Float32[np.ndarray, "samples columns"], *, channels: int) -> tuple[int, ...]:
-    """Channels without any signal in the band (of every fourth sample); all of them if the frame is zero."""
+    """Return the channels without any signal in the band (of every fourth sample); all of them if the frame is zero."""
     inside = signals[::4, PAD : PAD + channels]
     rms = np.sqrt(np.einsum("tc,tc->c", inside, inside) / max(1, len(inside)))
     return tuple(int(c) for c in np.flatnonzero(rms <= DEAD_SHARE * np.median(rms)))

@@ -25,7 +25,7 @@ TAPER_SAMPLES = 32
 
 @lru_cache(maxsize=16)
 def band_pass_taps(preset: ProbePreset) -> Float64[np.ndarray, " taps"]:
-    """Impulse response of the band-pass: a sinc under a Hamming window, gain 1 in the middle of the band."""
+    """Return the impulse response of the band-pass: a sinc under a Hamming window, gain 1 in the middle of the band."""
     k = np.arange(-HALF_LENGTH, HALF_LENGTH + 1)
     low = 2 * preset.low_hz / preset.sampling_hz
     high = 2 * preset.high_hz / preset.sampling_hz
@@ -37,7 +37,7 @@ def band_pass_taps(preset: ProbePreset) -> Float64[np.ndarray, " taps"]:
 
 
 def response(preset: ProbePreset, frequency_hz: Float64[np.ndarray, " bins"]) -> Float64[np.ndarray, " bins"]:
-    """Gain of the band-pass at the given frequencies; no phase, because its delay is taken out."""
+    """Return the gain of the band-pass at the given frequencies; no phase, because its delay is taken out."""
     taps = band_pass_taps(preset)
     k = np.arange(1, HALF_LENGTH + 1)
     waves = np.cos(2 * np.pi * frequency_hz[:, None] / preset.sampling_hz * k)
@@ -45,14 +45,14 @@ def response(preset: ProbePreset, frequency_hz: Float64[np.ndarray, " bins"]) ->
 
 
 def padded_columns(channels: int) -> int:
-    """Columns that the kernels work on: the channels, padded with zero columns to a multiple of 32."""
+    """Return the columns that the kernels work on: the channels, padded with zero columns to a multiple of 32."""
     return -(-channels // 32) * 32
 
 
 def band_pass(
     samples: Int16[np.ndarray, "channels samples"], preset: ProbePreset
 ) -> Float32[np.ndarray, "samples columns"]:
-    """Filtered channels, transposed and between zero columns, as the beamformer needs them.
+    """Return the filtered channels, transposed and between zero columns, as the beamformer needs them.
 
     Each channel's mean is subtracted and the record fades in and out: a step at either end is the same in all channels,
     and would be imaged as a distant source.
@@ -94,7 +94,7 @@ ENVELOPE_MARGIN = 2 * QUADRATURE_TAPS
 
 @lru_cache(maxsize=1)
 def quadrature_taps() -> Float32[np.ndarray, " taps"]:
-    """One side of the Hilbert transformer 2/(pi n), n = 1, 3, 5 ..., under a Kaiser window (beta 5)."""
+    """Return one side of the Hilbert transformer 2/(pi n), n = 1, 3, 5 ..., under a Kaiser window (beta 5)."""
     n = 2 * np.arange(QUADRATURE_TAPS) + 1
     window = np.kaiser(4 * QUADRATURE_TAPS + 1, 5.0)[2 * QUADRATURE_TAPS + n]
     taps = np.asarray(2 / (np.pi * n) * window, np.float32)
@@ -103,7 +103,10 @@ def quadrature_taps() -> Float32[np.ndarray, " taps"]:
 
 
 def envelope(rf: Float32[np.ndarray, "depth lateral"]) -> Float32[np.ndarray, "depth lateral"]:
-    """Magnitude of the analytic signal of an image along depth, in its unit; what lies outside counts as zero."""
+    """Return the magnitude of the analytic signal of an image along depth, in its unit.
+
+    What lies outside counts as zero.
+    """
     # Not scipy.signal.hilbert, whose transform is periodic in depth: the pick-up would reach the deepest rows.
     padded = np.pad(rf, ((ENVELOPE_MARGIN, ENVELOPE_MARGIN), (0, 0)))
     out = np.empty(rf.shape, np.float32)

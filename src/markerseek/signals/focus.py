@@ -47,7 +47,7 @@ def focused_coherence(
     intensity: float,
     sigma: float,
 ) -> float | None:
-    """Share of the energy about a peak that is in phase at its best focus, noise apart, 0 to 1.
+    """Return the share of the energy about a peak that is in phase at its best focus, noise apart, 0 to 1.
 
     It is None of a peak too weak for it, which noise would decide.
 

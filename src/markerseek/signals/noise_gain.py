@@ -18,7 +18,7 @@ _BINS = 513
 def beamformed_sigma(
     channel_sigma: float, *, preset: ProbePreset, power: Float64[np.ndarray, " bins"] | None = None
 ) -> float:
-    """Standard deviation of the beamformed signal (one quadrature) that channel noise leads to.
+    """Return the standard deviation of the beamformed signal (one quadrature) that channel noise leads to.
 
     The noise is independent between channels. The sum over n of them is divided by the root of n, so neither depth
     nor aperture changes it; what remains is the band-pass and the linear interpolation between samples, whose power
@@ -61,7 +61,7 @@ def noise_peaks(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"]) 
 
 
 def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"]) -> int:
-    """Number of independent envelope cells of a noise image with these rows.
+    """Return the number of independent envelope cells of a noise image with these rows.
 
     It is the M for which noise alone exceeds u = sqrt(2 ln(M/p)) with probability p = 1e-3: M = ρ·(u² − 1), see
     `noise_peaks`. M grows with the logarithm of p.
@@ -77,7 +77,7 @@ def envelope_cells(preset: ProbePreset, *, depth_m: Float64[np.ndarray, " depth"
 
 
 def cell_pixels(preset: ProbePreset) -> float:
-    """Pixels of a noise image over its independent cells: the sum of the squared correlation of one with all others.
+    """Return the pixels of noise per independent cell: the sum of the squared correlations of one with all others.
 
     Along depth it is one over the equivalent bandwidth of the noise, across it λ/(2 sin a) with the half angle a of the
     aperture (Goodman, Statistical Optics, 1985, 6.1: the equivalent area of the correlation).
@@ -92,7 +92,7 @@ def cell_pixels(preset: ProbePreset) -> float:
 
 
 def _power_gain(preset: ProbePreset, bins: int) -> Float64[np.ndarray, " bins"]:
-    """Power gain from a channel to the image at evenly spaced frequencies from 0 to half the sampling frequency."""
+    """Return the power gain from a channel to the image at even frequencies up to half the sampling frequency."""
     frequency = np.linspace(0, preset.sampling_hz / 2, bins)
     band = response(preset, frequency)
     return np.asarray(band**2 * (2 + np.cos(2 * np.pi * frequency / preset.sampling_hz)) / 3)

@@ -23,7 +23,7 @@ _FINE_COLUMNS = np.arange(-3, 4) * 0.25
 def strongest_peaks(
     envelope: Float32[np.ndarray, "depth lateral"], *, level: float, limit: int
 ) -> list[tuple[int, int]]:
-    """Row and column of the highest local maxima above ``level``, highest first."""
+    """Return the row and column of the highest local maxima above ``level``, highest first."""
     places = local_maxima(envelope, np.float32(level))
     heights = envelope[places[:, 0], places[:, 1]]
     order = np.argsort(-heights, kind="stable")[:limit]
@@ -31,7 +31,7 @@ def strongest_peaks(
 
 
 def parabola_peak(left: float, middle: float, right: float) -> tuple[float, float]:
-    """Offset (in steps, -0.5 to 0.5) and height of the parabola's top through three values, the middle one highest."""
+    """Return the offset, from -0.5 to 0.5 steps, and the height of the top of a parabola through three values."""
     bend = left - 2 * middle + right
     if not bend < 0:
         return 0.0, middle
@@ -52,7 +52,7 @@ class ImageAt(Protocol):
 def refine_peak(
     image_at: ImageAt, preset: ProbePreset, grid: ImageGrid, *, place: tuple[int, int]
 ) -> tuple[float, float, float]:
-    """Lateral position and depth in metres, and height, of the peak at a pixel (row, column) of the image.
+    """Return the lateral position and depth in metres, and height, of the peak at a pixel (row, column) of the image.
 
     The pixel's surroundings are beamformed again on columns a quarter of a pitch apart: a beam is about as wide as the
     pitch, so that a source midway between two columns is up to 4 dB too weak in the image. The new columns reach beyond
@@ -126,7 +126,7 @@ class BlockGrid:
         *,
         rows: slice,
     ) -> LocalMaxima:
-        """Largest envelope of each block.
+        """Return the largest envelope of each block.
 
         ``image``, ``envelope``: beamformed signals and their envelope, with the rows above and below that the envelope
         needs.
@@ -146,7 +146,7 @@ class BlockGrid:
 
 
 def _interpolation_weights(preset: ProbePreset) -> Float32[np.ndarray, "shifts columns"]:
-    """Weights of the columns about a peak for places a quarter and a half of a pitch to either side of it.
+    """Return the weights of the columns about a peak for places a quarter and a half of a pitch to either side of it.
 
     They are those of least mean square error (Wiener) for the image's autocorrelation r along the array, which is also
     the shape of a point's image: w = R⁻¹r. Midway they give a point 86 % or more of its height with the presets, and

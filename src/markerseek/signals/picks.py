@@ -54,7 +54,7 @@ class CommonWave:
 def common_wave(
     frame: ChannelFrame, preset: ProbePreset, *, lateral_m: float, depth_m: float, within_m: float = math.inf
 ) -> CommonWave | None:
-    """Wave of one source and its arrival at each channel; None where fewer than `MIN_CHANNELS` agree.
+    """Return the wave of one source and its arrival at each channel; None where fewer than `MIN_CHANNELS` agree.
 
     ``preset``: of its speed of sound and trigger offset only a rough value is needed. ``lateral_m``, ``depth_m``: where
     the source is imaged with this preset. ``within_m``: channels further than this from the source along the array are
@@ -94,7 +94,7 @@ def _follow(
     wave: Float64[np.ndarray, " window"],
     middle: int,
 ) -> tuple[Float64[np.ndarray, " channels"], Float64[np.ndarray, " channels"]]:
-    """Delay of each channel beyond the expected one, in samples, and its correlation with the common wave."""
+    """Return the extra delay of each channel in samples, and its correlation with the common wave."""
     lags = np.zeros(len(expected))
     correlation = np.zeros(len(expected))
     for outward in (range(middle, len(expected)), range(middle - 1, -1, -1)):
@@ -118,7 +118,7 @@ def _follow(
 def _best_lag(
     signal: Float64[np.ndarray, " samples"], centre: float, wave: Float64[np.ndarray, " window"]
 ) -> tuple[float, float]:
-    """Shift of a wave about a place that fits a channel best, in samples, and the coefficient of correlation there."""
+    """Return the shift of a wave that fits a channel best, in samples, and the coefficient of correlation there."""
     half = len(wave) // 2
     margin = math.ceil(_STEP_SAMPLES) + 1
     section = _window(signal, centre, half + margin)
@@ -138,7 +138,7 @@ def _best_lag(
 
 
 def _window(signal: Float64[np.ndarray, " samples"], centre: float, half: int) -> Float64[np.ndarray, " window"]:
-    """Section of a channel about a place between two samples, zero outside the record."""
+    """Return the section of a channel about a place between two samples, zero outside the record."""
     start = math.floor(centre)
     around = 12
     places = start + np.arange(-half - around, half + around + 1)
@@ -150,7 +150,7 @@ def _window(signal: Float64[np.ndarray, " samples"], centre: float, half: int) -
 
 
 def _cubic_at(values: Float64[np.ndarray, " n"], places: Float64[np.ndarray, " m"]) -> Float64[np.ndarray, " m"]:
-    """Values between equally spaced ones, by a cubic through the four nearest."""
+    """Return the values between equally spaced ones, by a cubic through the four nearest."""
     base = np.clip(np.floor(places).astype(np.int64), 1, len(values) - 3)
     t = places - base
     before, at, after, beyond = (values[base + k] for k in (-1, 0, 1, 2))

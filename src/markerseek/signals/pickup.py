@@ -19,7 +19,7 @@ _REPEATED = 3
 def clipped(
     magnitude: Int32[np.ndarray, "channels samples"], *, full_scale: int, recorded: bool
 ) -> Bool[np.ndarray, " channels"]:
-    """Which of some records, given as magnitudes, have touched full scale.
+    """Return which of some records, given as magnitudes, have touched full scale.
 
     ``recorded``: they may be of another converter than that of ``full_scale``. Numbers beyond it show that; they are
     its limit where the largest of them repeats.
@@ -40,7 +40,7 @@ REST_SAMPLES = 256
 def pickup_amplitude(
     frame: ChannelFrame, *, window_us: tuple[float, float], full_scale: int, recorded: bool = False
 ) -> float:
-    """Root mean square of the samples of a window over all channels in counts, less the zero of each and its noise.
+    """Return the root mean square of a window over all channels in counts, less the zero of each and its noise.
 
     ``window_us``: first and last moment after the trigger, in microseconds. ``full_scale``: counts at which the
     converter clips. ``recorded``: as of `clipped`. Raises `AcquisitionError` if the pick-up is clipped, `ConfigError`

@@ -83,7 +83,7 @@ PRESET_NAMES = tuple(_PRESETS)
 
 
 def probe_preset(name: str) -> ProbePreset:
-    """Preset of that name."""
+    """Return the preset of that name."""
     try:
         return _PRESETS[name]
     except KeyError:
@@ -108,7 +108,7 @@ class ProbeKeys(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     face_radius_m: float | None = None
 
     def on(self, preset: ProbePreset, *, sampling_hz: float | None = None, name: str | None = None) -> ProbePreset:
-        """The preset with the values of these keys.
+        """Return the preset with the values of these keys.
 
         ``preset``: where values come from that are None here. ``sampling_hz``: None takes the preset's. ``name``: None
         takes the preset's.
@@ -122,5 +122,5 @@ class ProbeKeys(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 def is_own(preset: ProbePreset) -> bool:
-    """Whether a probe has to be described in full, because no preset has its name."""
+    """Return whether a probe has to be described in full, because no preset has its name."""
     return preset.name not in PRESET_NAMES

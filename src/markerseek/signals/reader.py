@@ -59,7 +59,10 @@ class FrameFindings:
     """Channels without any signal."""
 
     def peak_snr_db(self, arrival: Arrival) -> float | None:
-        """Intensity of an arrival over the noise floor of the frame in dB; None if there is no noise at all."""
+        """Return the intensity of an arrival over the noise floor of the frame in dB.
+
+        None if there is no noise at all.
+        """
         if not (arrival.intensity > 0 and self.noise_sigma > 0):
             return None
         return 20 * math.log10(arrival.intensity / self.noise_sigma)
@@ -111,7 +114,7 @@ class ImageReader:
         self._last: _Chain | None = None
 
     def read(self, frame: Frame) -> Reading:
-        """Features of the frame at the largest envelope in its image.
+        """Return the features of the frame at the largest envelope in its image.
 
         Raises `AcquisitionError` if the frame is not one of this probe: number of channels, sampling frequency or
         length.
@@ -157,7 +160,7 @@ class ImageReader:
         )
 
     def picture(self, frame: Frame) -> PaImage:
-        """Envelope image of the frame; that of the frame that was read last is there already."""
+        """Return the envelope image of the frame; that of the frame that was read last is there already."""
         chain = self._chain(frame)
         return PaImage(
             envelope=chain.envelope[chain.layout.rows],
@@ -166,7 +169,7 @@ class ImageReader:
         )
 
     def findings(self, frame: Frame) -> FrameFindings:
-        """Whether there is a source, where, and which other arrivals there are, at most `MAX_ARRIVALS` in all."""
+        """Return whether there is a source, where, and which other arrivals there are: at most `MAX_ARRIVALS`."""
         chain = self._chain(frame)
         peaks = self._peaks(chain)
         strongest = peaks[0] if peaks else self._describe(chain, self._largest(chain))
@@ -250,7 +253,7 @@ class ImageReader:
         return int(row) + chain.layout.rows.start, int(column)
 
     def _describe(self, chain: _Chain, place: tuple[int, int]) -> _Peak:
-        """The peak at a pixel, refined between the columns."""
+        """Return the peak at a pixel, refined between the columns."""
         lateral, depth, intensity = refine_peak(
             partial(beamform_at, chain.signals, self.preset), self.preset, chain.layout.grid, place=place
         )
@@ -269,7 +272,7 @@ class ImageReader:
         return _Peak(arrival=arrival, energy=float(energy), saturated=saturated, channels=channels)
 
     def _peaks(self, chain: _Chain) -> list[_Peak]:
-        """Peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
+        """Return the peaks above the noise and coherent, strongest first, none on the flank of a stronger one."""
         preset = self.preset
         window = chain.envelope[chain.layout.rows]
         level = features.found_level(chain.layout.cells)
@@ -324,7 +327,7 @@ class IntensityReader:
     """Reader of frames that were reduced to one number elsewhere, as in a CSV of intensities."""
 
     def read(self, frame: Frame) -> Reading:
-        """Reading with the intensity, and with the noise where the frame states it."""
+        """Return the reading with the intensity, and with the noise where the frame states it."""
         if not isinstance(frame, ReadingFrame):
             raise ConfigError("this reader takes intensities; channel data need a probe preset")
         return Reading(intensity=frame.intensity, noise_sigma=frame.noise_sigma, cells=frame.cells)

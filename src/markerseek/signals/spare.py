@@ -59,12 +59,12 @@ class SpareReader:
         self._grids: dict[int, tuple[ImageGrid, slice]] = {}
 
     def picture(self, frame: ChannelFrame) -> PaImage:
-        """Envelope image of the frame."""
+        """Return the envelope image of the frame."""
         _, image, grid, rows = self._image(frame)
         return PaImage(envelope=image[rows], lateral_m=grid.lateral_m, depth_m=grid.depth_m[rows])
 
     def findings(self, frame: ChannelFrame) -> FrameFindings:
-        """Whether there is a source, and where; lines stand for channels, and the coherence is unknown.
+        """Return whether there is a source, and where; lines stand for channels, and the coherence is unknown.
 
         Raises `AcquisitionError` if the number of lines or the sampling frequency is not that of the machine, or if the
         frame is too short.
@@ -108,7 +108,7 @@ class SpareReader:
     def _image(
         self, frame: ChannelFrame
     ) -> tuple[Float32[np.ndarray, "samples columns"], Float32[np.ndarray, "depth lateral"], ImageGrid, slice]:
-        """Filtered lines, envelope, its grid, and the rows that count."""
+        """Return the filtered lines, envelope, its grid, and the rows that count."""
         samples = self._admitted(frame).samples
         grid, rows = self._grid(samples.shape[1])
         signals = band_pass(samples, self.preset)
@@ -148,14 +148,14 @@ class SpareReader:
     def _place(
         self, offset_m: Float64[np.ndarray, " ..."], depth_m: Float64[np.ndarray, " ..."]
     ) -> Float64[np.ndarray, " ..."]:
-        """Sample of the line at this distance that belongs to a source at this depth."""
+        """Return the sample of the line at this distance that belongs to a source at this depth."""
         per_metre, origin = path_delay(self.preset)
         laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s
         beyond = np.maximum(depth_m - laser_m, 1e-9)
         return np.asarray((beyond + offset_m**2 / beyond) * per_metre + 2 * origin)
 
     def _half_aperture_m(self, depth_m: Float64[np.ndarray, " depth"]) -> Float64[np.ndarray, " depth"]:
-        """Distance of the farthest line that contributes, at least half a line, in metres."""
+        """Return the distance of the farthest line that contributes, at least half a line, in metres."""
         steepest = math.atan(1 / (2 * self.preset.f_number)) if self.preset.f_number > 0 else math.pi / 2
         laser_m = self.preset.trigger_offset_s * self.preset.sound_speed_m_s
         half = (depth_m - laser_m) * math.tan(steepest / 2)
@@ -169,7 +169,7 @@ class SpareReader:
         lateral_m: Float64[np.ndarray, " lateral"],
         depth_m: Float64[np.ndarray, " depth"],
     ) -> Float32[np.ndarray, "depth lateral"]:
-        """The sum on any columns, for the surroundings of one peak: plain NumPy is fast enough."""
+        """Return the sum on any columns, for the surroundings of one peak: plain NumPy is fast enough."""
         half = self._half_aperture_m(depth_m)[:, None]
         total = np.zeros((len(depth_m), len(lateral_m)))
         used = np.zeros_like(total)
@@ -185,7 +185,7 @@ class SpareReader:
         return (total / np.sqrt(np.maximum(used, 1))).astype(np.float32)
 
     def _saturated_lines(self, frame: ChannelFrame, *, lateral_m: float, depth_m: float) -> tuple[int, ...]:
-        """Lines that reach full scale at the arrival of a point's sound."""
+        """Return the lines that reach full scale at the arrival of a point's sound."""
         offset = np.abs(self.preset.array.lateral_m - lateral_m)
         middle = np.rint(self._place(offset, np.array(depth_m))).astype(np.int64)
         samples = self._admitted(frame).samples

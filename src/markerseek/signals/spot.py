@@ -37,7 +37,7 @@ def spot_energy(
     sigma: float,
     cell_pixels: float,
 ) -> SpotEnergy | None:
-    """Energy about a peak, and its centroid; None if noise decides it.
+    """Return the energy about a peak, and its centroid; None if noise decides it.
 
     ``at_lateral_m``, ``at_depth_m``: columns and rows of the image, ascending. ``lateral_m``, ``depth_m``: where the
     peak is. ``sigma``: standard deviation of the beamformed signal where there is no source. ``cell_pixels``: pixels of

@@ -65,7 +65,7 @@ class Speckle:
         self._place = np.interp(radius_m, self._nodes_m, np.arange(count))
 
     def field(self, angle_deg: float) -> Complex128[np.ndarray, "rows columns"]:
-        """Speckle with the probe at an angle in degrees."""
+        """Return the speckle with the probe at an angle in degrees."""
         numbers = range(
             math.ceil((angle_deg - _REACH_DEG) / SLICE_DEG), math.floor((angle_deg + _REACH_DEG) / SLICE_DEG) + 1
         )
@@ -104,7 +104,7 @@ def _tabulated(probe: Probe, radius_m: float) -> Float64[np.ndarray, " angles"]:
 def filtered_noise(
     rng: np.random.Generator, shape: tuple[int, int], *, pixel_m: float
 ) -> Complex128[np.ndarray, "rows columns"]:
-    """Complex Gaussian noise of mean square 1 under pulse and beam."""
+    """Return the complex Gaussian noise of mean square 1 under pulse and beam."""
     # Imported here: a search of channel data does not need it.
     from scipy.ndimage import gaussian_filter
 
@@ -219,7 +219,7 @@ class BModeWorld:
         )
 
     def pixels(self) -> UInt8[np.ndarray, "rows columns"]:
-        """Grey values at the present angle, with noise."""
+        """Return the grey values at the present angle, with noise."""
         settings = self._settings
         field = self._speckle.field(self.angle_deg) * self._layers()[:, None] + self._tip_echo()
         noise = filtered_noise(self._rng, settings.shape, pixel_m=settings.pixel_m)
@@ -229,7 +229,7 @@ class BModeWorld:
         return np.asarray(np.clip(np.rint(grey), 0, 255).astype(np.uint8))
 
     def _layers(self) -> Float64[np.ndarray, " rows"]:
-        """Amplitude of the scatterers in each row: pad, tissue, its surface, air."""
+        """Return the amplitude of the scatterers in each row: pad, tissue, its surface, air."""
         settings = self._settings
         # The layers are level; a plane that is turned out of the vertical cuts them farther out.
         height_m = self._radius_m * math.cos(math.radians(self.angle_deg))
@@ -241,7 +241,7 @@ class BModeWorld:
         return amplitudes
 
     def _tip_echo(self) -> Complex128[np.ndarray, "rows columns"]:
-        """Echo of the tip's face, blurred by pulse and beam."""
+        """Return the echo of the tip's face, blurred by pulse and beam."""
         settings = self._settings
         rows, columns = settings.shape
         if self._tip is None:

@@ -39,7 +39,7 @@ class IntensityCurve(Protocol):
     """Intensity over the angle off the marker, without noise."""
 
     def peaks(self, off_plane_deg: float) -> Sequence[float]:
-        """Heights of the separate peaks of the image, relative to the largest with the probe on the marker."""
+        """Return the heights of the separate peaks of the image, over the largest with the probe on the marker."""
 
 
 Width: TypeAlias = Annotated[float, Within(1e-6, 1e6, "deg", cure="2 to 35 deg are usual")]
@@ -60,7 +60,7 @@ class GaussianCurve:
         require_fields(self, "curve")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
-        """One peak; see the class."""
+        """Return one peak; see the class."""
         return (math.exp(-4 * math.log(2) * (off_plane_deg / self.fwhm_deg) ** 2),)
 
 
@@ -75,7 +75,7 @@ class SechCurve:
         require_fields(self, "curve")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
-        """One peak; see the class."""
+        """Return one peak; see the class."""
         # Beyond 700 the hyperbolic cosine leaves the range of a double, and its inverse is 0 in any case
         return (1 / math.cosh(min(700.0, 2 * math.acosh(2) * abs(off_plane_deg) / self.fwhm_deg)),)
 
@@ -94,7 +94,7 @@ class PowerCurve:
         require_fields(self, "curve")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
-        """One peak; see the class."""
+        """Return one peak; see the class."""
         return (1 / (1 + (2 * abs(off_plane_deg) / self.fwhm_deg) ** self.power),)
 
 
@@ -113,7 +113,7 @@ class TwoHumps:
         require_fields(self, "two humps")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
-        """Peaks of the marker, then those of the other source."""
+        """Return the peaks of the marker, then those of the other source."""
         other = self.curve.peaks(off_plane_deg - self.apart_deg)
         return (*self.curve.peaks(off_plane_deg), *(self.relative * height for height in other))
 
@@ -150,7 +150,7 @@ class RecordedCurve:
         self._rows: list[list[float]] = np.maximum(PchipInterpolator(off_plane_deg, heights)(fine), 0).tolist()
 
     def peaks(self, off_plane_deg: float) -> list[float]:
-        """Heights at an angle off the marker in degrees."""
+        """Return the heights at an angle off the marker in degrees."""
         place = min(max((off_plane_deg - self._low_deg) * self._per_deg, 0.0), float(self._last))
         left = min(int(place), self._last - 1)
         share = place - left
@@ -204,7 +204,7 @@ class CurveWorld:
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._laser.energy_jitter))
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ReadingFrame:
-        """Frame with the intensity after a flash; after none, that of noise alone."""
+        """Return the frame with the intensity after a flash; after none, that of noise alone."""
         # Drawn also where the marker is far stronger: the numbers that follow must not depend on the curve.
         largest = largest_noise(self._rng, cells=self._cells)
         noise_sigma = 1.0 if flash is None else noise_gain(self._laser.pulses, flash)
@@ -222,7 +222,7 @@ class CurveWorld:
         )
 
     def _marker_deg(self, flash: Flash) -> float:
-        """Angle of the marker at a flash."""
+        """Return the angle of the marker at a flash."""
         if not self.motion.moves:
             return self._marker.angle_deg
         pulse_period_s = 1 / self._laser.rate_hz
@@ -231,7 +231,7 @@ class CurveWorld:
 
 
 def largest_noise(rng: np.random.Generator, *, cells: int) -> float:
-    """Largest noise in an image over σ, drawn by inverting 1 − exp(−N(u)); see the module.
+    """Return the largest noise in an image over σ, drawn by inverting 1 − exp(−N(u)); see the module.
 
     ``cells``: number of independent envelope cells of the image, at least 10.
     """

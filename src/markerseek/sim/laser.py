@@ -84,7 +84,7 @@ class SimulatedLaser:
         self._sweep, self._began_s, self._fired, self._untold = permit, self._clock.now_s(), 0, []
 
     def pulses(self) -> Sequence[Pulse]:
-        """Pulses since the last call; they are fired here, at their times that have gone by."""
+        """Return the pulses since the last call; they are fired here, at their times that have gone by."""
         self._fire_until(self._clock.now_s())
         told = self._untold
         self._untold = []

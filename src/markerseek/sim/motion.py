@@ -68,14 +68,14 @@ class TissueMotion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         return structs.replace(self, phase=float(rng.spawn(1)[0].random()))
 
     def way_m(self, at_s: Float64[np.ndarray, " times"]) -> Float64[np.ndarray, " times"]:
-        """Displacement in the direction of motion, by (1) with heartbeat and drift, at times of the rig's clock."""
+        """Return the displacement along the motion by (1), with heartbeat and drift, at times of the rig's clock."""
         breath = np.cos(np.pi * (at_s / self.period_s + (self.phase or 0.0))) ** (2 * self.power)
         heart = np.sin(2 * np.pi * at_s / self.heart_period_s)
         way_mm = 2 * self.breathing_mm * breath + self.heart_mm * heart + self.drift_mm_per_min * at_s / 60
         return np.asarray(1e-3 * way_mm)
 
     def displacement_m(self, at_s: Float64[np.ndarray, " times"]) -> Float64[np.ndarray, "times 3"]:
-        """Displacement in the TRUS frame from the place in the pause, at times of the rig's clock."""
+        """Return the displacement in the TRUS frame from the place in the pause, at times of the rig's clock."""
         direction = np.array(self.direction) / math.hypot(*self.direction)
         return np.asarray(self.way_m(at_s)[:, None] * direction)
 

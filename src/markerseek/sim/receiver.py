@@ -58,7 +58,7 @@ class SimulatedReceiver:
         self._armed = (permit, len(self._world.flashes), self._clock.now_s())
 
     def acquire(self, permit: Permit) -> Frame:
-        """Averaged frame of the flash since `arm`; noise alone where there was none."""
+        """Return the averaged frame of the flash since `arm`; noise alone where there was none."""
         if self._armed is None or self._armed[0] != permit:
             raise AcquisitionError(f"receiver: it was not armed for the permit {permit.token!r}; arm it before firing")
         _, flashes_before, started_s = self._armed
@@ -90,11 +90,11 @@ class SimulatedReceiver:
         return 0.0 if self._readout_s <= self.frame_period_s else self._readout_s
 
     def frames(self) -> Sequence[Frame]:
-        """Frames of the flashes that have been read by now; none where they are read at the end."""
+        """Return the frames of the flashes that have been read by now; none where they are read at the end."""
         return () if self.sweep_readout_s > 0 else self._swept(self._clock.now_s())
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:  # noqa: ARG002  flashes alone trigger it
-        """The frames that are left, after the read-out."""
+        """Return the frames that are left, after the read-out."""
         # All of them are read from the last flash on, each by itself from when it is asked for.
         flashes = self._world.flashes[self._heard :]
         now_s = self._clock.now_s()
@@ -105,7 +105,7 @@ class SimulatedReceiver:
         return frames
 
     def _swept(self, now_s: float) -> list[Frame]:
-        """Frames of the flashes that were read until then, with the probe where it was at each."""
+        """Return the frames of the flashes that were read until then, with the probe where it was at each."""
         frames: list[Frame] = []
         stands_deg = self._world.angle_deg
         for flash in self._world.flashes[self._heard :]:
@@ -128,7 +128,7 @@ class SimulatedReceiver:
         return frames
 
     def _energy(self, flash: Flash) -> float | None:
-        """What the meter says of a flash."""
+        """Return what the meter says of a flash."""
         if self._meter_noise is None or self._rng is None:
             return None
         return flash.energy * (1 + self._meter_noise * float(self._rng.standard_normal()))

@@ -154,7 +154,7 @@ STREAMING = SimulatedSettings(
 
 
 def with_options(settings: SimulatedSettings, options: SceneOptions) -> SimulatedSettings:
-    """Settings of a simulated rig with the values that a person has chosen."""
+    """Return the settings of a simulated rig with the values that a person has chosen."""
     if isinstance(options, SimulationOptions):
         settings = _with_markers(settings, options)
     noise = settings.noise
@@ -197,7 +197,7 @@ _NEWER_LASER = (
 
 
 def hashable_values(settings: SimulatedSettings) -> dict[str, Any]:
-    """Settings as plain values for a hash, without those that are newer than the hashes and have their default.
+    """Return the settings as plain values for a hash, without defaults of settings newer than the hashes.
 
     Seeds of studies and fingerprints of rigs are such hashes: a new setting that is not used must not change them.
     """

@@ -28,7 +28,7 @@ from markerseek.sim.world import SimulatedWorld
 def phases(
     way_deg: float, *, speed_deg_s: float = 0.0, top_deg_s: float, acceleration_deg_s2: float
 ) -> Iterator[tuple[float, float]]:
-    """Seconds and acceleration of each phase from here to rest at a target; none crosses a standstill.
+    """Yield the seconds and acceleration of each phase from here to rest at a target; none crosses a standstill.
 
     ``way_deg``: angle of the target from here, with its sign. ``speed_deg_s``: speed now, with its sign. A target that
     is nearer than the way of braking is overrun, and the motor turns round.
@@ -65,7 +65,7 @@ class Leg:
     acceleration_deg_s2: float
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Angle in degrees, and speed in degrees per second with its sign, at a time."""
+        """Return the angle in degrees, and speed in degrees per second with its sign, at a time."""
         here_deg = self.start_deg
         speed = self.speed_deg_s
         left_s = max(time_s - self.began_s, 0.0)
@@ -107,7 +107,7 @@ class StageMotion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         require_fields(self, "stage motion")
 
     def duration_s(self, distance_deg: float) -> float:
-        """Seconds that a move takes from rest to rest, with a trapezoidal speed, without settling.
+        """Return the seconds that a move takes from rest to rest, with a trapezoidal speed, without settling.
 
         ``distance_deg``: length of the move, of either sign.
         """
@@ -169,7 +169,7 @@ class SimulatedStage:
         self.brake()
 
     def play_deg(self, forward: float) -> float:
-        """Backlash between encoder and probe where the angle falls, in degrees."""
+        """Return the backlash between encoder and probe where the angle falls, in degrees."""
         motion = self._motion
         stated_deg = motion.backlash_deg if motion.stated_backlash_deg is None else motion.stated_backlash_deg
         return stated_deg if forward < 0 else 0.0
@@ -188,7 +188,7 @@ class SimulatedStage:
         self._legs = [self._leg(self.angle_deg, 0.0)]
 
     def read_sweep(self) -> StageReading:
-        """Angle of the encoder, read some time after the question."""
+        """Return the angle of the encoder, read some time after the question."""
         asked_s = self._clock.now_s()
         self._clock.wait(_READ_AFTER * _ANSWER_S)
         angle_deg = self.angle_deg
@@ -214,14 +214,14 @@ class SimulatedStage:
             self._legs = []
 
     def probe_deg(self, at_s: float) -> float:
-        """True angle of the probe at a time of the present sweep; outside of one, its angle now."""
+        """Return the true angle of the probe at a time of the present sweep; outside of one, its angle now."""
         leg = next((each for each in reversed(self._legs) if each.began_s <= at_s), None)
         if leg is None:
             return self._world.angle_deg
         return self._pushed_deg(leg.at(at_s)[0], before_deg=self._sweep_from_deg)
 
     def _leg(self, here_deg: float, speed_deg_s: float) -> Leg:
-        """The way to the end of the sweep, or to where it can come to rest."""
+        """Return the way to the end of the sweep, or to where it can come to rest."""
         return Leg(
             began_s=self._clock.now_s(),
             start_deg=here_deg,
@@ -239,7 +239,7 @@ class SimulatedStage:
             self._world.angle_deg = self._pushed_deg(motor_deg, before_deg=self._sweep_from_deg)
 
     def _pushed_deg(self, motor_deg: float, *, before_deg: float) -> float:
-        """True angle of the probe, which was at ``before_deg`` when the motor began.
+        """Return the true angle of the probe, which was at ``before_deg`` when the motor began.
 
         Pushed from below it is at the motor's angle, pulled from above it lags by the backlash.
         """
@@ -335,7 +335,7 @@ class SimulatedHand:
         self._drift_deg_s = self._rng.choice((-1.0, 1.0)) * motion.drift_deg_s
 
     def read(self) -> float:
-        """Angle of the probe now, in steps of the encoder, in degrees."""
+        """Return the angle of the probe now, in steps of the encoder, in degrees."""
         self._world.angle_deg = self._now_deg()
         return round(self._world.angle_deg / self._motion.resolution_deg) * self._motion.resolution_deg
 

@@ -33,7 +33,7 @@ from markerseek.sim.textured_tissue import TexturedTissue, TissueView, draw_shaf
 
 
 def endoscope(*, focal_px: float = 1100.0, base_m: float = 5e-3) -> StereoCameras:
-    """Parallel cameras like those of a stereo endoscope: 1280 x 1024 pixels, with the distortion of a wide lens.
+    """Return parallel cameras as of a stereo endoscope: 1280 x 1024 pixels, with the distortion of a wide lens.
 
     ``focal_px``: focal length. ``base_m``: distance between the two cameras.
     """
@@ -55,7 +55,7 @@ def endoscope(*, focal_px: float = 1100.0, base_m: float = 5e-3) -> StereoCamera
 def camera_above(
     middle_m: Float64[np.ndarray, " 3"], *, distance_m: float, roll_deg: float, tilt_deg: float = 0.0
 ) -> RigidTransform:
-    """Where a camera stands that looks at a point of the TRUS frame from above: the transform ``DaVinciToProbeHome``.
+    """Return ``DaVinciToProbeHome`` of a camera that looks at a point of the TRUS frame from above.
 
     ``middle_m``: the point in the TRUS frame. ``roll_deg``: rotation about the line of sight. ``tilt_deg``: angle
     between the line of sight and the z axis of the TRUS frame.
@@ -73,7 +73,10 @@ def camera_above(
 def on_tissue_m(
     camera_to_trus: RigidTransform, direction: Float64[np.ndarray, " 3"], *, height_m: float
 ) -> Float64[np.ndarray, " 3"]:
-    """Where a line of sight meets level tissue at this z of the TRUS frame; ``direction`` in the camera's frame."""
+    """Return where a line of sight meets level tissue at this z of the TRUS frame.
+
+    ``direction`` in the camera's frame.
+    """
     origin_m = camera_to_trus.translation_m
     towards = camera_to_trus.rotation @ direction
     return np.asarray(origin_m + towards * (height_m - origin_m[2]) / towards[2])
@@ -114,7 +117,7 @@ class EndoscopeSettings(msgspec.Struct, frozen=True, kw_only=True):
 def uneven_tissue(
     size_px: tuple[int, int], *, settings: EndoscopeSettings, rng: np.random.Generator
 ) -> Float64[np.ndarray, "rows columns"]:
-    """Brightness of tissue in uneven light, in counts: waves of random direction and phase, 80 to 400 pixels long.
+    """Return the brightness of tissue in uneven light, in counts: random waves, 80 to 400 pixels long.
 
     ``size_px``: width and height of the image.
     """
@@ -224,7 +227,7 @@ class _View:
         settings: EndoscopeSettings,
         scene: _Scene,
     ) -> UInt8[np.ndarray, "rows columns"]:
-        """An image, with the spot if it is lit."""
+        """Return an image, with the spot if it is lit."""
         rows, columns = self._uneven.shape
         first = int(self._rng.integers(len(noise) - rows * columns + 1))
         drawn = noise[first : first + rows * columns].reshape(rows, columns)
@@ -414,7 +417,10 @@ class SimulatedEndoscope:
         }
 
     def newest(self, most: int = MAX_PAIRS) -> list[StereoPair]:
-        """Pairs that came since the last call, the oldest first; see the class for how many, ``most`` at most."""
+        """Return the pairs that came since the last call, the oldest first.
+
+        How many they are the class says; at most ``most``.
+        """
         moments = self._come()[-most:]
         limits = {True: min(self._settings.frames, MAX_PAIRS), False: _DARK_PAIRS}
         wanted = []
@@ -428,7 +434,7 @@ class SimulatedEndoscope:
         """Nothing to release."""
 
     def _come(self) -> list[_Moment]:
-        """What the cameras saw in the frames that came since the last call."""
+        """Return what the cameras saw in the frames that came since the last call."""
         frames = int((self._clock.now_s() - self._began_s - self._late_s) * RATE_HZ + 1e-6)
         if frames <= self._frames:
             return []
@@ -500,6 +506,6 @@ def _sides(cameras: StereoCameras) -> tuple[tuple[Side, Camera], ...]:
 
 
 def _refocused(camera: Camera, error: float) -> Camera:
-    """The true camera, if its calibration states focal lengths that are too large by this share."""
+    """Return the true camera, if its calibration states focal lengths that are too large by this share."""
     x_px, y_px = camera.focal_px
     return structs.replace(camera, focal_px=(x_px / (1 + error), y_px / (1 + error)))

@@ -87,7 +87,7 @@ class TexturedTissue:
         )
 
     def height_m(self, places_m: Float64[np.ndarray, "places 2"]) -> Float64[np.ndarray, " places"]:
-        """Height z of the surface at places (x, y)."""
+        """Return the height z of the surface at places (x, y)."""
         # Imported here: a search without an endoscope does not need it.
         from scipy import ndimage
 

@@ -27,7 +27,7 @@ class StainedSpot(msgspec.Struct, frozen=True, kw_only=True):
     grain: GaussianAbsorber = GaussianAbsorber()
 
     def draw(self, marker: Absorber, rng: np.random.Generator) -> list[Absorber]:
-        """Absorbers of a spot: the centroid of the absorbed energy is the marker's place, their sum its strength."""
+        """Return the absorbers of a spot, whose centroid is the marker's place and whose sum its strength."""
         if self.count == 1:
             return [structs.replace(marker, source=self.grain)]
         # Uniform over the disc: equal areas lie between equal steps of the squared radius.
@@ -65,7 +65,7 @@ _FINE = GaussianAbsorber(radius_m=0.08e-3)
 
 
 def _background(strength: float) -> Clutter:
-    """Weak absorbers in the slab of tissue, which begins behind the gel pad."""
+    """Return the weak absorbers in the slab of tissue, which begins behind the gel pad."""
     return Clutter(count=8, strength=strength, nearest_m=58e-3, farthest_m=75e-3, half_length_m=25e-3)
 
 
@@ -102,7 +102,7 @@ TISSUES: dict[str, Tissue] = {
 
 
 def tissue_named(name: str) -> Tissue:
-    """Parameter set of a simulated material.
+    """Return the parameter set of a simulated material.
 
     ``name``: one of `TISSUES`.
     """

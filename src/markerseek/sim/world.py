@@ -37,7 +37,7 @@ class VirtualClock:
         self._now_s = 0.0
 
     def now_s(self) -> float:
-        """Virtual seconds since the clock was made."""
+        """Return the virtual seconds since the clock was made."""
         return self._now_s
 
     def wait(self, duration_s: float) -> None:
@@ -82,14 +82,14 @@ class Flash:
 
 
 def flash_of(rng: np.random.Generator, *, pulses: int, at_s: float, energy_jitter: float) -> Flash:
-    """A flash with the mean energy of this number of pulses, each with its jitter."""
+    """Return a flash with the mean energy of this number of pulses, each with its jitter."""
     # The mean of n independent pulses scatters by 1/sqrt(n) of one; a draw below 0 would be light of negative energy.
     energy = 1.0 + energy_jitter * rng.standard_normal() / np.sqrt(pulses)
     return Flash(at_s=at_s, pulses=pulses, energy=max(energy, 0.0))
 
 
 def noise_gain(averaged: int | None, flash: Flash) -> float:
-    """Noise of a frame of this flash over that of an average of so many pulses; 1 where None."""
+    """Return the noise of a frame of this flash over that of an average of so many pulses; 1 where None."""
     return 1.0 if averaged is None else math.sqrt(averaged / flash.pulses)
 
 
@@ -103,7 +103,7 @@ class SimulatedWorld(Protocol):
         """Light the tissue."""
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> Frame:
-        """Frame after a flash, or without one, with this header."""
+        """Return the frame after a flash, or without one, with this header."""
 
 
 class World:
@@ -149,7 +149,7 @@ class World:
         self.flashes.append(flash_of(self._rng, pulses=pulses, at_s=at_s, energy_jitter=self._energy_jitter))
 
     def is_lit(self, from_s: float, until_s: float) -> bool:
-        """Whether a pulse was fired after one time of the rig's clock, and until another."""
+        """Return whether a pulse was fired after one time of the rig's clock, and until another."""
         for flash in reversed(self.flashes):
             last_s = flash.at_s + (flash.pulses - 1) * self._pulse_period_s
             if last_s <= from_s:
@@ -160,11 +160,13 @@ class World:
         return False
 
     def frame(self, flash: Flash | None, *, header: FrameHeader) -> ChannelFrame:
-        """Frame of channel data after a flash; after none, noise alone."""
+        """Return the frame of channel data after a flash; after none, noise alone."""
         return ChannelFrame(header=header, samples=self.counts(flash), sampling_hz=self.model.sampling_hz)
 
     def counts(self, flash: Flash | None) -> Int16[np.ndarray, "channels samples"]:
-        """Averaged channel data in counts, shape (channels, samples), after a flash; after none, noise alone.
+        """Return the averaged channel data in counts, shape (channels, samples), after a flash.
+
+        After none, noise alone.
 
         The average is rounded and held at full scale once, as if one trigger with the average's noise had been taken.
         """
@@ -179,7 +181,7 @@ class World:
         return digitise(data)
 
     def _lit(self, flash: Flash) -> Float32[np.ndarray, "channels samples"]:
-        """Channel data of the absorbers without noise, where the tissue is at the pulses of a flash."""
+        """Return the channel data of the absorbers without noise, where the tissue is at the pulses of a flash."""
         if not self.motion.moves:
             return _without_noise(self.model, self._absorbers, self.angle_deg)
         moments = moments_s(self.motion, first_s=flash.at_s, pulses=flash.pulses, period_s=self._pulse_period_s)
@@ -194,7 +196,10 @@ class World:
 def _without_noise(
     model: AcousticModel, absorbers: tuple[Absorber, ...], angle_deg: float
 ) -> Float32[np.ndarray, "channels samples"]:
-    """Channel data of the absorbers; cached, because studies search worlds in turn that differ in their noise alone."""
+    """Return the channel data of the absorbers.
+
+    Cached, because studies search worlds in turn that differ in their noise alone.
+    """
     data = model.channel_data(absorbers, angle_deg=angle_deg)
     # All callers share the cached array.
     data.flags.writeable = False

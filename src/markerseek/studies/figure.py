@@ -30,7 +30,7 @@ def error_figure(
     *,
     bounds: Mapping[int, tuple[Sequence[int], Sequence[float]]] = MappingProxyType({}),
 ) -> Figure:
-    """Figure of the mean errors of all searches, whatever their answer, with 95 % intervals.
+    """Return the figure of the mean errors of all searches, whatever their answer, with 95 % intervals.
 
     A policy with marks has a point at each mark up to its number of acquisitions; policies that differ only in that
     number and have no marks below it share a line. Points without a line at one number are spread around it.
@@ -68,7 +68,7 @@ def error_figure(
 
 
 def _lines(study: Study, summary: Summary, cell: int) -> dict[str, dict[int, Mean]]:
-    """Means by number of acquisitions, rising, of each line of a cell by its label."""
+    """Return the means by number of acquisitions, rising, of each line of a cell by its label."""
     lines: dict[str, dict[int, Mean]] = {}
     for each in summary.policies:
         if each.cell == cell:
@@ -99,13 +99,13 @@ def _offsets(lines: Sequence[Sequence[int]]) -> list[float]:
 
 
 def _markers(runs: Sequence[tuple[Study, Summary]]) -> str:
-    """Markers behind each point, from the fewest to the most."""
+    """Return the markers behind each point, from the fewest to the most."""
     counts = sorted({policy.trials for _, summary in runs for policy in summary.policies})
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
 
 
 def _name(label: str, policy: StudyPolicy) -> str:
-    """Label of a policy without its number of acquisitions, and without the usual "no early end"."""
+    """Return the label of a policy without its number of acquisitions, and without the usual "no early end"."""
     name = label.replace(f", {policy.most}", "", 1).replace(", no early end", "")
     return f"{name}, with early end" if policy.plan.method == "posterior" and policy.plan.early_end else name
 

@@ -103,7 +103,7 @@ class StudyPolicy(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def study_policy(**keys: object) -> StudyPolicy:
-    """One policy of a study from its keys: those of a plan that a person chooses, and its own.
+    """Return one policy of a study from its keys: those of a plan that a person chooses, and its own.
 
     Raises `ConfigError` as a plan does.
 

@@ -133,7 +133,7 @@ def _add_rows(study: Study, path: Path, workers: int | None, progress: Callable[
 
 
 def _whole_trials(table: IO[bytes], study: Study) -> int:
-    """Number of whole trials in an unfinished table; what a kill has left behind them is cut off."""
+    """Return the number of whole trials in an unfinished table; what a kill has left behind them is cut off."""
     head = as_csv([columns(study)])
     table.seek(0)
     end = trials = 0
@@ -155,7 +155,7 @@ def _whole_trials(table: IO[bytes], study: Study) -> int:
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Errors of the disk as `RecordError`."""
+    """Yield the errors of the disk as `RecordError`."""
     try:
         yield
     except OSError as problem:
@@ -179,12 +179,12 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def columns(study: Study) -> tuple[str, ...]:
-    """Names of the columns of a study's table."""
+    """Return the names of the columns of a study's table."""
     return _COLUMNS + tuple(axis.key for axis in study.vary)
 
 
 def as_csv(lines: Iterable[Sequence[object]]) -> bytes:
-    """Lines of a table, each a sequence of values."""
+    """Return the lines of a table, each a sequence of values."""
     text = io.StringIO()
     # The default of the csv module is CRLF, on every system.
     csv.writer(text, lineterminator="\n").writerows([[_field(value) for value in line] for line in lines])
@@ -192,12 +192,12 @@ def as_csv(lines: Iterable[Sequence[object]]) -> bytes:
 
 
 def values_of(row: Row) -> tuple[object, ...]:
-    """Values of a row in the order of `columns`."""
+    """Return the values of a row in the order of `columns`."""
     return tuple(getattr(row, name) for name in _COLUMNS) + tuple(value for _, value in row.settings)
 
 
 def chunks(study: Study, *, first: int = 0) -> Iterator[range]:
-    """Trials of each chunk from the first on, counted through all cells."""
+    """Return the trials of each chunk from the first on, counted through all cells."""
     trials = range(first, len(cells(study)) * study.trials)
     # Whole trials: the policies of a trial share its curve, which is cached.
     size = max(1, _CHUNK_ROWS[study.level] // len(study.policies))
@@ -205,7 +205,7 @@ def chunks(study: Study, *, first: int = 0) -> Iterator[range]:
 
 
 def run_chunk(study: Study, trials: range) -> bytes:
-    """Lines of the rows of some trials in the table, the same in any process."""
+    """Return the lines of the rows of some trials in the table, the same in any process."""
     everything = cells(study)
     rows = (
         run_trial(study, everything[place // study.trials], place % study.trials, policy)
@@ -216,7 +216,7 @@ def run_chunk(study: Study, trials: range) -> bytes:
 
 
 def read_rows(path: Path, study: Study) -> Iterator[Row]:
-    """Rows of a table, one after another."""
+    """Yield the rows of a table, one after another."""
     try:
         with (
             open_input(path, most_bytes=_MAX_TABLE_BYTES) as file,

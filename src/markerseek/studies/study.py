@@ -176,7 +176,7 @@ def _digest(study: Study) -> str:
 
 @lru_cache(maxsize=32)
 def cells(study: Study) -> tuple[Cell, ...]:
-    """Cells of a study: every combination of its varied settings, the last key changing fastest."""
+    """Return the cells of a study: every combination of its varied settings, the last key changing fastest."""
     made = []
     for index, values in enumerate(itertools.product(*(axis.values for axis in study.vary))):
         world = CellWorld(curve=study.curve, rig=study.rig, scene=study.scene)
@@ -197,7 +197,7 @@ def cells(study: Study) -> tuple[Cell, ...]:
 
 
 def _hashable(world: CellWorld) -> dict[str, typing.Any]:
-    """Settings of a world for the seed of its trials: without an empty scene, and without stated noise."""
+    """Return the settings of a world for the seed of its trials: without an empty scene, and without stated noise."""
     settings: dict[str, typing.Any] = msgspec.to_builtins(world) | {
         "rig": hashable_values(world.rig),
         "scene": _scene_values(world.scene),
@@ -210,7 +210,7 @@ def _hashable(world: CellWorld) -> dict[str, typing.Any]:
 
 
 def _scene_values(scene: SceneSettings) -> dict[str, typing.Any]:
-    """Settings of a scene for a hash, as of `hashable_values`: still tissue is newer than the hashes."""
+    """Return the settings of a scene for a hash, as of `hashable_values`: still tissue is newer than the hashes."""
     values: dict[str, typing.Any] = msgspec.to_builtins(scene)
     if scene.breathing is None:
         del values["breathing"]
@@ -275,7 +275,7 @@ T = typing.TypeVar("T", bound=msgspec.Struct)
 
 
 def _changed(settings: T, key: str, value: Value, *, prefix: str) -> T:
-    """The settings with one of them set; the value is checked against its type.
+    """Return the settings with one of them set; the value is checked against its type.
 
     ``prefix``: what stands before the key in messages.
     """
@@ -297,7 +297,7 @@ def _hashed(value: object) -> hashlib._Hash:
 
 
 def read_study(path: Path) -> Study:
-    """Study of a TOML file.
+    """Return the study of a TOML file.
 
     Its keys are the fields of `Study`. ``[vary]`` has lists under dotted keys; a list as ``acquisitions`` of a policy
     makes one policy of each number; the word ``"none"`` is the value None.
@@ -322,7 +322,7 @@ def _tables(entries: object) -> list[dict[str, object]]:
 
 
 def _policies(entry: dict[str, object]) -> list[StudyPolicy]:
-    """One policy for each number of acquisitions."""
+    """Return one policy for each number of acquisitions."""
     numbers = entry.get("acquisitions", "none")
     if numbers == []:
         raise ConfigError(f"policies: acquisitions of {entry.get('method')} is an empty list; give at least one")
@@ -333,7 +333,7 @@ def _policies(entry: dict[str, object]) -> list[StudyPolicy]:
 
 
 def _flat(table: object, prefix: str = "") -> list[tuple[str, list[object]]]:
-    """Dotted keys of nested tables, with their lists."""
+    """Return the dotted keys of nested tables, with their lists."""
     if not isinstance(table, Mapping):
         raise ConfigError("vary must be a table of lists, headed [vary]")
     found: list[tuple[str, list[object]]] = []

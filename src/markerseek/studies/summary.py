@@ -37,7 +37,7 @@ class Mean(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Mean:
-        """Mean of a sample."""
+        """Return the mean of a sample."""
         count = len(values)
         mean = float(np.mean(values)) if count else None
         if mean is None or count < 2:
@@ -63,14 +63,14 @@ class Share(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, hits: int, count: int) -> Share:
-        """Share of hits."""
+        """Return the share of hits."""
         if count == 0:
             return cls(hits=0, count=0, share=None, interval95=None)
         return cls(hits=hits, count=count, share=hits / count, interval95=clopper_pearson(hits, count))
 
 
 def clopper_pearson(hits: int, count: int) -> tuple[float, float]:
-    """Exact 95 % interval of the probability of a hit."""
+    """Return the exact 95 % interval of the probability of a hit."""
     # The quantiles of the beta distribution themselves. `scipy.stats.binomtest` searches for the same limits with an
     # absolute tolerance of 2e-12, and importing it takes 0.4 s, in each worker of a study.
     tail = (1 - CONFIDENCE) / 2
@@ -156,7 +156,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summarise(study: Study, rows: Iterable[Row]) -> Summary:
-    """Summary of a study's rows.
+    """Return the summary of a study's rows.
 
     ``rows``: in the order of the table: a trial's policies one after another.
     """
@@ -191,7 +191,7 @@ def summarise(study: Study, rows: Iterable[Row]) -> Summary:
 
 
 def compared_pairs(policies: tuple[StudyPolicy, ...]) -> list[tuple[int, int]]:
-    """Pairs of policies that are compared, by their numbers; see `ALL_PAIRS`."""
+    """Return the pairs of policies that are compared, by their numbers; see `ALL_PAIRS`."""
     pairs = combinations(range(len(policies)), 2)
     if len(policies) <= ALL_PAIRS:
         return list(pairs)
@@ -199,13 +199,13 @@ def compared_pairs(policies: tuple[StudyPolicy, ...]) -> list[tuple[int, int]]:
 
 
 def _apart(one: list[Row], other: list[Row]) -> list[float]:
-    """Differences of the errors of two policies, trial by trial."""
+    """Return the differences of the errors of two policies, trial by trial."""
     errors = ((_found_error(row), _found_error(beside)) for row, beside in zip(one, other, strict=True))
     return [a - b for a, b in errors if a is not None and b is not None]
 
 
 def _summary(cell: Cell, number: int, policy: StudyPolicy, rows: Sequence[Row], *, marks: int) -> PolicySummary:
-    """Summary of one policy in one cell."""
+    """Return the summary of one policy in one cell."""
     marked = [row for row in rows if row.truth_deg is not None]
     return PolicySummary(
         cell=cell.index,
@@ -248,25 +248,25 @@ def _two_sources(rows: Sequence[Row]) -> TwoSources | None:
 
 
 def _share(rows: Iterable[Row], holds: Callable[[Row], bool]) -> Share:
-    """Share of the rows for which something holds."""
+    """Return the share of the rows for which something holds."""
     hits = [holds(row) for row in rows]
     return Share.of(sum(hits), len(hits))
 
 
 def _known(values: Iterable[float | None]) -> list[float]:
-    """The values that are known."""
+    """Return the values that are known."""
     return [value for value in values if value is not None]
 
 
 def _is_wrong_claim(row: Row) -> bool:
-    """Whether a search found, and its error is beyond the tolerances of a claim, or unknown."""
+    """Return whether a search found, and its error is beyond the tolerances of a claim, or unknown."""
     # Not ">": an error of NaN must count as a failure.
     within = row.error_deg is not None and row.error_deg <= CLAIM_TOLERANCES * row.tolerance_deg
     return row.answer == "found" and not within
 
 
 def _covers(row: Row) -> bool:
-    """Whether the 95 % interval holds the truth."""
+    """Return whether the 95 % interval holds the truth."""
     low_deg = row.low_deg
     truth_deg = row.truth_deg
     high_deg = row.high_deg
@@ -274,5 +274,5 @@ def _covers(row: Row) -> bool:
 
 
 def _found_error(row: Row) -> float | None:
-    """Error of a search that found; None for any other."""
+    """Return the error of a search that found; None for any other."""
     return row.error_deg if row.answer == "found" else None

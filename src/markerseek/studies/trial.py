@@ -169,7 +169,7 @@ def run_trial(study: Study, cell: Cell, trial: int, policy: int) -> Row:
 
 
 def _radius_m(study: Study, cell: Cell, draw: Draw) -> float | None:
-    """Distance of the marker from the axis in metres; None for intensities alone, which do not say it."""
+    """Return the distance of the marker from the axis in metres; None for intensities alone, which do not say it."""
     if study.level == "curves":
         return None
     return cell.world.rig.marker.radius_m if draw.unknowns is None else draw.unknowns.marker.radius_m
@@ -187,7 +187,7 @@ def trial_prior_curve(study: Study, cell: Cell, trial: int, settings: StudyPolic
 
 
 def _angle_prior(study: Study, cell: Cell, trial: int, settings: StudyPolicy, rig: rigs.Rig) -> AnglePrior | None:
-    """The prior over the angle of a trial; None if none is asked for, or there is no marker."""
+    """Return the prior over the angle of a trial; None if none is asked for, or there is no marker."""
     sigma_deg = settings.near_sigma_deg
     truth_deg = rig.facts.truth_deg
     if sigma_deg is None or truth_deg is None:
@@ -286,7 +286,7 @@ def _search(
     prior: MarkerCurve | None = None,
     near: AnglePrior | None = None,
 ) -> SearchTrace:
-    """One search with its answers at the marks; `DeviceError` if a device ended it."""
+    """Return one search with its answers at the marks; `DeviceError` if a device ended it."""
     devices = rig.scanner.sweeping if settings.plan.sweep else None
     policy = build_policy(
         settings,

@@ -136,7 +136,7 @@ def draw_unknowns(
 
 
 def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> SimulatedSettings:
-    """The settings with what a sweep does not know of stage and laser, drawn."""
+    """Return the settings with what a sweep does not know of stage and laser, drawn."""
     laser = structs.replace(
         settings.laser,
         stamp_delay_s=float(rng.uniform(*STAMP_DELAY_S)),
@@ -150,7 +150,7 @@ def with_timing(settings: SimulatedSettings, rng: np.random.Generator) -> Simula
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number that is evenly spread in its logarithm."""
+    """Return a number that is evenly spread in its logarithm."""
     return math.exp(rng.uniform(math.log(low), math.log(high)))
 
 
@@ -321,7 +321,7 @@ def _second(settings: SecondSource, rng: np.random.Generator, *, marker: Absorbe
 
 
 def _clutter(settings: ClutterAround, rng: np.random.Generator) -> tuple[Absorber, ...]:
-    """Clutter in the volume in which markers are drawn, and 25° beyond the range on either side."""
+    """Return the clutter in the volume in which markers are drawn, and 25° beyond the range on either side."""
     nearest_m, farthest_m = MARKER_RADIUS_M
     around = Clutter(count=settings.count, strength=1.0, nearest_m=nearest_m, farthest_m=farthest_m).draw(rng)
     loudest_db = float(rng.uniform(settings.least_db, settings.most_db))

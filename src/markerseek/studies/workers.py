@@ -27,13 +27,13 @@ DoneT = TypeVar("DoneT")
 
 
 def default_workers() -> int:
-    """Cores that this process may use."""
+    """Return the cores that this process may use."""
     # `os.cpu_count` also counts cores that a container or a batch system withholds.
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_order(function: Callable[[Job], DoneT], jobs: Iterable[Job], *, workers: int | None = None) -> Generator[DoneT]:
-    """Result of each job, in their order; closing the iterator ends the processes.
+    """Yield the result of each job, in their order; closing the iterator ends the processes.
 
     ``function``: a function of a module, or `functools.partial` of one, which other processes can import.
     ``workers``: number of processes; 1 computes in this one, None is `default_workers`.

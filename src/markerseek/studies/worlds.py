@@ -106,7 +106,7 @@ def draw_trial(study: Study, cell: Cell, trial: int) -> Draw:
 
 
 def _draw_position(rng: np.random.Generator, search: Interval) -> tuple[float, float]:
-    """Angle of a marker in degrees, and its lateral position in metres."""
+    """Return the angle of a marker in degrees, and its lateral position in metres."""
     return float(rng.uniform(search.low_deg, search.high_deg)), float(rng.uniform(-LATERAL_M, LATERAL_M))
 
 
@@ -178,7 +178,7 @@ def hidden_noise(study: Study, cell: Cell, draw: Draw, *, sweep: bool) -> str | 
 
 
 def _drawn_settings(study: Study, settings: SimulatedSettings, unknowns: Unknowns) -> SimulatedSettings:
-    """The settings with what is drawn of them."""
+    """Return the settings with what is drawn of them."""
     settings = structs.replace(settings, probe=unknowns.model.probe)
     if study.sweeps:
         # The peak SNR is that of an average of as many pulses as the rig's file names: of one, it must not be drawn.
@@ -187,7 +187,7 @@ def _drawn_settings(study: Study, settings: SimulatedSettings, unknowns: Unknown
 
 
 def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, draw: Draw) -> rigs.Rig:
-    """Rig with everything drawn."""
+    """Return the rig with everything drawn."""
     rng = np.random.default_rng(draw.noise_seed)
     settings = _drawn_settings(study, settings, unknowns)
     if draw.scene.motion is not None:
@@ -204,7 +204,7 @@ def _drawn_rig(study: Study, settings: SimulatedSettings, unknowns: Unknowns, dr
 
 
 def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, rng: np.random.Generator) -> Scene:
-    """Marker, tissue and what is beside them, in counts; every other source as strong as it was drawn.
+    """Return the marker, tissue and what is beside them, in counts; every other source as strong as it was drawn.
 
     The gain is that of the marker alone, lowered where another source would exceed full scale.
     """
@@ -234,7 +234,7 @@ def _scene(unknowns: Unknowns, settings: SimulatedSettings, beside: DrawnScene, 
 
 
 def _scaled_to_level(source: Absorber, model: AcousticModel, *, marker_peak: float) -> Absorber:
-    """The source, scaled so that its peak in the image is the drawn ratio of the marker's."""
+    """Return the source, scaled so that its peak in the image is the drawn ratio of the marker's."""
     peak = image_peak([structs.replace(source, strength=1.0)], model, angle_deg=source.angle_deg)
     return structs.replace(source, strength=source.strength * marker_peak / peak)
 
@@ -242,7 +242,7 @@ def _scaled_to_level(source: Absorber, model: AcousticModel, *, marker_peak: flo
 def intensity_curve(
     curve: CurveSettings, rig: SimulatedSettings, *, seed: int, draw: int = 0
 ) -> tuple[IntensityCurve | None, int]:
-    """Noise-free curve of a world over the angle off the marker, and the independent cells of its images.
+    """Return the noise-free curve of a world over the angle off the marker, and the independent cells of its images.
 
     An acoustic curve is computed once for settings with the same curve, and cached; the marker is at the middle
     of the array. None is a closed form without a marker.
@@ -264,7 +264,7 @@ def intensity_curve(
 
 
 def _same_curve(rig: SimulatedSettings) -> SimulatedSettings:
-    """The settings with everything that does not change the curve at its default: the key of the cache."""
+    """Return the settings with everything that does not change the curve at its default: the key of the cache."""
     return SimulatedSettings(
         tissue=rig.tissue,
         marker=structs.replace(rig.marker, angle_deg=0.0, lateral_m=0.0),

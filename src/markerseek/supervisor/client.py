@@ -94,7 +94,7 @@ class Supervisor(Closing):
         return self._process.pid
 
     def port(self, name: str) -> SupervisedPort:
-        """The line of that name."""
+        """Return the line of that name."""
         try:
             return self._ports[name]
         except KeyError:

@@ -46,7 +46,7 @@ _KINDS = {int(kind): kind for kind in Kind}
 
 
 def packed(kind: Kind, data: bytes = b"", *, line: int = 0) -> bytes:
-    """One message as bytes, with the number of the line where it belongs to one.
+    """Return one message as bytes, with the number of the line where it belongs to one.
 
     Raises `DeviceError` if there are more than `MAX_BYTES`.
     """
@@ -56,12 +56,12 @@ def packed(kind: Kind, data: bytes = b"", *, line: int = 0) -> bytes:
 
 
 def packed_beat(step: int) -> bytes:
-    """A beat, which carries the control loop's step."""
+    """Return a beat, which carries the control loop's step."""
     return packed(Kind.BEAT, _STEP.pack(step))
 
 
 def step_of(data: bytes) -> int:
-    """Step that a message carries.
+    """Return the step that a message carries.
 
     Raises `DeviceError` if it carries none.
     """
@@ -71,7 +71,7 @@ def step_of(data: bytes) -> int:
 
 
 def unpacked(buffer: bytearray) -> Iterator[tuple[Kind, int, bytes]]:
-    """Kind, line and bytes of each whole message, which is taken out of the buffer.
+    """Yield the kind, line and bytes of each whole message, which is taken out of the buffer.
 
     Raises `DeviceError` if what comes next is no message.
     """

@@ -38,7 +38,7 @@ class _OpenLine(Protocol):
 
 
 def _opened(line: Line) -> _OpenLine:
-    """The line, opened for this process alone, whose reads and writes never block.
+    """Return the line, opened for this process alone, whose reads and writes never block.
 
     Raises `NotConnectedError` if it cannot be opened, or another program has it.
     """

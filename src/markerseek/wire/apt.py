@@ -100,7 +100,7 @@ class AptFramer:
         self._held = bytearray()
 
     def feed(self, data: bytes) -> list[AptMessage]:
-        """Messages that are complete with these bytes; what cannot be one is discarded."""
+        """Return the messages that are complete with these bytes; what cannot be one is discarded."""
         held = self._held
         held += data
         messages = []
@@ -124,7 +124,7 @@ class AptFramer:
         self._held.clear()
 
     def _size(self, at: int) -> int | None:
-        """Length of the message that begins here; None if none does."""
+        """Return the length of the message that begins here; None if none does."""
         ident, length, to, _source = _HEADER.unpack_from(self._held, at)
         # Known identity, own address and a length that belongs to it: together they stand in for the checksum.
         lengths = self._forms.get(ident)
@@ -268,22 +268,22 @@ ControllerAnswer = Info | Velocity | SoftLimits | Status | Counts | TriggerPorts
 
 
 def counts_of(angle_deg: float) -> int:
-    """Encoder counts of an angle in degrees, rounded."""
+    """Return the encoder counts of an angle in degrees, rounded."""
     return _word(angle_deg * COUNTS_PER_DEG, f"{angle_deg} deg")
 
 
 def degrees_of(counts: int) -> float:
-    """Angle in degrees of a number of encoder counts."""
+    """Return the angle in degrees of a number of encoder counts."""
     return counts / COUNTS_PER_DEG
 
 
 def speed_word(speed_deg_s: float) -> int:
-    """Word for a speed in degrees per second, rounded."""
+    """Return the word for a speed in degrees per second, rounded."""
     return _word(speed_deg_s * SPEED_WORD, f"{speed_deg_s} deg/s")
 
 
 def acceleration_word(acceleration_deg_s2: float) -> int:
-    """Word for an acceleration in degrees per second squared, rounded."""
+    """Return the word for an acceleration in degrees per second squared, rounded."""
     return _word(acceleration_deg_s2 * ACCELERATION_WORD, f"{acceleration_deg_s2} deg/s^2")
 
 
@@ -298,13 +298,13 @@ def _short(ident: int, first: int = 0, second: int = 0) -> bytes:
 
 
 def _set(answer: int, *values: int) -> bytes:
-    """Message that sets what an answer says: its identity is lower by two."""
+    """Return the message that sets what an answer says: its identity is lower by two."""
     data = _DATA[answer].pack(CHANNEL, *values)
     return struct.pack("<HHBB", answer - 2, len(data), CONTROLLER | 0x80, HOST) + data
 
 
 def ask(answer: int) -> bytes:
-    """Request of an answer, whose identity is lower by one."""
+    """Return the request of an answer, whose identity is lower by one."""
     return _short(answer - 1, 0 if answer == INFO else CHANNEL)
 
 
@@ -354,7 +354,7 @@ def stop(*, profiled: bool = False) -> bytes:
 
 
 def decode(message: AptMessage) -> ControllerAnswer | None:
-    """Content of an answer; None if no request of this module asks for it.
+    """Return the content of an answer; None if no request of this module asks for it.
 
     Raises `DeviceError` if it is of another channel, or no controller can have sent it.
     """

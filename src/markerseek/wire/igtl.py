@@ -228,12 +228,12 @@ _UTF8 = 106
 
 
 def _character_set(text: str) -> int:
-    """Number of the character set of a text: that of ASCII if that suffices."""
+    """Return the number of the character set of a text: that of ASCII if that suffices."""
     return _ASCII if text.isascii() else _UTF8
 
 
 def _text_of(data: bytes, number: int) -> str:
-    """Text in a character set; `ConfigError` or UnicodeDecodeError if the bytes are no such text."""
+    """Return the text in a character set; `ConfigError` or UnicodeDecodeError if the bytes are no such text."""
     # The end of a C string, which many programs send too.
     stripped = data.rstrip(b"\0")
     if number in (_ASCII, _UTF8):
@@ -243,7 +243,7 @@ def _text_of(data: bytes, number: int) -> str:
 
 
 def _pack(content: Content, *, version: int) -> bytes:
-    """A content as bytes, for a header of that version."""
+    """Return a content as bytes, for a header of that version."""
     match content:
         case Transform():
             matrix = np.full((4, 4), np.nan) if content.matrix is None else content.matrix
@@ -277,7 +277,7 @@ def _point(point: Point) -> bytes:
 
 
 def _unpack(kind: str, content: bytes) -> Content:
-    """Content of a message of that type; `ConfigError` or UnicodeDecodeError if its bytes are not."""
+    """Return the content of a message of that type; `ConfigError` or UnicodeDecodeError if its bytes are not."""
     known = _UNPACK.get(kind)
     return Other(kind=kind) if known is None else known(content)
 
@@ -362,7 +362,7 @@ def _c_text(data: bytes) -> str:
 
 
 def _head(form: struct.Struct, content: bytes) -> tuple[Any, ...]:
-    """Fields at the beginning of a content."""
+    """Return the fields at the beginning of a content."""
     if len(content) < form.size:
         raise ConfigError(f"{len(content)} bytes, its head alone has {form.size}")
     return form.unpack_from(content)
@@ -392,12 +392,12 @@ _PLAIN = {"header_version": 1, "message_type": "", "device_name": "", "timestamp
 
 
 def _by_pyigtl(message: Any) -> bytes:
-    """Content of a message, without the header that pyigtl makes."""
+    """Return the content of a message, without the header that pyigtl makes."""
     return bytes(message.pack()[HEADER_BYTES:])
 
 
 def _crc(body: bytes) -> int:
-    """Checksum of a body (CRC-64 of ECMA-182, as in the standard)."""
+    """Return the checksum of a body (CRC-64 of ECMA-182, as in the standard)."""
     return int(_pyigtl().messages.CRC64(body))
 
 
@@ -454,7 +454,7 @@ class Message:
 
 
 def encode(message: Message) -> bytes:
-    """A message as bytes, with its checksum."""
+    """Return a message as bytes, with its checksum."""
     body = _pack(message.content, version=message.version)
     if message.version > 1:
         index, data = _metadata(message.metadata)
@@ -473,7 +473,7 @@ def encode(message: Message) -> bytes:
 
 
 def asks_for_metadata() -> bytes:
-    """A message after which a PLUS server sends header version 2, with metadata; it sends version 1 before.
+    """Return a message after which a PLUS server sends header version 2, with metadata; it sends version 1 before.
 
     PlusServer answers each client in the highest version that came from it, and takes a STATUS for a sign of life.
     """
@@ -481,7 +481,7 @@ def asks_for_metadata() -> bytes:
 
 
 def decode_header(data: bytes, *, most_bytes: int) -> Header:
-    """Header of a message, checked before its body is awaited.
+    """Return the header of a message, checked before its body is awaited.
 
     ``data``: the first `HEADER_BYTES` bytes. ``most_bytes``: most bytes that its body may have.
     """
@@ -503,7 +503,7 @@ def decode_header(data: bytes, *, most_bytes: int) -> Header:
 
 
 def decode(header: Header, body: bytes) -> Message:
-    """The message with that header and body.
+    """Return the message with that header and body.
 
     Raises `DeviceError` if the checksum does not fit, a length is wrong, or a number is not finite; the message says
     which.
@@ -528,7 +528,7 @@ def decode(header: Header, body: bytes) -> Message:
 
 
 def is_emulated_server(header: Header, body: bytes) -> bool:
-    """Whether a STATUS says that its server is an emulator; errors as of `decode`."""
+    """Return whether a STATUS says that its server is an emulator; errors as of `decode`."""
     said = decode(header, body).content
     return isinstance(said, Status) and said.message == EMULATOR
 
@@ -545,7 +545,7 @@ class Framer:
         self._header: Header | None = None
 
     def feed(self, data: bytes) -> Iterator[tuple[Header, bytes]]:
-        """Header and body of each message that is complete with these bytes; errors as of `decode_header`."""
+        """Yield the header and body of each message that is complete with these bytes; errors as of `decode_header`."""
         self._received += data
         while True:
             if self._header is None:
@@ -573,7 +573,7 @@ def _name(field_: bytes, what: str) -> str:
 
 
 def _metadata(values: Mapping[str, str]) -> tuple[bytes, bytes]:
-    """Table of contents of the metadata, and the metadata."""
+    """Return the table of contents of the metadata, and the metadata."""
     index = struct.pack(">H", len(values))
     data = b""
     for key, value in values.items():
@@ -585,7 +585,7 @@ def _metadata(values: Mapping[str, str]) -> tuple[bytes, bytes]:
 
 
 def _without_metadata(body: bytes, what: str) -> tuple[bytes, dict[str, str]]:
-    """Content and metadata of a body with an extended header."""
+    """Return the content and metadata of a body with an extended header."""
     if len(body) < _EXTENDED.size:
         raise DeviceError(f"{what}: {len(body)} bytes are too few for an extended header")
     start, index_bytes, data_bytes, _ = _EXTENDED.unpack_from(body)

@@ -252,13 +252,13 @@ Reply: TypeAlias = Greeting | Permitted | SweepPermitted | Stamped | Dark | Time
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/CCITT-FALSE of the bytes."""
+    """Return the CRC-16/CCITT-FALSE of the bytes."""
     # CPython's crc_hqx is this polynomial without reflection; only the start value 0xFFFF must be given.
     return binascii.crc_hqx(data, 0xFFFF)
 
 
 def encode(message: Command | Reply) -> bytes:
-    """Line of a command or a reply, with its end."""
+    """Return the line of a command or a reply, with its end."""
     # Parsed again before it is sent, so that one set of rules holds for both ends.
     words = _words(message)
     if _parsed(words, (type(message),)) != message:
@@ -268,7 +268,7 @@ def encode(message: Command | Reply) -> bytes:
 
 
 def decode_command(line: bytes) -> Command | Refusal:
-    """Command of a line without its end, or the refusal with which a box must answer."""
+    """Return the command of a line without its end, or the refusal with which a box must answer."""
     text = _checked(line)
     if text is None:
         return Refusal(reason="CRC")
@@ -277,7 +277,7 @@ def decode_command(line: bytes) -> Command | Refusal:
 
 
 def decode_reply(line: bytes) -> Reply:
-    """Reply of a line without its end."""
+    """Return the reply of a line without its end."""
     text = _checked(line)
     reply: Reply | None = None if text is None else _parsed(text.split(" "), get_args(Reply))
     if reply is None:
@@ -294,7 +294,7 @@ class Lines:
         self._too_long = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Lines completed by these bytes, without their ends."""
+        """Return the lines completed by these bytes, without their ends."""
         *complete, rest = (self._rest + data).split(b"\n")
         # A board whose console ends its lines with CR LF ends ours so, too.
         lines = [b"" if len(line) >= LINE_BYTES else line.removesuffix(b"\r") for line in complete]
@@ -307,7 +307,7 @@ class Lines:
 
 
 def _checked(line: bytes) -> str | None:
-    """Text of a line whose CRC fits, else None."""
+    """Return the text of a line whose CRC fits, else None."""
     text, star, crc = line.rpartition(b"*")
     if not star or crc != b"%04X" % crc16(text) or not text.isascii():
         return None
@@ -319,7 +319,7 @@ def _words(message: Command | Reply) -> list[str]:
 
 
 def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
-    """Message of one of these kinds: its head, then its fields in their order; None for other words."""
+    """Return the message of one of these kinds: its head, then its fields in their order; None for other words."""
     for kind in kinds:
         head = kind.head.split(" ")
         names = kind.__struct_fields__
@@ -334,7 +334,7 @@ def _parsed(words: list[str], kinds: tuple[Any, ...]) -> Any | None:
 
 
 def _fits(message: Command | Reply) -> bool:
-    """Whether the numbers of a permit, each in its range, fit one another."""
+    """Return whether the numbers of a permit, each in its range, fit one another."""
     match message:
         case PermitPulses():
             # In whole numbers, as the firmware computes it: a division would round differently.

@@ -53,7 +53,7 @@ class DaqHeader:
 
 
 def file_number(name: str) -> int | None:
-    """Number k of the channel file of that name, 0 to 127; None if it is no channel file."""
+    """Return the number k of the channel file of that name, 0 to 127; None if it is no channel file."""
     match = _NAME.fullmatch(name)
     if match is None or int(match[1]) >= CHANNEL_COUNT:
         return None
@@ -61,17 +61,17 @@ def file_number(name: str) -> int | None:
 
 
 def file_name(number: int) -> str:
-    """Name of the channel file k as SDK 6 and later give it; earlier ones write CH000-0000.daq."""
+    """Return the name of the channel file k as SDK 6 and later give it; earlier ones write CH000-0000.daq."""
     return f"CH{number:03d}.daq"
 
 
 def element_of_file(number: int) -> int:
-    """Element along the array whose sound is in file k, both counted from 0: 16 (k mod 8) + k div 8."""
+    """Return the element along the array whose sound is in file k, both counted from 0: 16 (k mod 8) + k div 8."""
     return 16 * (number % 8) + number // 8
 
 
 def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
-    """Header of a channel file, in whichever layout fits its size.
+    """Return the header of a channel file, in whichever layout fits its size.
 
     ``head``: first 12 bytes of the file. ``size``: size of the file in bytes. ``name``: name of the file, for the
     message and, if both layouts fit, for the decision. Raises `RecordError` if neither layout fits; the message names
@@ -106,7 +106,7 @@ def decode_header(head: bytes, *, size: int, name: str) -> DaqHeader:
 
 
 def unwritten(data: bytes, *, name: str) -> str:
-    """Why the end of a channel file is not its contents, but zeros that stand for them; empty if it is.
+    """Return why the end of a channel file is not its contents, but zeros that stand for them; empty if it is.
 
     A network share or a copy gives a file its size before its contents. A channel that is 0 everywhere is dead, and
     whole; so is one whose noise is less than a count, which is 0 nearly everywhere.
@@ -124,20 +124,23 @@ def unwritten(data: bytes, *, name: str) -> str:
 
 
 def encode_file(samples: Int16[np.ndarray, "frames samples"], *, number: int | None) -> bytes:
-    """Channel file with the given pulses; with a number in the layout of SDK 6 and later, without in the earlier."""
+    """Return the channel file with the given pulses.
+
+    With a number in the layout of SDK 6 and later, without in the earlier.
+    """
     frames, count = samples.shape
     head = struct.pack("<2i", frames, count) if number is None else struct.pack("<3i", number, frames, count)
     return head + samples.astype("<i2").tobytes()
 
 
 def decode_samples(body: bytes, header: DaqHeader) -> Int16[np.ndarray, "frames samples"]:
-    """Samples of a channel file, one row per pulse, from the bytes after the header."""
+    """Return the samples of a channel file, one row per pulse, from the bytes after the header."""
     # astype without a copy where the computer is little-endian, as nearly all are.
     return np.frombuffer(body, dtype="<i2").reshape(header.frames, header.samples).astype(np.int16, copy=False)
 
 
 def by_number(names: Iterable[str]) -> dict[int, str]:
-    """The channel files among these names by their number; `RecordError` if two are of one channel."""
+    """Return the channel files among these names by their number; `RecordError` if two are of one channel."""
     found: dict[int, str] = {}
     for name in names:
         number = file_number(name)
@@ -153,7 +156,7 @@ def by_number(names: Iterable[str]) -> dict[int, str]:
 
 
 def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "channels samples"], int]:
-    """Samples of all channels by element, averaged over the pulses, and the number of pulses.
+    """Return the samples of all channels by element, averaged over the pulses, and the number of pulses.
 
     ``files``: name and bytes of each channel file. Raises `RecordError` if they are not all of one acquisition.
     """
@@ -168,13 +171,13 @@ def averaged(files: Iterable[tuple[str, bytes]]) -> tuple[Int16[np.ndarray, "cha
 
 
 def mean_of(pulses: Int16[np.ndarray, ...]) -> Int16[np.ndarray, ...]:
-    """Mean over the first axis, that of the pulses, in whole counts."""
+    """Return the mean over the first axis, that of the pulses, in whole counts."""
     # In float64: the sum of many int16 pulses overflows int16.
     return np.asarray(np.rint(pulses.mean(axis=0, dtype=np.float64)), np.int16)
 
 
 def singles(files: Iterable[tuple[str, bytes]], *, pulses: int) -> Int16[np.ndarray, "pulses channels samples"]:
-    """Samples of each pulse, all channels by element.
+    """Return the samples of each pulse, all channels by element.
 
     ``files``: as of `averaged`. ``pulses``: how many they must hold. Raises `RecordError` as `averaged`, and if they
     hold another number, or more than `MAX_BURST_BYTES`.
@@ -198,7 +201,7 @@ def singles(files: Iterable[tuple[str, bytes]], *, pulses: int) -> Int16[np.ndar
 
 
 def _channels(files: Iterable[tuple[str, bytes]]) -> Iterator[tuple[int, Int16[np.ndarray, "frames samples"]]]:
-    """Element and pulses of each channel file; `RecordError` if they are not all of one acquisition."""
+    """Yield the element and pulses of each channel file; `RecordError` if they are not all of one acquisition."""
     first: DaqHeader | None = None
     for name, data in files:
         number = file_number(name)

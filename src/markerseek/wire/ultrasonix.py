@@ -53,7 +53,7 @@ class UltrasonixHeader:
 
 
 def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
-    """Header of a file, checked against its size.
+    """Return the header of a file, checked against its size.
 
     ``head``: first 76 bytes of the file. ``size``: size of the file in bytes. ``name``: name of the file, for the
     message. Raises `RecordError` if it is of another type, or its size is another; the message names what was found and
@@ -101,12 +101,12 @@ def decode_header(head: bytes, *, size: int, name: str) -> UltrasonixHeader:
 
 
 def decode_b_mode(body: bytes, header: UltrasonixHeader) -> UInt8[np.ndarray, "rows columns"]:
-    """B-mode image of one frame, from the bytes of its stride."""
+    """Return the B-mode image of one frame, from the bytes of its stride."""
     pixels = np.frombuffer(body, dtype=np.uint8, offset=_TAG_BYTES * header.tagged)
     return pixels.reshape(header.height, header.width)
 
 
 def decode_rf(body: bytes, header: UltrasonixHeader) -> Int16[np.ndarray, "lines samples"]:
-    """Radio-frequency lines of one frame, from the bytes of its stride."""
+    """Return the radio-frequency lines of one frame, from the bytes of its stride."""
     samples = np.frombuffer(body, dtype="<i2", offset=_TAG_BYTES * header.tagged)
     return samples.reshape(header.width, header.height).astype(np.int16, copy=False)

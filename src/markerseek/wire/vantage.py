@@ -41,7 +41,7 @@ class VantageFrame:
 
 
 def encode(frame: VantageFrame) -> bytes:
-    """Bytes of a frame."""
+    """Return the bytes of a frame."""
     channels, samples = frame.samples.shape
     probe = frame.probe.encode("ascii")
     header = _HEADER.pack(MARK, int(frame.emulated), frame.counter, channels, samples, frame.time_s, probe)
@@ -55,7 +55,7 @@ class VantageFramer:
         self._waiting = bytearray()
 
     def feed(self, data: bytes) -> Iterator[VantageFrame]:
-        """Frames that are complete with these bytes; `AcquisitionError` if a header cannot be one."""
+        """Yield the frames that are complete with these bytes; `AcquisitionError` if a header cannot be one."""
         self._waiting += data
         while len(self._waiting) >= _HEADER.size:
             mark, flags, counter, channels, samples, time_s, name = _HEADER.unpack_from(self._waiting)

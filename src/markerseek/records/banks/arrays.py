@@ -63,14 +63,14 @@ class ArrayBank(FrameBank):
     """ADC counts."""
 
     def frame(self, index: int) -> ChannelFrame:
-        """Channel data of one angle."""
+        """Return the channel data of one angle."""
         header = self.header(index, token=self.path.name, row=index)
         sampling_hz = self.facts.sampling_hz or USUAL_SAMPLING_HZ
         return ChannelFrame(header=header, samples=self.samples[index], sampling_hz=sampling_hz)
 
 
 def read_arrays(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | ArrayBank:
-    """Bank in an ``.npy``, ``.npz`` or ``.mat``; ``table`` and ``blanked`` as of `read_bank`."""
+    """Return the bank in an ``.npy``, ``.npz`` or ``.mat``; ``table`` and ``blanked`` as of `read_bank`."""
     with as_read_error(path):
         arrays = arrays_in(path, most_bytes=_LARGEST_BYTES)
     return bank_of_arrays(path, arrays, table, ordered=NUMBERS in arrays, blanked=blanked)
@@ -79,7 +79,7 @@ def read_arrays(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int
 def bank_of_arrays(
     path: Path, found: Mapping[str, np.ndarray], table: TableFormat, *, ordered: bool, blanked: int
 ) -> IntensityBank | ArrayBank:
-    """Bank of arrays by their names, as `read_arrays`.
+    """Return the bank of arrays by their names, as `read_arrays`.
 
     ``path``: where they are from. ``ordered``: whether their format says that the axes have the order of `AXES`.
     """
@@ -191,7 +191,10 @@ class _Scan:
 def _of_iq(
     path: Path, arrays: Mapping[str, np.ndarray], frames: np.ndarray, sampling_hz: float | None, *, ordered: bool
 ) -> tuple[np.ndarray, float | None]:
-    """IQ data as frames of radio frequency with their sampling frequency, or intensities; other frames as they are."""
+    """Return the IQ data as frames of radio frequency with their sampling frequency, or intensities.
+
+    Other frames as they are.
+    """
     carrier_hz = carrier_of(path, arrays, frames, ordered=ordered)
     if frames.dtype.kind != "c":
         return frames, sampling_hz
@@ -202,7 +205,10 @@ def _of_iq(
 
 
 def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Arrays by name; an ``.npy`` of two columns is angles and intensities, one of an axis intensities, else frames."""
+    """Return the arrays by name.
+
+    An ``.npy`` of two columns is angles and intensities, one of an axis intensities, else frames.
+    """
     if list(arrays) != [""]:
         return arrays
     array = arrays[""]
@@ -223,7 +229,7 @@ def _named(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _picked(
     path: Path, arrays: Mapping[str, np.ndarray], table: TableFormat, *, titles: Mapping[str, str], held: str
 ) -> tuple[str | None, str | None]:
-    """Names of the angles, and of the intensities or frames; None if there are none."""
+    """Return the names of the angles, and of the intensities or frames; None if there are none."""
     if table.columns is not None:
         missing = [name for name in table.columns if name and name not in arrays]
         if missing:
@@ -248,7 +254,7 @@ def _picked(
 
 
 def _says_unit(name: str) -> bool:
-    """Whether the name of a variable has a unit of angle, or says that it is an angle in another unit."""
+    """Return whether the name of a variable has a unit of angle, or says that it is an angle in another unit."""
     named = unit_in(name)
     return named.unit is not None or (named.is_angle and named.other != "")
 
@@ -306,7 +312,9 @@ def _require_units(
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:
-    """Samples from the trigger to the first one, to the nearest; negative where the record begins before the trigger.
+    """Return the samples from the trigger to the first one, to the nearest.
+
+    Negative where the record begins before the trigger.
 
     ``samples``: length of the record.
     """
@@ -331,7 +339,7 @@ def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: f
 
 
 def _from_trigger(counts: Int16[np.ndarray, "channels samples"], before: int) -> Int16[np.ndarray, "channels samples"]:
-    """The same frame with sample 0 at the trigger: cut off, or filled with each channel's median, before its first."""
+    """Return the frame with sample 0 at the trigger, cut off or filled with each channel's median."""
     if before <= 0:
         return counts[:, -before:]
     filler = np.rint(np.median(counts, axis=1, keepdims=True)).astype(np.int16)
@@ -339,7 +347,7 @@ def _from_trigger(counts: Int16[np.ndarray, "channels samples"], before: int) ->
 
 
 def _pulses(path: Path, arrays: Mapping[str, np.ndarray], angles: int) -> np.ndarray:
-    """Pulses averaged at each angle; 1 where it is not stated."""
+    """Return the pulses averaged at each angle; 1 where it is not stated."""
     values = arrays.get("pulses", np.ones(angles, int)).ravel()
     if values.size != angles or values.dtype.kind not in "iu" or not (values > 0).all() or not (values < 2**31).all():
         raise RecordError(f"{path}: pulses must be {angles} whole numbers from 1")
@@ -349,7 +357,10 @@ def _pulses(path: Path, arrays: Mapping[str, np.ndarray], angles: int) -> np.nda
 def _energies(
     path: Path, arrays: Mapping[str, np.ndarray], kept: Bool[np.ndarray, " angles"]
 ) -> Float64[np.ndarray, " kept"] | None:
-    """Energy of the pulses at the angles that are kept over their mean, NaN where it was not measured; or None."""
+    """Return the energy of the pulses at the angles that are kept over their mean, NaN where it was not measured.
+
+    None if no angle has one.
+    """
     if "energy" not in arrays:
         return None
     stated = arrays["energy"].ravel()
@@ -371,7 +382,7 @@ def _intensities(path: Path, intensity: np.ndarray, angles: int) -> Float64[np.n
 def _valid(
     path: Path, degrees: Float64[np.ndarray, " angles"], values: np.ndarray, table: TableFormat
 ) -> Bool[np.ndarray, " angles"]:
-    """Which angles and values are finite numbers; refused where others are not to be left out."""
+    """Return which angles and values are finite numbers; refused where others are not to be left out."""
     finite: Bool[np.ndarray, " angles"] = np.isfinite(degrees)
     finite &= np.array([np.isfinite(each).all() for each in values], dtype=bool)
     if finite.all():
@@ -397,7 +408,7 @@ def _scalar(path: Path, arrays: Mapping[str, np.ndarray], name: str) -> float | 
 def in_scan_order(
     path: Path, arrays: Mapping[str, np.ndarray], value: str, *, angles: np.ndarray | None, first_frame: int | None
 ) -> dict[str, np.ndarray]:
-    """The arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of their angles.
+    """Return the arrays with ``frames``, ``pulses`` and `NUMBERS` of a ring in the order of their angles.
 
     ``value``: name of the array that is read; `NUMBERS` are left out where it is not that of the ring. ``angles``: as
     they are stated, in the order of the scan or of the buffer; None: each frame has its angle by its place in the scan.
@@ -433,7 +444,7 @@ def in_scan_order(
 def _start_by_angles(
     path: Path, arrays: Mapping[str, np.ndarray], angles: np.ndarray | None, start: int | None
 ) -> int | None:
-    """Index of the frame with the first of the angles; None if nothing proves which one it is.
+    """Return the index of the frame with the first of the angles; None if nothing proves which one it is.
 
     Angles that rise or fall all around but for one jump are in the order of a ring that has gone round: the first of
     them belongs to the first frame of the buffer. ``start``: index of the oldest frame, None if it is not known.
@@ -451,7 +462,9 @@ def _start_by_angles(
 
 
 def _jump_of(angles: np.ndarray) -> int | None:
-    """Place at which a list that otherwise rises, or falls, all around begins anew; None if it has no such place.
+    """Return the place at which a list that otherwise rises, or falls, all around begins anew.
+
+    None if it has no such place.
 
     A list that rises or falls from its beginning to its end has none.
     """
@@ -464,7 +477,7 @@ def _jump_of(angles: np.ndarray) -> int | None:
 
 
 def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarray, " frames"]:
-    """Which frames of a buffer hold anything but zeros; warns of the others.
+    """Return which frames of a buffer hold anything but zeros; warns of the others.
 
     Where all hold zeros only, none is left out: the receiver received nothing.
     """
@@ -478,19 +491,19 @@ def filled(path: Path, frames: np.ndarray, numbers: np.ndarray) -> Bool[np.ndarr
 
 
 def _held(frames: np.ndarray) -> Bool[np.ndarray, " frames"]:
-    """Which frames hold anything but zeros."""
+    """Return which frames hold anything but zeros."""
     return np.asarray(frames.any(axis=(1, 2)))
 
 
 def _last_index(arrays: Mapping[str, np.ndarray]) -> int | None:
-    """Index of the last frame; None if the file does not state it, or states another number."""
+    """Return the index of the last frame; None if the file does not state it, or states another number."""
     last = arrays.get(LAST, np.array(0))
     found = np.flatnonzero(arrays[NUMBERS] == last)
     return int(found[0]) if found.size else None
 
 
 def _start(empty: Bool[np.ndarray, " frames"], last: int | None) -> int | None:
-    """Index of the oldest frame; None if nothing proves which one it is."""
+    """Return the index of the oldest frame; None if nothing proves which one it is."""
     end = len(empty) if last is None else last + 1
     if last is None:
         end = int(np.flatnonzero(~empty)[-1]) + 1

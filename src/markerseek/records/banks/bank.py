@@ -109,7 +109,7 @@ class Bank:
     """Sentences on what was assumed, changed or left out when it was read."""
 
     def to_xarray(self) -> xr.Dataset:
-        """The bank as a data set of xarray: ``intensity`` over ``angle_deg`` where it is known, and the facts.
+        """Return the bank as a data set of xarray: ``intensity`` over ``angle_deg`` where it is known, and the facts.
 
         One of frames holds them too, read into memory: ``frames`` (``angle_deg``, ``channel``, ``time_s``).
         """
@@ -156,14 +156,17 @@ class FrameBank(Bank, ABC):
 
     @abstractmethod
     def frame(self, index: int) -> ChannelFrame:
-        """Channel data of one angle, counted from 0 at the lowest; `RecordError` where they cannot be read."""
+        """Return the channel data of one angle, counted from 0 at the lowest.
+
+        `RecordError` where they cannot be read.
+        """
 
     def dark_frame(self, index: int) -> ChannelFrame:
-        """One frame without laser, counted from 0; `RecordError` where it cannot be read."""
+        """Return one frame without laser, counted from 0; `RecordError` where it cannot be read."""
         raise RecordError(f"there is no dark frame {index + 1}, it holds {self.dark_frames or 'none'}")
 
     def header(self, index: int, *, token: str, row: int) -> FrameHeader:
-        """Header of the frame at one angle; ``row``: place of the frame in its file, from 0."""
+        """Return the header of the frame at one angle; ``row``: place of the frame in its file, from 0."""
         energy = self.energies[index] if self.energies else math.nan
         # NaN says that no time is known, where 0 would be a time.
         started_s = self.started_s[index] if self.started_s else math.nan
@@ -181,7 +184,7 @@ class FrameBank(Bank, ABC):
 def without_channels(
     bank: IntensityBank | FrameBank, path: Path, channels: tuple[int, ...]
 ) -> IntensityBank | FrameBank:
-    """The bank with zeros in some channels, counted from 1; `ConfigError` where there is no such channel."""
+    """Return the bank with zeros in some channels, counted from 1; `ConfigError` where there is no such channel."""
     if not channels:
         return bank
     if isinstance(bank, IntensityBank):
@@ -192,7 +195,7 @@ def without_channels(
 
 
 def chosen_channels(path: Path, channels: Sequence[int], *, count: int) -> Bool[np.ndarray, " channels"]:
-    """Which channels of a frame are named, counted from 1; `ConfigError` where there is no such channel."""
+    """Return which channels of a frame are named, counted from 1; `ConfigError` where there is no such channel."""
     for channel in channels:
         if not 1 <= channel <= count:
             raise ConfigError(f"{path}: `without_channels` is {channel}, the channels are 1 to {count}")
@@ -200,12 +203,12 @@ def chosen_channels(path: Path, channels: Sequence[int], *, count: int) -> Bool[
 
 
 def record_of(path: Path) -> Path:
-    """Journal beside a bank, in which a scan is kept until the bank is made of it."""
+    """Return the journal beside a bank, in which a scan is kept until the bank is made of it."""
     return path.with_name(f"{path.name}.journal")
 
 
 def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """Angles without the jump of a scan that crosses 360 or ±180 degrees, and a warning that says so.
+    """Return the angles without the jump of a scan that crosses 360 or ±180 degrees, and a warning that says so.
 
     The circle is cut at its largest gap, if that is more than twice as wide as every other gap, so that at least two
     steps are missing there. A scan of the full circle has no such gap, and keeps its angles.
@@ -245,18 +248,18 @@ def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.n
 
 
 def silenced(samples: np.ndarray, left_out: Sequence[int]) -> np.ndarray:
-    """Samples of (…, channels, samples) with zeros in the channels that are left out, counted from 0."""
+    """Return the samples of (…, channels, samples) with zeros in the channels that are left out, counted from 0."""
     chosen = np.isin(np.arange(samples.shape[-2]), left_out)
     return np.where(chosen[:, None], samples.dtype.type(0), samples) if chosen.any() else samples
 
 
 def first_of(names: Sequence[str]) -> str:
-    """The first names of many, for a message."""
+    """Return the first names of many, for a message."""
     return ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
 
 
 def rising(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> tuple[tuple[float, ...], Int64[np.ndarray, " n"]]:
-    """Angles that a search can use in rising order, without the jump of a full turn; and the place of each before."""
+    """Return the angles that a search can use in rising order, with the former place of each."""
     turned = unwrapped(path, angles_deg)
     order = np.argsort(turned, kind="stable")
     angles = tuple(turned[order].tolist())
@@ -324,7 +327,7 @@ class Series:
 
 
 def series_of(bank: IntensityBank | FrameBank, *, facts: BankFacts | None = None) -> Series:
-    """Acquisitions of a bank in the order of time, or of the angles where no times are known.
+    """Return the acquisitions of a bank in the order of time, or of the angles where no times are known.
 
     Times are used if each acquisition has one and they differ within six digits, counted from the first: SlicerIGSIO
     compares times with that precision, and would merge acquisitions with equal ones.

@@ -22,7 +22,7 @@ from markerseek.records.notes import note
 
 
 def turned(path: Path, frames: np.ndarray, stated: tuple[str, ...] | None, *, angles: int | None) -> np.ndarray:
-    """Frames with their axes in our order; a message names the orders that would fit.
+    """Return the frames with their axes in our order; a message names the orders that would fit.
 
     ``stated``: their order, where a person or the format states it. ``angles``: how many there are; None if the file
     does not say.
@@ -57,7 +57,7 @@ def _choice(orders: Sequence[tuple[str, ...]]) -> str:
 
 
 def _fits(shape: tuple[int, ...], axes: tuple[str, ...], angles: int | None) -> bool:
-    """Whether the axes may have this order: a frame has more samples than channels."""
+    """Return whether the axes may have this order: a frame has more samples than channels."""
     by_axis = dict(zip(axes, shape, strict=True))
     return angles in (None, by_axis["angles"]) and 0 < by_axis["channels"] <= by_axis["samples"]
 
@@ -90,7 +90,10 @@ def unpadded(frames: np.ndarray) -> tuple[np.ndarray, str]:
 
 
 def _median(frame: np.ndarray) -> np.ndarray:
-    """Median of each channel, NaN aside; of IQ data those of I and of Q, which NumPy would order by I alone."""
+    """Return the median of each channel, NaN aside.
+
+    Of IQ data it is that of I and that of Q, which NumPy would order by I alone.
+    """
     if frame.dtype.kind == "c":
         return np.asarray(_median(frame.real) + 1j * _median(frame.imag))
     return np.asarray(np.nanmedian(frame, axis=1, keepdims=True))
@@ -115,7 +118,7 @@ _LOOKED_AT = 16
 
 
 def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...]) -> np.ndarray:
-    """The frames with zeros in the channels that are stated, or that hold NaN or nothing but noise."""
+    """Return the frames with zeros in the channels that are stated, or that hold NaN or nothing but noise."""
     channels = frames.shape[1]
     left_out = chosen_channels(path, stated, count=channels)
     said = [f"channel {number} is left out, as asked" for number in sorted(set(stated))]
@@ -145,7 +148,7 @@ def without_channels_of(path: Path, frames: np.ndarray, stated: tuple[int, ...])
 
 
 def broken_channels(frames: Iterable[np.ndarray], left_out: Bool[np.ndarray, " channels"]) -> np.ndarray:
-    """Which channels hold NaN or infinity in any frame of (channels, samples), where they are few.
+    """Return which channels hold NaN or infinity in any frame of (channels, samples), where they are few.
 
     ``left_out``: channels that are left out anyway, and not looked at.
     """
@@ -156,7 +159,7 @@ def broken_channels(frames: Iterable[np.ndarray], left_out: Bool[np.ndarray, " c
 
 
 def said_of_broken(broken: Bool[np.ndarray, " channels"]) -> list[str]:
-    """What a warning says of `broken_channels`."""
+    """Return what a warning says of `broken_channels`."""
     return [f"channel {number} holds NaN or infinity, and is left out" for number in _numbers_of(broken)]
 
 
@@ -195,7 +198,7 @@ EXACT = Scaling()
 
 
 def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) -> Scaling:
-    """How the numbers of a recording become counts; warns where they are scaled or clipped.
+    """Return how the numbers of a recording become counts; warns where they are scaled or clipped.
 
     ``path``: where they are from, for the messages. ``frames``: all of them, (channels, samples) each; each is looked
     at once. ``blanked``: samples at the start that are not imaged, and so have no say.
@@ -233,7 +236,7 @@ def scaling_of(path: Path, frames: Iterable[np.ndarray], *, blanked: int = 0) ->
 
 
 def as_counts(path: Path, values: np.ndarray, scaling: Scaling) -> Int16[np.ndarray, "channels samples"]:
-    """One frame as counts, rounded to the nearest."""
+    """Return one frame as counts, rounded to the nearest."""
     if values.dtype.newbyteorder("=") == np.int16 and scaling == EXACT:
         return np.ascontiguousarray(values, dtype=np.int16)
     numbers = values.astype(np.float64)
@@ -291,12 +294,15 @@ def _seen(path: Path, frame: np.ndarray, blanked: int) -> _Seen:
 
 
 def _without_offset(numbers: Float64[np.ndarray, "channels samples"]) -> Float64[np.ndarray, "channels samples"]:
-    """The numbers less the median of their channel."""
+    """Return the numbers less the median of their channel."""
     return np.asarray(numbers - np.median(numbers, axis=1, keepdims=True))
 
 
 def _middle(median: float, high: float) -> float:
-    """Middle of an offset binary code, about which numbers that are never negative lie; 0 where they lie about none."""
+    """Return the middle of an offset binary code, about which numbers that are never negative lie.
+
+    0 where they lie about none.
+    """
     for bits in range(8, 17):
         middle = 2.0 ** (bits - 1)
         # A converter's own offset is a few per cent of its range at most.

@@ -77,7 +77,7 @@ def load_frame(
     blanked: int = 0,
     left_out: tuple[int, ...] | None = None,
 ) -> ChannelFrame:
-    """Frame of channel data in a file, or in a folder of SonixDAQ channel files.
+    """Return the frame of channel data in a file, or in a folder of SonixDAQ channel files.
 
     - ``path``: a folder with 128 ``.daq`` files (repeated pulses are averaged), an ``.npy`` of (channels, samples), or
       a ``.mat`` with ``AdcData_frame000`` and ``SampleNum``.
@@ -100,7 +100,7 @@ def load_frame(
 
 
 def npy_samples(path: Path) -> np.ndarray:
-    """Channel data of an ``.npy`` in the type that it has, shape (channels, samples).
+    """Return the channel data of an ``.npy`` in the type that it has, shape (channels, samples).
 
     Raises `OSError` if it cannot be opened.
     """
@@ -136,7 +136,7 @@ def _load(
 
 
 def _otherwise(path: Path) -> str:
-    """Advice for a file of another kind: the command that reads it."""
+    """Return the advice for a file of another kind: the command that reads it."""
     suffix = path.suffix.lower()
     if path.is_file() and is_journal(path):
         return f"it is the journal of a search, not one frame; see `read_journal({quoted(path)})`"
@@ -149,7 +149,7 @@ def _otherwise(path: Path) -> str:
 
 
 def _mat_frame(path: Path, arrays: Mapping[str, np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
-    """Channels of a ``.mat``, shape (128, samples), without the padding at their end."""
+    """Return the channels of a ``.mat``, shape (128, samples), without the padding at their end."""
     # Layout of Allman, Reiter and Bell's data set (IEEE TMI 2018): ``AdcData_frame000`` is (32, AlignedSampleNum, 4),
     # and channel c is in row c mod 32 of bank c div 32.
     frame = arrays.get(_FRAME)
@@ -206,7 +206,7 @@ class FolderBank(FrameBank):
     """How the numbers of files of NumPy become counts, alike at all angles."""
 
     def frame(self, index: int) -> ChannelFrame:
-        """Channel data of one angle, from the disk.
+        """Return the channel data of one angle, from the disk.
 
         Raises `RecordError` if they cannot be read.
         """
@@ -222,7 +222,7 @@ class FolderBank(FrameBank):
 
 
 def read_folder(path: Path, table: TableFormat, *, blanked: int) -> FrameBank:
-    """Bank in a folder, from the names of its sub-folders and files of channel data.
+    """Return the bank in a folder, from the names of its sub-folders and files of channel data.
 
     A name is the angle, such as ``-12.5``, optionally with a word before it, the same in the whole folder, and a unit
     after it: ``angle_-12.5deg``. Where a person states the angles, the files follow in the order of the numbers in
@@ -257,7 +257,7 @@ def read_folder(path: Path, table: TableFormat, *, blanked: int) -> FrameBank:
 
 
 def _burst(path: Path, files: Mapping[int, str], table: TableFormat) -> ArrayBank:
-    """Bank of one acquisition whose pulses were triggered at an angle each."""
+    """Return the bank of one acquisition whose pulses were triggered at an angle each."""
     with open_input(path / next(iter(files.values())), most_bytes=sonixdaq.MAX_BURST_BYTES) as file:
         head = file.read(sonixdaq.HEADER_BYTES)
         size = os.fstat(file.fileno()).st_size
@@ -348,7 +348,7 @@ def _name(place: Path) -> str:
 
 
 def _left_out(path: Path, places: list[Path], stated: tuple[int, ...]) -> tuple[int, ...]:
-    """Channels of files of NumPy, counted from 0, that are stated, or hold NaN or infinity."""
+    """Return the channels of files of NumPy, counted from 0, that are stated, or hold NaN or infinity."""
     if not places:
         return ()
     first = npy_samples(places[0])
@@ -362,7 +362,7 @@ def _left_out(path: Path, places: list[Path], stated: tuple[int, ...]) -> tuple[
 
 
 def _common_scaling(path: Path, places: list[Path], blanked: int, left_out: tuple[int, ...]) -> Scaling:
-    """How all files of NumPy become counts; they are all read only if the first holds no int16 about zero."""
+    """Return how all files of NumPy become counts; they are all read only if the first holds no int16 about zero."""
     if not places:
         return EXACT
     first = npy_samples(places[0])
@@ -387,11 +387,11 @@ class UltrasonixFile:
     header: ultrasonix.UltrasonixHeader
 
     def b_mode(self, index: int) -> UInt8[np.ndarray, "rows columns"]:
-        """B-mode image, counted from 0."""
+        """Return the B-mode image, counted from 0."""
         return ultrasonix.decode_b_mode(self._body(index, kind="b-mode"), self.header)
 
     def rf(self, index: int) -> Int16[np.ndarray, "lines samples"]:
-        """Radio-frequency lines of one frame, counted from 0; errors as of `b_mode`."""
+        """Return the radio-frequency lines of one frame, counted from 0; errors as of `b_mode`."""
         return ultrasonix.decode_rf(self._body(index, kind="rf"), self.header)
 
     def _body(self, index: int, *, kind: str) -> bytes:
@@ -409,7 +409,7 @@ class UltrasonixFile:
 
 
 def open_ultrasonix(path: Path) -> UltrasonixFile:
-    """File with its header, checked against its size."""
+    """Return the file with its header, checked against its size."""
     with as_read_error(path), open_input(path, most_bytes=_LARGEST_BYTES) as file:
         head = file.read(ultrasonix.HEADER_BYTES)
         size = os.fstat(file.fileno()).st_size

@@ -107,7 +107,7 @@ class IpascBank(FrameBank):
     """Whether the elements are in reverse order in the file."""
 
     def frame(self, index: int) -> ChannelFrame:
-        """Channel data of one angle, from the disk.
+        """Return the channel data of one angle, from the disk.
 
         Raises `RecordError` if they cannot be read.
         """
@@ -116,7 +116,7 @@ class IpascBank(FrameBank):
         return self._frame(header, FRAMES_PATH, row, what=f"frame at {header.commanded_deg:g} deg")
 
     def dark_frame(self, index: int) -> ChannelFrame:
-        """One frame without laser, from the disk; `RecordError` where it cannot be read."""
+        """Return one frame without laser, from the disk; `RecordError` where it cannot be read."""
         if not 0 <= index < self.dark_frames:
             return FrameBank.dark_frame(self, index)
         header = FrameHeader(
@@ -135,7 +135,7 @@ class IpascBank(FrameBank):
 
 
 def read_probed(path: Path) -> IntensityBank | IpascBank:
-    """Bank of ours in an IPASC HDF5 file; its frames stay on disk.
+    """Return the bank of ours in an IPASC HDF5 file; its frames stay on disk.
 
     The file has been tried in a child before (`walk_bank`).
     """
@@ -184,7 +184,7 @@ def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
 def _one_each(
     file: CheckedHdf5, name: str, count: int, *, otherwise: float = math.nan
 ) -> Float64[np.ndarray, " angles"]:
-    """One number for each measurement, missing ones replaced by `otherwise`."""
+    """Return one number for each measurement, missing ones replaced by `otherwise`."""
     values = _numbers_of(file, name)
     if values.size not in (0, count):
         raise ValueError(f"{name} holds {values.size} numbers for {count} angles")
@@ -193,7 +193,7 @@ def _one_each(
 
 
 def _read_facts(path: Path, file: CheckedHdf5, *, pitch_m: float | None) -> BankFacts:
-    """Metadata of a bank.
+    """Return the metadata of a bank.
 
     Raises `ValueError` if a field does not hold what it should, `RecordError` for a number out of its range.
     """
@@ -223,7 +223,7 @@ def _read_facts(path: Path, file: CheckedHdf5, *, pitch_m: float | None) -> Bank
 
 
 def _usual_energy_j(file: CheckedHdf5) -> float | None:
-    """Energy of a usual pulse in joules: the first, without what it had more or less than a usual one."""
+    """Return the energy of a usual pulse in joules: the first, without what it had more or less than a usual one."""
     joules = _first(file, PULSE_ENERGY)
     if joules is None or not joules > 0:
         return None
@@ -232,18 +232,18 @@ def _usual_energy_j(file: CheckedHdf5) -> float | None:
 
 
 def _numbers_of(file: CheckedHdf5, name: str) -> Float64[np.ndarray, " values"]:
-    """Numbers of a dataset; none if it is missing, or the text ``None`` that pacfish writes."""
+    """Return the numbers of a dataset; none if it is missing, or the text ``None`` that pacfish writes."""
     return file.numbers(name) if file.has(name) and file.text(name) is None else np.empty(0)
 
 
 def _first(file: CheckedHdf5, name: str) -> float | None:
-    """The first number of a dataset; None if it has none, or no finite one."""
+    """Return the first number of a dataset; None if it has none, or no finite one."""
     values = _numbers_of(file, name)
     return float(values[0]) if values.size and math.isfinite(values[0]) else None
 
 
 def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
-    """Frames or intensities of another program's file, named as `markerseek.records.banks.arrays` reads them.
+    """Return the frames or intensities of another program's file, named as `read_arrays` takes them.
 
     Nothing for a file of ours, or one with neither. Pulse energies that differ come as ``energy``.
     """
@@ -281,7 +281,7 @@ def arrays_of_others(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
 
 
 def _angles_of_poses(path: Path, file: CheckedHdf5, count: int) -> Float64[np.ndarray, " measurements"] | None:
-    """Angle of each measurement by its pose, in degrees; None if poses are not stated, or all are alike.
+    """Return the angle of each measurement by its pose, in degrees; None if poses are not stated, or all are alike.
 
     A pose is a position and the rotations about x1, along the array, x2 and x3, in radians.
     """
@@ -311,7 +311,7 @@ def _angles_of_poses(path: Path, file: CheckedHdf5, count: int) -> Float64[np.nd
 
 
 def _energies(path: Path, file: CheckedHdf5, count: int) -> dict[str, object]:
-    """Usual energy of a pulse, and ``energy`` of each measurement where they differ, NaN where it was not measured."""
+    """Return the usual energy of a pulse, and that of each measurement where they differ; NaN: not measured."""
     joules = _numbers_of(file, PULSE_ENERGY)
     joules = np.where(np.isfinite(joules) & (joules > 0), joules, np.nan)
     known = joules[np.isfinite(joules)]
@@ -339,13 +339,13 @@ def walk_bank(path: Path) -> None:
 
 
 def as_bank_error(path: Path) -> AbstractContextManager[None]:
-    """Errors of the library as those of a bank."""
+    """Return the errors of the library as those of a bank."""
     cure = "it is damaged, or of another kind: take it from a backup or scan again"
     return as_record_error(path, what="bank in HDF5", cure=cure)
 
 
 def _is_ours(path: Path, file: CheckedHdf5) -> bool:
-    """Whether markerseek wrote the file; refuses a newer version."""
+    """Return whether markerseek wrote the file; refuses a newer version."""
     version = file.number(VERSION_PATH)
     if version is not None and version != BANK_VERSION:
         raise RecordError(
@@ -356,7 +356,7 @@ def _is_ours(path: Path, file: CheckedHdf5) -> bool:
 
 
 def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] | None:
-    """Elements and samples of the frames; None if there are none."""
+    """Return the elements and samples of the frames; None if there are none."""
     if not file.has(FRAMES_PATH):
         return None
     shape = file.dataset(FRAMES_PATH).shape
@@ -369,7 +369,7 @@ def _frame_shape(path: Path, file: CheckedHdf5, count: int) -> tuple[int, int] |
 
 
 def _dark_frames(file: CheckedHdf5, frames: tuple[int, int]) -> int:
-    """Number of dark frames that can be read."""
+    """Return the number of dark frames that can be read."""
     if not file.has(DARK_FRAMES_PATH):
         return 0
     shape: tuple[int, ...] = file.dataset(DARK_FRAMES_PATH).shape
@@ -379,7 +379,7 @@ def _dark_frames(file: CheckedHdf5, frames: tuple[int, int]) -> int:
 
 
 def _numbers(file: CheckedHdf5, name: str, row: int) -> Int16[np.ndarray, "channels samples"]:
-    """One frame."""
+    """Return one frame."""
     data = file.dataset(name)
     if data.dtype.newbyteorder("=") != np.int16:
         raise ValueError(f"{name} is {data.dtype}, int16 is expected")
@@ -402,7 +402,7 @@ class ElementRow:
 
 
 def element_row(path: Path, file: CheckedHdf5, *, elements: int) -> ElementRow:
-    """Pitch and direction of the array, from the positions of all its elements."""
+    """Return the pitch and direction of the array, from the positions of all its elements."""
     names = [f"{DETECTORS}/{each}/detector_position" for each in file.names(DETECTORS)]
     present = [file.has(name) for name in names]
     if not any(present):
@@ -420,7 +420,7 @@ def element_row(path: Path, file: CheckedHdf5, *, elements: int) -> ElementRow:
 
 
 def row_of(path: Path, positions_m: Float64[np.ndarray, "elements 3"]) -> ElementRow:
-    """The row that elements at these positions make along the first axis; `RecordError` where they make none."""
+    """Return the row that elements at these positions make along the first axis; `RecordError` where they make none."""
     elements = len(positions_m)
     if elements == 1:
         return ElementRow(pitch_m=None, falling=False)

@@ -62,7 +62,7 @@ def require_room(path: Path, needed: int) -> None:
 
 @contextmanager
 def whole_bank(path: Path, *, facts: BankFacts) -> Iterator[BankWriter]:
-    """A writer of a bank that is renamed when the block ends, and deleted if the block fails.
+    """Yield a writer of a bank that is renamed when the block ends, and deleted if the block fails.
 
     ``path``: where to write; the suffix is .hdf5 or .h5.
     """
@@ -167,7 +167,10 @@ class BankWriter:
             )
 
     def _acquisition(self, device: str) -> dict[str, object]:
-        """Fields of IPASC and ours by name; what is not known is left out, and what is not measured is NaN."""
+        """Return the fields of IPASC and ours by name.
+
+        What is not known is left out, and what is not measured is NaN.
+        """
         facts = self._facts
         first = self._first
         angles_deg = list(self._taken)
@@ -211,7 +214,10 @@ class BankWriter:
         return {name: value for name, value in known.items() if value is not None}
 
     def _device(self, device: str) -> dict[str, object]:
-        """Fields of the probe: x1 along the array from its centre, x3 into the tissue; element sizes are not known."""
+        """Return the fields of the probe: x1 along the array from its centre, x3 into the tissue.
+
+        Element sizes are not known.
+        """
         facts = self._facts
         elements, samples = (0, 0) if self._first is None else self._first.samples.shape
         laterals_m: list[float] = []
@@ -234,7 +240,7 @@ class BankWriter:
 
 
 def probe_poses(angles_deg: Sequence[float], face_radius_m: float) -> Float64[np.ndarray, "angles 6"]:
-    """Position of the array's centre in metres, then its rotation in radians about x1, x2 and x3, at each angle.
+    """Return, for each angle, the position of the array's centre in metres and its rotation about x1, x2 and x3.
 
     Coordinates of IPASC, those of the array at the first measurement: x1 along it from its centre (y of the TRUS home
     frame), x3 out of it, and x2 = x3 × x1. The probe turns about an axis parallel to x1, ``face_radius_m`` behind the

@@ -31,12 +31,12 @@ def is_paired(frames: np.ndarray) -> bool:
 
 
 def paired(frames: np.ndarray) -> np.ndarray:
-    """Frames as complex numbers where I and Q are pairs along a fourth axis; others as they are."""
+    """Return the frames as complex numbers where I and Q are pairs along a fourth axis; others as they are."""
     return frames[..., 0] + 1j * frames[..., 1] if is_paired(frames) else frames
 
 
 def carrier_of(path: Path, arrays: Mapping[str, np.ndarray], frames: np.ndarray, *, ordered: bool) -> float | None:
-    """Carrier that a file states, in hertz; None if it states none.
+    """Return the carrier that a file states, in hertz; None if it states none.
 
     ``ordered``: whether the format says by itself which of its frames are IQ data, and states a carrier also of others.
     """
@@ -64,7 +64,7 @@ def carrier_of(path: Path, arrays: Mapping[str, np.ndarray], frames: np.ndarray,
 def radio_frequency(
     path: Path, frames: np.ndarray, *, carrier_hz: float, sampling_hz: float | None
 ) -> tuple[Float32[np.ndarray, "angles channels finer"], float]:
-    """Signals of IQ data, and their sampling frequency, which is a multiple of that of the data.
+    """Return the signals of IQ data, and their sampling frequency, which is a multiple of that of the data.
 
     ``frames``: complex numbers, (angles, channels, samples).
     """
@@ -86,7 +86,7 @@ def radio_frequency(
 
 
 def envelope_peaks(path: Path, frames: np.ndarray) -> Float64[np.ndarray, " angles"]:
-    """Intensities of IQ data whose carrier is not known: the mean over the channels of their largest magnitudes."""
+    """Return the intensities of IQ data without a known carrier: the mean of the channels' largest magnitudes."""
     note(
         path,
         f"its frames are IQ data, and {CARRIERS[0]} is missing, without which there is no image: the intensity at an "

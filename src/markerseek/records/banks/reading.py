@@ -38,7 +38,7 @@ _LARGEST_BYTES = 1 << 42
 
 
 def read_bank(path: Path, table: TableFormat = DEFAULT_FORMAT, *, blanked: int = 0) -> IntensityBank | FrameBank:
-    """Bank at a path, its frames left on disk where their format allows that.
+    """Return the bank at a path, its frames left on disk where their format allows that.
 
     ``path``: an HDF5 file (``.hdf5``, ``.h5``; `read_hdf5`); arrays of NumPy or MATLAB (``.npy``, ``.npz``, ``.mat``;
     `read_arrays`); a sequence of PLUS (``.mha``, ``.nrrd``); a CSV of ``angle_deg,intensity``; or a folder that holds
@@ -92,7 +92,7 @@ def _require_usual(path: Path, table: TableFormat, *, is_table: bool) -> None:
 
 
 def read_hdf5(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank | FrameBank:
-    """Bank in an HDF5 file.
+    """Return the bank in an HDF5 file.
 
     One of ours keeps its frames on disk (`read_probed`). One of IPASC by another program, one of zea, and one with
     ``frames`` or ``intensity`` at its top level is read into memory. ``table``: as of `read_bank`.
@@ -118,7 +118,7 @@ HDF5_LAYOUTS: tuple[Callable[[Path, CheckedHdf5], Mapping[str, np.ndarray] | Non
 
 
 def _arrays(path: Path) -> tuple[Mapping[str, np.ndarray] | None, bool]:
-    """Arrays of a file that is no bank of ours, else None, and whether their axes have our order."""
+    """Return the arrays of a file that is no bank of ours, else None, and whether their axes have our order."""
     with as_bank_error(path), CheckedHdf5(path) as file:
         for arrays_of in HDF5_LAYOUTS:
             if arrays := arrays_of(path, file):

@@ -130,7 +130,7 @@ class ImageSequence:
         return usual if named in ("", "XX") else named
 
     def valid_image(self, number: int) -> bool:
-        """Whether a frame, counted from 0, has an image; as in PLUS, one without a status has."""
+        """Return whether a frame, counted from 0, has an image; as in PLUS, one without a status has."""
         return self.frame_fields[number].get("ImageStatus", "OK").upper() == "OK"
 
     @property
@@ -153,7 +153,10 @@ class ImageSequence:
         return (width_m, height_m) if self.orientation[0] in "FN" else (height_m, width_m)
 
     def frames(self) -> Iterator[np.ndarray]:
-        """Each frame with depth along its rows and the marked side at its last column; the brightest of colours."""
+        """Yield each frame with depth along its rows and the marked side at its last column.
+
+        The brightest of colours.
+        """
         columns = self.orientation[:1]
         rows = self.orientation[1:]
         with as_read_error(self.data), open_input(self.data, most_bytes=_LARGEST_BYTES) as file:
@@ -165,7 +168,7 @@ class ImageSequence:
                 yield frame.T if columns in "FN" else frame
 
     def _pixels(self, file: BinaryIO) -> Iterator[np.ndarray]:
-        """Pixels of each frame as they lie in the file, at which its data begin."""
+        """Yield the pixels of each frame as they lie in the file, at which its data begin."""
         size = math.prod(self.shape) * np.dtype(self.dtype).itemsize
         count = len(self.frame_fields)
         if not self.interleaved:
@@ -182,12 +185,12 @@ class ImageSequence:
 
 
 def is_sequence(path: Path) -> bool:
-    """Whether a file is named as a sequence."""
+    """Return whether a file is named as a sequence."""
     return path.suffix.lower() in SEQUENCE_SUFFIXES and not path.is_dir()
 
 
 def open_sequence(path: Path) -> ImageSequence:
-    """Header of a sequence; `RecordError` if it is none, or its data have another size."""
+    """Return the header of a sequence; `RecordError` if it is none, or its data have another size."""
     with as_read_error(path), open_input(path, most_bytes=_LARGEST_BYTES) as file:
         nrrd = path.suffix.lower() in (".nrrd", ".nhdr")
         held = _lines(path, file, nrrd=nrrd)
@@ -235,7 +238,9 @@ def open_sequence(path: Path) -> ImageSequence:
 
 
 def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dict[int, float]:
-    """Angle in degrees of each frame with a valid image and angle, by its number; a warning names the others.
+    """Return the angle in degrees of each frame with a valid image and angle, by its number.
+
+    A warning names the others.
 
     ``angle_field``: name of the field or transform; None: the first of `ANGLE_FIELDS` and `ANGLE_TRANSFORMS` that the
     sequence has.
@@ -275,7 +280,10 @@ def angles_of(sequence: ImageSequence, *, angle_field: str | None = None) -> dic
 
 
 def _validity(fields: Mapping[str, str], status: str, usual: str) -> str:
-    """Status of a transform or field; older servers state ``…Valid``, 1 or 0, beside it or in place of it."""
+    """Return the status of a transform or field.
+
+    Older servers state ``…Valid``, 1 or 0, beside it or in place of it.
+    """
     valid = fields.get(f"{status.removesuffix('Status')}Valid")
     if valid is not None and valid.lower() not in ("1", "true"):
         return f"not valid: {valid[:20]}"
@@ -283,7 +291,7 @@ def _validity(fields: Mapping[str, str], status: str, usual: str) -> str:
 
 
 def _field_of_angles(path: Path, names: set[str], angle_field: str | None) -> str:
-    """Name of the field that has the angles."""
+    """Return the name of the field that has the angles."""
     if angle_field in _NO_ANGLES:
         raise RecordError(
             f"{path}: {angle_field} counts time or frames, and is no angle; name another field, or a transform"
@@ -303,7 +311,10 @@ def _field_of_angles(path: Path, names: set[str], angle_field: str | None) -> st
 
 
 def _stated_angles(sequence: ImageSequence, table: TableFormat) -> dict[int, float]:
-    """Angle that a person states for each frame with a valid image, by its number; a warning counts the others."""
+    """Return the angle that a person states for each frame with a valid image, by its number.
+
+    A warning counts the others.
+    """
     count = len(sequence.frame_fields)
     stated = table.stated_deg(sequence.path, count, what="frames").tolist()
     held = {name for fields in sequence.frame_fields for name in fields}
@@ -317,7 +328,7 @@ def _stated_angles(sequence: ImageSequence, table: TableFormat) -> dict[int, flo
 
 
 def read_sequence(path: Path, *, angle_field: str | None = None, table: TableFormat = DEFAULT_FORMAT) -> IntensityBank:
-    """Bank of the intensities of a sequence, with the times of its frames.
+    """Return the bank of the intensities of a sequence, with the times of its frames.
 
     Images of one angle are averaged, with a warning. B-mode images are refused.
 
@@ -378,7 +389,7 @@ def _require_understood(path: Path, said: Mapping[str, str]) -> None:
 
 
 def _lines(path: Path, file: BinaryIO, *, nrrd: bool) -> dict[str, str]:
-    """Fields of a header by name; the file is left where the pixels begin."""
+    """Return the fields of a header by name; the file is left where the pixels begin."""
     kind = "a NRRD" if nrrd else "a MetaImage"
     held: dict[str, str] = {}
     if nrrd and not file.readline(_LINE_BYTES).startswith(b"NRRD"):
@@ -416,7 +427,7 @@ _INTERLEAVED = "list first"
 
 
 def _as_meta(path: Path, said: Mapping[str, str]) -> dict[str, str]:
-    """Fields of a NRRD as those of a MetaImage."""
+    """Return the fields of a NRRD as those of a MetaImage."""
     meta = {_META_NAMES.get(name.lower(), name): value for name, value in said.items()}
     if "ElementSpacing" not in meta and "space directions" in said:
         # Of each axis its vector, whose length is the distance of two pixels, or none.
@@ -441,7 +452,7 @@ def _as_meta(path: Path, said: Mapping[str, str]) -> dict[str, str]:
 
 
 def _sizes(path: Path, said: Mapping[str, str]) -> tuple[int, int, int, int]:
-    """Columns, rows, components and frames, refused where they are no images in a row."""
+    """Return the columns, rows, components and frames, refused where they are no images in a row."""
     sizes = said.get("DimSize", "").split()
     kind = said.get("ElementType", "")
     kinds = said.get("Kinds", "").lower().split() or ["domain"] * (len(sizes) - 1) + ["list"]
@@ -490,7 +501,7 @@ def _unpacked(path: Path, file: BinaryIO, size: int, count: int, *, packed: bool
 
 
 def _number(text: str) -> float:
-    """A number, NaN where there is none."""
+    """Return a number, NaN where there is none."""
     try:
         return float(text)
     except ValueError:
@@ -528,7 +539,7 @@ def _twists(path: Path, name: str, stacked: Float64[np.ndarray, "frames 3 3"]) -
 
 
 def _intensity(frame: np.ndarray, kind: str) -> float:
-    """Largest value of the envelope."""
+    """Return the largest value of the envelope."""
     if kind == "ENVELOPE":
         return float(frame.max())
     lines = frame.T.astype(np.float64)
@@ -541,7 +552,7 @@ def _intensity(frame: np.ndarray, kind: str) -> float:
 
 
 def _facts(path: Path, said: Mapping[str, str]) -> tuple[BankFacts, float]:
-    """Facts of a sequence that markerseek has exported, and the time of its first frame on the clock of its rig."""
+    """Return the facts of a sequence that markerseek has exported, and when its first frame was taken."""
     known = {name.removeprefix("markerseek_"): value for name, value in said.items() if name.startswith("markerseek_")}
     try:
         facts = msgspec.convert(known, BankFacts, strict=False)

@@ -98,7 +98,7 @@ def _header(image: PaImage, series: Series) -> str:
 
 
 def _line(name: str, value: str | float | bool) -> str:
-    """One field: a single line of printable ASCII, not longer than the 999 bytes that PLUS and Slicer read."""
+    """Return one field: a single line of printable ASCII, not longer than the 999 bytes that PLUS and Slicer read."""
     text = str(value).lower() if isinstance(value, bool) else str(value)
     ascii_text = " ".join(text.encode("ascii", "backslashreplace").decode("ascii").split())
     printable = "".join(each if each.isprintable() else "?" for each in ascii_text)
@@ -115,14 +115,14 @@ ImageToProbe.
 
 
 def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:
-    """Rotation of the probe about y: a point (0, y, r) comes to (r sin θ, y, r cos θ)."""
+    """Return the rotation of the probe about y: a point (0, y, r) comes to (r sin θ, y, r cos θ)."""
     cosine = math.cos(math.radians(angle_deg))
     sine = math.sin(math.radians(angle_deg))
     return np.array([[cosine, 0, sine, 0], [0, 1, 0, 0], [-sine, 0, cosine, 0], [0, 0, 0, 1]], dtype=np.float64)
 
 
 def image_to_probe(geometry: ScanGeometry, *, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
-    """Pixels (column, row, 0) to millimetres: the column along y, the row along z from the axis of rotation.
+    """Return the pixels (column, row, 0) to millimetres: the column along y, the row along z from the axis of rotation.
 
     The third axis of the image is one millimetre of x long.
     """

@@ -55,7 +55,7 @@ def write_bank(bank: IntensityBank, path: Path) -> None:
 
 
 def read_table(path: Path, table: TableFormat) -> IntensityBank:
-    """Bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
+    """Return the bank in a CSV; the rows may be in any order, and the intensities of a repeated angle are averaged.
 
     Columns are separated by commas, semicolons, tabs or spaces. The numbers themselves tell which sign separates
     decimals and which thousands. Intensities are divided by a column ``energy`` over its mean. A warning says what was
@@ -123,7 +123,7 @@ class _Columns:
 
 
 def _counts(values: Float64[np.ndarray, " n"]) -> bool:
-    """Whether numbers count from 0 or 1."""
+    """Return whether numbers count from 0 or 1."""
     return values.size > 0 and values[0] in (0, 1) and bool((np.diff(values) == 1).all())
 
 
@@ -140,13 +140,13 @@ def _with_units(rows: CsvRows) -> tuple[CsvRows, tuple[str, ...]]:
 
 
 def _is_unit(cell: str) -> bool:
-    """Whether a whole cell is the unit of an angle or of an intensity."""
+    """Return whether a whole cell is the unit of an angle or of an intensity."""
     unit = unit_in(f"[{cell}]").unit
     return unit is not None or any(each.fullmatch(cell) is not None for each in (_DECIBELS, _LINEAR))
 
 
 def _plain(names: Sequence[str]) -> dict[str, str]:
-    """Names of columns by their plain form: ``angle [mrad]`` is ``angle_mrad``."""
+    """Return the names of columns by their plain form: ``angle [mrad]`` is ``angle_mrad``."""
     return {"_".join(re.findall(r"[^\W_]+|°", name.lower())): name for name in reversed(names)}
 
 
@@ -232,7 +232,7 @@ def _perhaps(names: Sequence[str], written: Sequence[str]) -> str:
 
 
 def _if_transposed(rows: CsvRows) -> str:
-    """A question for the message, if the table has two long rows."""
+    """Return a question for the message, if the table has two long rows."""
     long = rows.width > 2 and len(rows.cells) + bool(rows.names) == 2
     return (
         f"; or are its two rows angles and intensities? Then write one row for each of the {rows.width}" if long else ""
@@ -240,7 +240,7 @@ def _if_transposed(rows: CsvRows) -> str:
 
 
 def _column_index(path: Path, rows: CsvRows, column: str) -> int:
-    """Index of one column by its name, or by its number if none has that name."""
+    """Return the index of one column by its name, or by its number if none has that name."""
     if column in rows.names:
         _require_once(path, rows, column)
         return rows.names.index(column)
@@ -259,7 +259,7 @@ _MOST_QUOTED = 60
 
 
 def _head(rows: CsvRows) -> str:
-    """What a table's first line holds, for a message."""
+    """Return what a table's first line holds, for a message."""
     names = ", ".join(rows.names) or f"{rows.width} columns without names, which are numbered from 1"
     return names if len(names) <= _MOST_QUOTED else f"{names[:_MOST_QUOTED]}…"
 
@@ -267,7 +267,7 @@ def _head(rows: CsvRows) -> str:
 def amplitudes(
     values: Float64[np.ndarray, " n"], *, db: bool, where: Callable[[int], str]
 ) -> Float64[np.ndarray, " n"]:
-    """Finite intensities as amplitudes, or refused.
+    """Return the finite intensities as amplitudes, or refused.
 
     ``db``: whether they are in dB. ``where``: file and line of each, for the messages.
     """
@@ -317,7 +317,7 @@ def warn_skipped(path: Path, what: str, names: Sequence[str]) -> None:
 def _row(
     path: Path, rows: CsvRows, line: int, columns: _Columns, texts: Sequence[str], table: TableFormat
 ) -> list[float | None]:
-    """The finite numbers of a row; None for a cell without one, if such rows are left out."""
+    """Return the finite numbers of a row; None for a cell without one, if such rows are left out."""
     # A comma inside a number, in a table that commas separate, shifts all columns behind it.
     if len(rows.cells[line]) != rows.width:
         raise RecordError(
@@ -330,7 +330,7 @@ def _row(
 
 
 def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: TableFormat) -> float | None:
-    """The finite number in a cell; None if there is none and such rows are left out."""
+    """Return the finite number in a cell; None if there is none and such rows are left out."""
     name = rows.names[column] if rows.names else f"column {column + 1}"
     cure = "; leave that row out, or all such rows: `skip_invalid`"
     try:
@@ -355,7 +355,10 @@ def _value(path: Path, rows: CsvRows, line: int, column: int, text: str, table: 
 
 
 def decibels(db: bool, column: str) -> bool:
-    """Whether intensities are decibels, by the option or the name of their column; refused if the two disagree."""
+    """Return whether intensities are decibels, by the option or the name of their column.
+
+    Refused if the two disagree.
+    """
     if _DECIBELS.search(column):
         return True
     if db and _LINEAR.search(column):

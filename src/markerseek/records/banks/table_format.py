@@ -152,7 +152,10 @@ def deg_per_unit_of(path: Path, name: str, *, cure: str) -> float:
 
 
 def angles_in(path: Path) -> tuple[float, ...]:
-    """Angles in degrees of a text file with one on each line, below a name or not; `RecordError` if it is none."""
+    """Return the angles in degrees of a text file with one on each line, below a name or not.
+
+    `RecordError` if it is none.
+    """
     cure = "write one angle in degrees on each line"
     text = read_text(path, most_bytes=MIB, what="a list of angles", cure=cure, also=("cp1252",))
     # A comma can only be the sign of the decimals.

@@ -46,7 +46,10 @@ _MAX_FRAMES = 100_000
 
 
 def zea_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
-    """Frames of a file of zea, named as `markerseek.records.banks.arrays` reads them; empty for any other HDF5 file."""
+    """Return the frames of a file of zea, named as `markerseek.records.banks.arrays` reads them.
+
+    Empty for any other HDF5 file.
+    """
     track = next((place for place in (f"{TRACK}/", "") if file.has(f"{place}{RAW}")), None)
     if track is None:
         return {}
@@ -81,7 +84,7 @@ def zea_arrays(path: Path, file: CheckedHdf5) -> dict[str, np.ndarray]:
 
 
 def _frames(path: Path, file: CheckedHdf5, track: str) -> np.ndarray:
-    """Channel data, (frames, elements, samples)."""
+    """Return the channel data, (frames, elements, samples)."""
     try:
         data = file.dataset(f"{track}{RAW}")
     except ValueError as problem:
@@ -102,7 +105,7 @@ def _frames(path: Path, file: CheckedHdf5, track: str) -> np.ndarray:
 
 
 def _angles_deg(path: Path, file: CheckedHdf5, frames: int) -> Float64[np.ndarray, " frames"] | None:
-    """Angle of each frame in degrees; None if the file has no poses."""
+    """Return the angle of each frame in degrees; None if the file has no poses."""
     name = f"{POSE}/rotation"
     if not file.has(name):
         return None

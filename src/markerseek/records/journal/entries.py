@@ -40,7 +40,7 @@ from markerseek.core import (
 
 
 def versions() -> dict[str, str]:
-    """Versions of the libraries on which the last bit of a result depends."""
+    """Return the versions of the libraries on which the last bit of a result depends."""
     return {
         "markerseek": __version__,
         "python": platform.python_version(),

@@ -30,12 +30,12 @@ _PATIENCE_S = 0.5
 
 
 def journals_folder() -> Path:
-    """Default folder of journals, in the user's data folder; `RecordError` where the system knows none."""
+    """Return the default folder of journals, in the user's data folder; `RecordError` where the system knows none."""
     return data_folder() / "journals"
 
 
 def default_journal(*, method: str) -> Path:
-    """Name of a new journal in the user's data folder; its name begins with the time, UTC."""
+    """Return the name of a new journal in the user's data folder; its name begins with the time, UTC."""
     # With microseconds, so that two searches begun in one second get two names.
     now = datetime.now(UTC)
     return journals_folder() / f"{now:%Y%m%d-%H%M%S}-{now.microsecond:06d}-{method}{SUFFIX}"
@@ -54,7 +54,7 @@ def make_folder(folder: Path) -> None:
 
 
 def journals_in(folder: Path) -> list[Path]:
-    """Journals of a folder, the newest change last.
+    """Return the journals of a folder, the newest change last.
 
     ``folder``: where to look; not in the folders that it holds.
     """
@@ -70,14 +70,14 @@ def journals_in(folder: Path) -> list[Path]:
 
 
 def size_bytes_of(path: Path) -> int:
-    """Bytes of a journal; a missing file counts 0."""
+    """Return the bytes of a journal; a missing file counts 0."""
     with suppress(OSError):
         return path.stat().st_size
     return 0
 
 
 def is_journal(path: Path) -> bool:
-    """Whether a regular file begins as a journal does; its contents are not checked.
+    """Return whether a regular file begins as a journal does; its contents are not checked.
 
     Raises `OSError` if it cannot be read.
     """
@@ -87,7 +87,7 @@ def is_journal(path: Path) -> bool:
 
 
 def exists_error(path: Path) -> RecordError:
-    """Error for a new journal whose path exists already."""
+    """Return the error for a new journal whose path exists already."""
     if path.is_dir():
         return RecordError(f"{path}: it is a folder, and a journal is one file; name a new file in it")
     if path.is_file() and is_journal(path):
@@ -98,7 +98,7 @@ def exists_error(path: Path) -> RecordError:
 
 
 def open_for_reading(path: Path) -> int:
-    """File descriptor of a journal; files that cannot be one are refused."""
+    """Return the file descriptor of a journal; files that cannot be one are refused."""
     if path.is_dir():
         raise RecordError(f"{path}: it is a folder, and a journal is one file; name the file")
     if not path.exists():
@@ -125,7 +125,7 @@ def lock(descriptor: int) -> None:
 
 
 def is_written(descriptor: int) -> bool:
-    """Whether a program has the journal open for writing: its run is going on."""
+    """Return whether a program has the journal open for writing: its run is going on."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

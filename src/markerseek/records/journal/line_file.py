@@ -89,7 +89,7 @@ class LineFile:
             raise
 
     def is_changed(self) -> bool:
-        """Whether another program has changed or removed the file."""
+        """Return whether another program has changed or removed the file."""
         status = os.fstat(self._descriptor)
         return status.st_size != self.end or (status.st_nlink == 0 and self.kept)
 

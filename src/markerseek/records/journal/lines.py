@@ -52,7 +52,7 @@ class UnfinishedError(RecordError):
 
 
 def _with_flat_tolerance(configuration: msgspec.Raw) -> bytes:
-    """A configuration as it is written now: journals of version 0.3 have one value for both tolerances of the plan."""
+    """Return a configuration as it is written now: version 0.3 had one value for both tolerances of the plan."""
     match msgspec.json.decode(configuration):
         case {"plan": {"tolerance": dict() as tolerance, **plan}} as values:
             plan |= {f"tolerance_{unit}": value for unit, value in tolerance.items()}
@@ -81,7 +81,7 @@ _Kind = TypeVar("_Kind", StoredEntry, FirstLine)
 
 
 def first_line(configuration: Configuration) -> bytes:
-    """Line 0."""
+    """Return line 0."""
     encoded = as_json(configuration, what="the configuration")
     try:
         # msgspec checks value ranges only on decoding, and a written journal must be readable.
@@ -92,7 +92,7 @@ def first_line(configuration: Configuration) -> bytes:
 
 
 def entry_line(entry: JournalEntry) -> bytes:
-    """Bytes of an entry; `RecordError` if JSON cannot hold it exactly."""
+    """Return the bytes of an entry; `RecordError` if JSON cannot hold it exactly."""
     line, samples = encode_entry(entry)
     if line.block > MAX_FRAME_BYTES:
         raise RecordError(
@@ -179,7 +179,7 @@ class LineReader:
 
     @staticmethod
     def _agrees(line: bytes) -> bool:
-        """Whether a line agrees with its checksum."""
+        """Return whether a line agrees with its checksum."""
         return line[:_PREFIX_BYTES] == MAGIC + b'%08x",' % zlib.crc32(line[_PREFIX_BYTES:])
 
     def _require_changed(self, line: bytes, reason: str) -> None:
@@ -206,7 +206,7 @@ class EntryReader(LineReader):
         self.configuration = self._configuration()
 
     def next(self) -> JournalEntry | None:
-        """The next entry; None if the file ends, or holds an entry that was never finished."""
+        """Return the next entry; None if the file ends, or holds an entry that was never finished."""
         found = self._next_line_1() if self.version == 1 else self._next_line()
         if found is None:
             return None

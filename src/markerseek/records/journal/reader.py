@@ -87,7 +87,7 @@ def salvage(
 
 
 def has_begun(path: Path) -> bool:
-    """Whether a file holds the first line of a journal; `RecordError` if it cannot be read."""
+    """Return whether a file holds the first line of a journal; `RecordError` if it cannot be read."""
     try:
         with _opened(path):
             return True
@@ -98,7 +98,7 @@ def has_begun(path: Path) -> bool:
 def follow_journal(
     path: Path, *, is_over: Callable[[], bool] | None = None, wait: Callable[[], object]
 ) -> Iterator[JournalItem]:
-    """Configuration and entries of a journal, each as soon as it is written, to the last one.
+    """Yield the configuration and entries of a journal, each as soon as it is written, to the last one.
 
     Neither the writer nor another reader is held up, and nothing is lost however slowly the items are taken.
 
@@ -122,7 +122,7 @@ def follow_journal(
 
 
 def since_started(entries: Sequence[JournalEntry]) -> tuple[JournalEntry, ...]:
-    """The entries since the search last began; it begins again if a check finds that the rig has changed."""
+    """Return the entries since the search last began; it begins again if a check finds that the rig has changed."""
     begun = [index for index, entry in enumerate(entries) if isinstance(entry.event, Started)]
     return tuple(entries[begun[-1] :]) if begun else ()
 

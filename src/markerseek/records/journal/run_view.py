@@ -173,7 +173,7 @@ class RunView:
 
     @classmethod
     def of(cls, run: Configuration | RecordedRun) -> RunView:
-        """The view of a run before its first event, or of a recorded run after its last."""
+        """Return the view of a run before its first event, or of a recorded run after its last."""
         if isinstance(run, Configuration):
             return cls(plan=run.plan, facts=run.facts)
         view = cls.of(run.configuration)
@@ -232,11 +232,11 @@ class RunView:
         return self.phase in {"finished", "fault", "stopped", "cut off"}
 
     def add_entry(self, entry: JournalEntry) -> RunView:
-        """The view after one more entry of the journal."""
+        """Return the view after one more entry of the journal."""
         return self.add(entry.event, clock_s=entry.clock_s)
 
     def add(self, event: JournalEvent, *, clock_s: float) -> RunView:
-        """The view after one more event.
+        """Return the view after one more event.
 
         Parameters
         ----------
@@ -271,7 +271,9 @@ class RunView:
         return replace(self, points=points, event=event, finished=finished)
 
     def cut_off(self, reason: str, *, problem: str = "") -> RunView:
-        """The view after the last event of a run that did not report its end; the angle of its probe is not known.
+        """Return the view after the last event of a run that did not report its end.
+
+        The angle of its probe is not known.
 
         Parameters
         ----------
@@ -349,13 +351,13 @@ def _ended(view: RunView, event: Finished | Failed | Interrupted) -> RunView:
 
 
 def _moved(view: RunView, angle_deg: float) -> RunView:
-    """The view with the probe read back at an angle."""
+    """Return the view with the probe read back at an angle."""
     way_deg = 0.0 if view.probe_deg is None else abs(angle_deg - view.probe_deg)
     return replace(view, probe_deg=angle_deg, seen_deg=angle_deg, travel_deg=view.travel_deg + way_deg)
 
 
 def _pulses(event: JournalEvent) -> int:
-    """Laser pulses of the frame of an event."""
+    """Return the laser pulses of the frame of an event."""
     frame = event.sample.frame if isinstance(event, Measured) else getattr(event, "frame", None)
     return 0 if frame is None else frame.header.pulses
 

@@ -32,7 +32,7 @@ class Journal:
 
     @classmethod
     def create(cls, path: Path, configuration: Configuration, *, kept: bool = True) -> Self:
-        """New journal, with the configuration committed.
+        """Return the new journal, with the configuration committed.
 
         ``kept``: as of `LineFile`. Raises `RecordError` if the file exists or cannot be written; nothing is left
         behind.
@@ -148,7 +148,7 @@ class Journal:
                 self._lines.close()
 
     def __enter__(self) -> Self:
-        """The journal itself."""
+        """Return the journal itself."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

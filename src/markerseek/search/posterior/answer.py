@@ -200,7 +200,7 @@ class Analysis:
         return sorted(groups, key=lambda group: -max(sample.reading.intensity for sample in group.samples))
 
     def _divided(self, group: SourceSamples) -> list[SourceSamples]:
-        """The group, or its peaks if dips lie between them."""
+        """Return the group, or its peaks if dips lie between them."""
         sigma = self.noise.sigma or min(sample.reading.intensity for sample in group.samples) / 4
         dip = dip_deg(group.samples, sigma=sigma, level=self.noise.level_or_zero, single=self._single)
         if dip is None:
@@ -344,7 +344,7 @@ class Analysis:
         return unresolved_rival(self.sources, self.measured_deg, limits=self.limits, by_db=by_db)
 
     def asymmetric_deg(self, source: Candidate) -> float | None:
-        """Next angle to test the curve of a source that has no places, in degrees; None if none is left."""
+        """Return the next angle to test the curve of a source that has no places, in degrees; None if none is left."""
         if source.has_positions:
             return None
         hump = asymmetric_sample(
@@ -439,7 +439,7 @@ def predictive_check(source: Candidate, measured_deg: Sequence[float], *, limits
 def _prediction(
     posterior: AnglePosterior, samples: Sequence[Sample]
 ) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
-    """Intensity that a posterior predicts of samples, and its standard deviation."""
+    """Return the intensity that a posterior predicts of samples, and its standard deviation."""
     log_height = posterior.log_heights(np.array([sample.angle_deg for sample in samples]))
     mean = log_height.mean(axis=0)
     fallen = float(np.mean(posterior.log_snr)) - mean
@@ -504,12 +504,12 @@ def ranked(sources: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _is_far_stronger(source: Candidate, other: Candidate) -> bool:
-    """Whether a source is so much stronger that the other cannot be the marker."""
+    """Return whether a source is so much stronger that the other cannot be the marker."""
     return source.relative_db(other) - RIVAL_SIGMAS * _spread_db(source, other) > RIVAL_DB
 
 
 def _spread_db(source: Candidate, other: Candidate) -> float:
-    """Standard deviation of the ratio of two strengths, in dB."""
+    """Return the standard deviation of the ratio of two strengths, in dB."""
     return math.hypot(source.log_snr_sigma, other.log_snr_sigma) * 20 / math.log(10)
 
 
@@ -524,7 +524,7 @@ def rivals_of(sources: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _may_be_as_strong(source: Candidate, first: Candidate, *, by_db: float, sigmas: float = STRONGER_SIGMAS) -> bool:
-    """Whether a source may be the marker instead of the strongest.
+    """Return whether a source may be the marker instead of the strongest.
 
     A source beyond an end of the range counts with the strength seen in the range, because the marker is in the range.
     """
@@ -610,7 +610,7 @@ def top_beside_deg(
 
 
 def _narrow(away_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, " angles"]:
-    """Ln of the narrowest usual curve at distances from its top, in degrees."""
+    """Return ln of the narrowest usual curve at distances from its top, in degrees."""
     return log_curve(away_deg, fwhm_deg=NARROW_DEG, tail=USUAL_TAIL, knee=USUAL_KNEE)
 
 
@@ -682,7 +682,7 @@ def answer_of(
 
 
 def _moves(known: Analysis) -> str | None:
-    """How the marker moves, and what to do about it; None where no motion was seen."""
+    """Return how the marker moves, and what to do about it; None where no motion was seen."""
     motion = known.motion
     if not motion.is_seen:
         return None
@@ -697,7 +697,7 @@ def _moves(known: Analysis) -> str | None:
 
 
 def _curve(source: Candidate) -> MarkerCurve | None:
-    """Width and height of a source's curve; None of intensities that no reader returns."""
+    """Return the width and height of a source's curve; None of intensities that no reader returns."""
     peak = source.posterior.sigma * math.exp(source.log_snr)
     if not MIN_INTENSITY <= peak <= MAX_INTENSITY:
         return None
@@ -705,7 +705,7 @@ def _curve(source: Candidate) -> MarkerCurve | None:
 
 
 def _cure(posterior: AnglePosterior, *, more: str) -> str:
-    """What makes the angle better known."""
+    """Return what makes the angle better known."""
     if posterior.centre_sigma_deg > posterior.sigma_deg / 2:
         return f"{more} or average more pulses"
     return (
@@ -715,7 +715,7 @@ def _cure(posterior: AnglePosterior, *, more: str) -> str:
 
 
 def other_probability(known: Analysis, *, others: float) -> float:
-    """Probability that another source is the marker: one that still hides, or one that was seen and may be stronger.
+    """Return the probability that another source is the marker: one that hides, or a seen one that may be stronger.
 
     ``others``: prior probability of a second source as strong.
     """
@@ -730,7 +730,10 @@ def other_probability(known: Analysis, *, others: float) -> float:
 
 
 def _unmeasured(source: Candidate, modes: Sequence[float], measured_deg: Sequence[float], *, more: str) -> str | None:
-    """Where the marker may be and was not measured, and what to do about it; None if it was measured everywhere."""
+    """Return where the marker may be and was not measured, and what to do about it.
+
+    None if it was measured everywhere.
+    """
     near_deg = MEASURED_SHARE * source.posterior.fwhm_deg
     left_deg = [each for each in modes if min(abs(each - at) for at in measured_deg) > near_deg]
     if not left_deg:
@@ -739,14 +742,14 @@ def _unmeasured(source: Candidate, modes: Sequence[float], measured_deg: Sequenc
 
 
 def _stronger_probability(source: Candidate, first: Candidate) -> float:
-    """Probability that a source that was seen is the stronger one of two, and another one at all."""
+    """Return the probability that a source that was seen is the stronger one of two, and another one at all."""
     if source.missing is not None or not source.apart_from(first):
         return 0.0
     return source.stronger_probability(first) if _may_be_as_strong(source, first, by_db=-RIVAL_DB) else 0.0
 
 
 def _other(known: Analysis, probability: float, *, more: str) -> str:
-    """Why another source may be the marker, and what to do about it."""
+    """Return why another source may be the marker, and what to do about it."""
     said = f"the probability that another source is the marker is {100 * probability:.2g} %"
     if known.unresolved_rival is not None:
         return f"{said}: a source near {known.unresolved_rival[0].posterior.mean_deg:.0f} deg may be as strong; {more}"
@@ -763,7 +766,7 @@ def _other(known: Analysis, probability: float, *, more: str) -> str:
 
 
 def _side(posterior: AnglePosterior, limits: Interval) -> Literal["low", "high"] | None:
-    """The end of the range beyond which the marker probably lies, or may lie where its angle is uncertain."""
+    """Return the end of the range beyond which the marker probably lies, or may lie where its angle is uncertain."""
     least = 0.5 if posterior.sigma_deg <= KNOWN_SIGMA_DEG else UNRESOLVED_BEYOND
     below = float(posterior.probability[posterior.angle_deg < limits.low_deg].sum())
     above = float(posterior.probability[posterior.angle_deg > limits.high_deg].sum())

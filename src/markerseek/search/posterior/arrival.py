@@ -124,7 +124,7 @@ def _spline(
     bending: Float64[np.ndarray, " knots"],
     at: Float64[np.ndarray, "*n"],
 ) -> Float64[np.ndarray, "*n"]:
-    """The cubic spline through values at even knots, with its second differences there."""
+    """Return the cubic spline through values at even knots, with its second differences there."""
     places = (at - low) / step
     left = np.clip(places.astype(int), 0, len(values) - 2)
     after = places - left
@@ -139,7 +139,10 @@ def _spline(
 
 @lru_cache(maxsize=64)
 def _bending(knots: int) -> Float64[np.ndarray, "knots knots"]:
-    """What makes the second derivatives of a spline, times the step squared, of its values; with not-a-knot ends."""
+    """Return what makes the second derivatives of a spline, times the step squared, of its values.
+
+    With not-a-knot ends.
+    """
     if knots < 4:
         # A line, or a parabola.
         return np.tile([1.0, -2.0, 1.0], (3, 1)) if knots == 3 else np.zeros((knots, knots))

@@ -181,7 +181,7 @@ class Grid:
 
 @compiled
 def _tops(rows: Float32[np.ndarray, "rows amplitudes"]) -> Float32[np.ndarray, " rows"]:
-    """Largest cell of each row; NumPy reduces a short last axis slowly."""
+    """Return the largest cell of each row; NumPy reduces a short last axis slowly."""
     tops = rows[:, 0].copy()
     for r in range(rows.shape[0]):
         for a in range(1, rows.shape[1]):
@@ -232,7 +232,7 @@ def _add_sample(
 def _tables(
     observation: Observation, errors: tuple[float, ...], *, phases: int, amplitudes: int
 ) -> Float32[np.ndarray, "errors phases entries"]:
-    """Tables of an observation for `_add_sample`: every phases-th entry in a row, and its ends repeated."""
+    """Return the tables of an observation for `_add_sample`: every phases-th entry in a row, and its ends repeated."""
     tables = log_tables(
         noise=observation.noise, cells=observation.cells, errors=errors, ratio=observation.lateral_ratio
     )
@@ -279,14 +279,14 @@ def finer(
 
 
 def _blur(step_deg: float) -> float:
-    """Relative error that a step of the angle adds: a fifth per degree, rounded up to one of `BLURS`."""
+    """Return the relative error that a step of the angle adds: a fifth per degree, rounded up to one of `BLURS`."""
     return min((blur for blur in BLURS if blur >= 0.2 * step_deg), default=max(BLURS))
 
 
 def mean_and_sigma(
     angle_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"]
 ) -> tuple[float, float]:
-    """Mean and standard deviation on an even grid, the width of its step included."""
+    """Return the mean and standard deviation on an even grid, the width of its step included."""
     mean_deg = float(probability @ angle_deg)
     step_deg = float(angle_deg[1] - angle_deg[0])
     return mean_deg, math.sqrt(float(probability @ (angle_deg - mean_deg) ** 2) + step_deg**2 / 12)

@@ -120,23 +120,26 @@ class AnglePosterior:
         return mean_and_sigma(self.angle_deg, self.probability)[1]
 
     def log_heights(self, angles_deg: Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, "particles angles"]:
-        """Ln of the intensity over σ that each marker drawn has at angles of the probe, in degrees."""
+        """Return ln of the intensity over σ that each marker drawn has at angles of the probe, in degrees."""
         log_curve = family().log_curve
         steps = np.rint(np.abs(angles_deg - self.theta_deg[:, None]) / STEP_DEG).astype(np.int64)
         away = np.minimum(steps, log_curve.shape[1] - 1)
         return np.asarray(self.log_snr[:, None] + log_curve[self.member[:, None], away])
 
     def quantile_deg(self, probability: float) -> float:
-        """Angle below which the marker lies with that probability, in degrees."""
+        """Return the angle below which the marker lies with that probability, in degrees."""
         return float(np.interp(probability, *self._steps()))
 
     def cumulative(self, angles_deg: Float64[np.ndarray, " ends"]) -> Float64[np.ndarray, " ends"]:
-        """Probability with which the marker lies below each angle, in degrees."""
+        """Return the probability with which the marker lies below each angle, in degrees."""
         probability, ends_deg = self._steps()
         return np.asarray(np.interp(angles_deg, ends_deg, probability))
 
     def _steps(self) -> tuple[Float64[np.ndarray, " ends"], Float64[np.ndarray, " ends"]]:
-        """Cumulative probability at the ends of the steps; each probability is uniform over one step of the grid."""
+        """Return the cumulative probability at the ends of the steps.
+
+        Each probability is uniform over one step of the grid.
+        """
         step_deg = float(self.angle_deg[1] - self.angle_deg[0])
         ends_deg = np.concatenate([self.angle_deg - step_deg / 2, self.angle_deg[-1:] + step_deg / 2])
         return np.concatenate([[0.0], np.cumsum(self.probability)]), ends_deg
@@ -249,7 +252,7 @@ class Inference:
         """Standard deviation of the angle by what the order of the frames of sweeps leaves open, in degrees."""
 
     def anew(self) -> Inference:
-        """An inference as this one was before its first sample."""
+        """Return an inference as this one was before its first sample."""
         return Inference(limits=self._limits, cues=self.cues, prior=self._prior, motion_m=self._motion_m)
 
     def copy(self) -> Inference:
@@ -325,7 +328,7 @@ class Inference:
         )
 
     def _coarse(self, lit: Sequence[Sample], bounds: Sequence[Sample], noise: SearchNoise) -> Grid:
-        """The coarse grid with all samples; computed again when their scale has changed."""
+        """Return the coarse grid with all samples; computed again when their scale has changed."""
         # Not of the bounds, which may be of a far stronger source: the amplitudes of the grid begin at half the unit.
         scale = scale_of(lit, noise)
         own = len(lit)
@@ -365,7 +368,7 @@ class Inference:
     def _with_asymmetry(
         self, lit: Sequence[Sample], centre: Centre, log_arrival: LogDensity
     ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
-        """Angles of the marker and their probabilities (10), from those of the centre of its curve."""
+        """Return the angles of the marker and their probabilities (10), from those of the centre of its curve."""
         strongest = max(lit, key=lambda sample: sample.reading.intensity).reading
         coherence = mean_coherence(lit, sigma=self._scale.sigma)
         from_axis_m = radius_m(strongest.depth_m)
@@ -399,7 +402,7 @@ class Inference:
 def _as_of_one_way(
     centre: Centre, *, spot: float
 ) -> tuple[Float64[np.ndarray, " angles"], Float64[np.ndarray, " angles"]]:
-    """Angles of the centre and their probabilities, as wide as one way over a spot leaves them.
+    """Return the angles of the centre and their probabilities, as wide as one way over a spot leaves them.
 
     Its absorbers interfere at each angle in another way. That looks like an error of each pulse by itself, but every
     further way over the spot repeats it. ``spot``: probability that the marker is one.
@@ -723,7 +726,7 @@ def _mixed(
 
 
 def _drawn_moved(part: _MovedCentre, count: int) -> Particles:
-    """Markers of equal weight drawn from the posterior for one size of the motion."""
+    """Return the markers of equal weight drawn from the posterior for one size of the motion."""
     row, column = _drawn(part.weight, count)
     return Particles(
         theta_deg=part.angles_deg[row],
@@ -735,7 +738,7 @@ def _drawn_moved(part: _MovedCentre, count: int) -> Particles:
 def _drawn(
     weight: Float64[np.ndarray, "angles hypotheses"], count: int
 ) -> tuple[Int64[np.ndarray, " drawn"], Int64[np.ndarray, " drawn"]]:
-    """Angle and hypothesis of cells drawn by systematic resampling, at equal steps of the cumulative weight."""
+    """Return the angle and hypothesis of cells drawn by systematic resampling."""
     cumulative = np.cumsum(weight)
     drawn = np.searchsorted(cumulative, cumulative[-1] * (np.arange(count) + 0.5) / count)
     row, column = np.divmod(drawn, weight.shape[1])
@@ -743,7 +746,7 @@ def _drawn(
 
 
 def _half_width_deg(angles_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"]) -> float:
-    """Half the width of the next finer grid, in degrees."""
+    """Return half the width of the next finer grid, in degrees."""
     step_deg = float(angles_deg[1] - angles_deg[0])
     return max(HALF_WIDTH_SIGMAS * mean_and_sigma(angles_deg, probability)[1], 2 * step_deg)
 
@@ -780,7 +783,7 @@ def shared_displacement_deg(observations: Sequence[Observation], *, fwhm_deg: fl
 def blurred(
     angles_deg: Float64[np.ndarray, " angles"], probability: Float64[np.ndarray, " angles"], *, sigma_deg: float
 ) -> tuple[Float64[np.ndarray, " wider"], Float64[np.ndarray, " wider"]]:
-    """Angles and probabilities after a normal error of this standard deviation was added."""
+    """Return the angles and probabilities after a normal error of this standard deviation was added."""
     step_deg = float(angles_deg[1] - angles_deg[0])
     reach = math.ceil(4 * sigma_deg / step_deg)
     if reach < 2:
@@ -833,7 +836,7 @@ class MeanCoherence(NamedTuple):
 
 
 def mean_coherence(lit: Sequence[Sample], *, sigma: float) -> MeanCoherence | None:
-    """Mean and scatter of C over the samples; None if not known.
+    """Return the mean and scatter of C over the samples; None if not known.
 
     ``lit``: samples with the laser on, as they are at the marker's place. ``sigma``: noise of one quadrature, in the
     intensity's unit.
@@ -880,7 +883,7 @@ def asymmetry_probability(coherence: MeanCoherence | None, *, width_m: float) ->
 
 
 def shift_scale_m(coherence: MeanCoherence | None, *, width_m: float) -> float:
-    """Scale a of the shift of a spot's curve, (10c), in metres."""
+    """Return the scale a of the shift of a spot's curve, (10c), in metres."""
     if coherence is None:
         return USUAL_SHIFT_M
     narrow_m = SHIFT_M + INCOHERENT_SHIFT_M * (1 - coherence.mean) + SCATTER_SHIFT_M * coherence.scatter

@@ -136,7 +136,10 @@ class Scale:
     """Distance of the marker from the axis."""
 
     def replaces(self, former: Scale, *, stated: bool) -> bool:
-        """Whether a grid of the former scale must be computed again; ``stated``: all readings state noise and cells."""
+        """Return whether a grid of the former scale must be computed again.
+
+        ``stated``: all readings state noise and cells.
+        """
         if self.marker_m is None or former.marker_m is None:
             moved = self.marker_m is not former.marker_m
         else:
@@ -208,7 +211,7 @@ _USUAL_RADIUS_M = 55e-3
 
 
 def radius_m(depth_m: float | None) -> float:
-    """Distance of the marker from the axis, in metres.
+    """Return the distance of the marker from the axis, in metres.
 
     ``depth_m``: its distance from the array's face; None if unknown.
     """
@@ -216,7 +219,7 @@ def radius_m(depth_m: float | None) -> float:
 
 
 def displaced_sigma_deg(sample: Sample, *, radius_m: float) -> float:
-    """Standard deviation of the angle of a sample by what is not known of the displacement of the tissue."""
+    """Return the standard deviation of the angle of a sample by what is not known of the displacement of the tissue."""
     return math.degrees(displacement_sigmas(sample).turn_m / radius_m)
 
 
@@ -319,7 +322,7 @@ def with_light(samples: Sequence[Sample]) -> list[Sample]:
 
 
 def _lit(swept: Sequence[Sample]) -> list[Sample]:
-    """The pulses of one sweep that gave light."""
+    """Return the pulses of one sweep that gave light."""
     level = np.array([_noise_level(sample) for sample in swept])
     height = np.array([sample.reading.intensity for sample in swept])
     quiet = height <= level
@@ -330,7 +333,7 @@ def _lit(swept: Sequence[Sample]) -> list[Sample]:
 
 
 def _noise_level(sample: Sample) -> float:
-    """Height that noise seldom exceeds; 0 where the noise is not known."""
+    """Return the height that noise seldom exceeds; 0 where the noise is not known."""
     reading = sample.reading
     if reading.noise_sigma is None or reading.cells is None:
         return 0.0

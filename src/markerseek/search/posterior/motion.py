@@ -187,13 +187,13 @@ def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, state
 
 @lru_cache(maxsize=1)
 def _none_seen() -> Float64[np.ndarray, " sigmas"]:
-    """Probability of each of `SIGMAS_M` where the other two directions are certainly at rest, and nothing is stated."""
+    """Return the probability of each of `SIGMAS_M` where the other two directions rest, and nothing is stated."""
     at_rest = np.where(PLACE_SIGMAS_M > 0, -np.inf, 0.0)
     return along_turn(overall_prior(None), (at_rest, at_rest))
 
 
 def _period_of(moments: Sequence[_Moment], samples: Sequence[Sample]) -> float | None:
-    """Period of the places along the line of motion; None where their times show none, or are not known."""
+    """Return the period of the places along the line of motion; None where their times show none, or are not known."""
     times_s = []
     for each in moments:
         headers = [frame.header for number in each.samples if (frame := samples[number].frame) is not None]
@@ -248,7 +248,7 @@ def period_s(
 
 
 def _line_of(away_m: Float64[np.ndarray, "moments 2"]) -> Float64[np.ndarray, " 2"]:
-    """Direction in which places lie apart the most."""
+    """Return the direction in which places lie apart the most."""
     # The eigenvector of the largest eigenvalue.
     return np.asarray(np.linalg.eigh(away_m.T @ away_m)[1][:, -1])
 
@@ -338,7 +338,7 @@ def log_likelihoods(
 
 @lru_cache(maxsize=1)
 def _directions() -> Float64[np.ndarray, "directions 3"]:
-    """Unit vectors, evenly over an octant: along the turn, along the array, in depth."""
+    """Return the unit vectors, evenly over an octant: along the turn, along the array, in depth."""
     number = np.arange(DIRECTIONS) + 0.5
     # Points of equal areas on a spiral (Fibonacci's lattice), with the signs left out.
     along = number / DIRECTIONS
@@ -374,7 +374,7 @@ def along_turn(
 def _on_grid(
     sigma_m: Float64[np.ndarray, "*n"], probability: Float64[np.ndarray, "*n"]
 ) -> Float64[np.ndarray, " moving"]:
-    """Probability of each of `SIGMAS_M` but the first, from that of some σ_t.
+    """Return the probability of each of `SIGMAS_M` but the first, from that of some σ_t.
 
     Each is shared between its neighbours on the grid, so that σ_t² is kept on average; one outside the grid counts at
     the nearest end of it.
@@ -395,7 +395,7 @@ def _amplitude_m(log: Float64[np.ndarray, " sigmas"]) -> float:
 
 
 def _moments(samples: Sequence[Sample], *, mean_deg: float, sigma: float) -> list[_Moment]:
-    """Where the marker was at each sample at rest and during each pass of a sweep, as far as frames show it."""
+    """Return where the marker was at each sample at rest and during each pass of a sweep, as far as frames show it."""
     known = [
         (number, each)
         for number, each in enumerate(samples)
@@ -425,7 +425,7 @@ def _moments(samples: Sequence[Sample], *, mean_deg: float, sigma: float) -> lis
 def _moment(
     together: Sequence[tuple[int, Sample, float]], *, mean_deg: float, depth_m: float, grains_m: float, least: float
 ) -> _Moment:
-    """Mean place of the samples of a moment: their number, the sample, and its intensity over the noise.
+    """Return the mean place of the samples of a moment: their number, the sample, and its intensity over the noise.
 
     ``depth_m``: depth of the marker. ``grains_m``: of `GRAINS_M`. ``least``: least intensity of a clear sample.
     """
@@ -453,7 +453,7 @@ def _moment(
 
 
 def _place(sample: Sample, *, mean_deg: float, depth_m: float) -> tuple[float, float]:
-    """Lateral position of the marker, and its depth as it would be in its plane, in metres."""
+    """Return the lateral position of the marker, and its depth as it would be in its plane, in metres."""
     reading = sample.reading
     lateral_m = float(reading.lateral_m or 0.0)
     slant_m = float(reading.depth_m or 0.0)

@@ -171,7 +171,7 @@ that width."""
 
 
 def _evenly_deg(posterior: AnglePosterior, *, limits: Interval) -> float:
-    """Angle in degrees where many samples about the top of the curve are the most even on both flanks.
+    """Return the angle in degrees where many samples about the top of the curve are the most even on both flanks.
 
     First the mirror image of a place that has none; beside an end of the range the middle of the widest gap; then the
     place with the fewest samples, for a place that is measured again is a group that exists, and groups are few.
@@ -237,7 +237,7 @@ def expected_sigmas_deg(
 
 
 def _candidates(posterior: AnglePosterior, *, limits: Interval) -> Float64[np.ndarray, " candidates"]:
-    """Angles about the mean of the posterior, and over all of it."""
+    """Return the angles about the mean of the posterior, and over all of it."""
     # 1.6 widths to either side hold both flanks, where the curve is steepest.
     near = posterior.mean_deg + posterior.fwhm_deg * np.linspace(-1.6, 1.6, 19)
     if posterior.strong_deg.size:
@@ -258,7 +258,7 @@ def _variance_left(
     variance: Float64[np.ndarray, " particles"],
     sums: Float64[np.ndarray, "3 particles"],
 ) -> float:
-    """Mean of (11): each marker in turn is the truth, the others keep the weight that its sample would leave them."""
+    """Return the mean of (11), each marker in turn being the true one, by whose sample the others are weighted."""
     count = theta_deg.size
     sums[0], sums[1], sums[2] = 1.0, 0.0, 0.0
     mass = sums[0]
@@ -309,10 +309,10 @@ def expected_variance(
     sample_error: float,
     out: Float64[np.ndarray, " candidates"],
 ) -> None:
-    """Expected variance of the angle after one more sample at each candidate, in deg²; amplitudes in units of σ.
+    """Return the expected variance of the angle in deg² after one more sample at each candidate.
 
-    ``strong_deg`` and ``strong_log`` are the strong samples of a symmetric curve: the template's error at the nearest
-    of them, by its distance from a marker, is expected of the candidate too.
+    Amplitudes are in units of σ. ``strong_deg`` and ``strong_log`` are the strong samples of a symmetric curve: the
+    template's error at the nearest of them, by its distance from a marker, is expected of the candidate too.
     """
     count = theta_deg.size
     strong = strong_deg.size

@@ -283,7 +283,7 @@ class Posterior(SearchPolicy):
         return PriorEvidence(probability=1 - wrong, whole_range=not self.is_narrowed)
 
     def doubts_near(self, *, at_end: bool) -> bool:
-        """Whether the prior over the angle is to be given up; ``at_end``: whether the search would end now."""
+        """Return whether the prior over the angle is to be given up; ``at_end``: whether the search would end now."""
         if not self.is_narrowed or len(self._lit) < MIN_SAMPLES:
             return False
         if at_end and not isinstance(self.estimate(), Found):
@@ -330,7 +330,7 @@ class Posterior(SearchPolicy):
         self._next = self._cached = None
 
     def estimate(self) -> Estimate:
-        """Answer as far as the samples prove it; `NotFound` before the first."""
+        """Return the answer as far as the samples prove it; `NotFound` before the first."""
         if not self._lit:
             return NotFound(mean_deg=self._limits.centre_deg, reason="nothing has been measured yet")
         return answer_of(
@@ -359,7 +359,10 @@ class Posterior(SearchPolicy):
         return None if first.missing is not None else self._progress_of(first)
 
     def progress_near(self, other: Posterior) -> Progress | None:
-        """How well that source is known which is the strongest of another posterior; None if it is not detected."""
+        """Return how well that source is known which is the strongest of another posterior.
+
+        None if it is not detected.
+        """
         if self.progress is None or other.progress is None:
             return None
         theirs = other._analysis.first
@@ -419,7 +422,7 @@ class Posterior(SearchPolicy):
         )
 
     def _wanted_deg(self) -> float | None:
-        """Next angle in degrees, whether it can be measured or not; None at the end."""
+        """Return the next angle in degrees, whether it can be measured or not; None at the end."""
         if self._asked >= self._budget:
             return None
         # Three samples near the marker say more about it than one sample where the prior does not expect it.
@@ -431,14 +434,14 @@ class Posterior(SearchPolicy):
         return self._remaining_deg()
 
     def _comes_first(self, source: Candidate) -> bool:
-        """Whether the angle of a source has to be known better before others are looked for."""
+        """Return whether the angle of a source has to be known better before others are looked for."""
         # One beyond an end may never be known well enough, however often it is measured, and another may be the marker.
         patience = self.single or source.seen < OFTEN or self._budget - self._asked > SURVEY_RESERVE
         enough_deg = max(KNOWN_SIGMA_DEG, self._needed_sigma_deg(source))
         return source.posterior.centre_sigma_deg > enough_deg and patience
 
     def _remaining_deg(self) -> float | None:
-        """Next angle once the strongest source is known, in degrees; None if the search is done."""
+        """Return the next angle once the strongest source is known, in degrees; None if the search is done."""
         first = self._analysis.sources[0]
         target_deg = self._needed_sigma_deg(first)
         imprecise = first.posterior.centre_sigma_deg > target_deg
@@ -462,12 +465,12 @@ class Posterior(SearchPolicy):
         return self._informative_deg(first)
 
     def _needed_sigma_deg(self, source: Candidate) -> float:
-        """Standard deviation with which the centre of a source's curve is known well enough, in degrees."""
+        """Return the standard deviation with which the centre of a source's curve is known well enough, in degrees."""
         tolerated_deg = self._tolerance.half_width_deg(marker_radius_m(source.samples))
         return min(self._target_deg, tolerated_deg / TOLERATED_SIGMAS)
 
     def _other_source_deg(self, first: Candidate, *, imprecise: bool) -> float | None:
-        """Next angle to look for another source than the strongest, in degrees; None if none is left."""
+        """Return the next angle to look for another source than the strongest, in degrees; None if none is left."""
         known = self._analysis
         if known.unresolved_rival is not None:
             return self._another_look_deg(*known.unresolved_rival)
@@ -487,7 +490,7 @@ class Posterior(SearchPolicy):
         return wanted_deg if wanted_deg is not None and wanted_deg in self._limits else None
 
     def _is_surveyed_further(self, survey: Survey) -> bool:
-        """Whether another source may still be the marker, and an acquisition would say enough of it."""
+        """Return whether another source may still be the marker, and an acquisition would say enough of it."""
         probability = hidden_probability(survey, others=self._others)
         # A confirmation changes the amplitude by a little; it does not begin the survey again.
         worth = 0.0 if self._confirmation_taken or self._range_swept else self._others * survey.gain
@@ -498,7 +501,7 @@ class Posterior(SearchPolicy):
         return probability > STATED or worth > WORTH
 
     def _another_look_deg(self, source: Candidate, hidden_deg: float | None) -> float:
-        """Next angle for a source other than the strongest, in degrees; its top may be hidden."""
+        """Return the next angle for a source other than the strongest, in degrees; its top may be hidden."""
         strongest_deg = max(source.samples, key=lambda sample: sample.reading.intensity).angle_deg
         beside = sum(abs(angle_deg - strongest_deg) <= BESIDE_DEG for angle_deg in self._analysis.measured_deg)
         if beside > 1 or (source.source is not None and source.seen > 1):
@@ -519,7 +522,7 @@ class Posterior(SearchPolicy):
         )
 
     def _detection_deg(self) -> float:
-        """Next angle while nothing is detected, in degrees."""
+        """Return the next angle while nothing is detected, in degrees."""
         measured_deg = self._analysis.measured_deg
         noise = self._analysis.noise
         since_deg = measured_deg[self._before :]

@@ -85,7 +85,7 @@ def log_humps(
 
 @lru_cache(maxsize=8)
 def _humps(fresnel_number: float) -> tuple[Float64[np.ndarray, " across"], Float64[np.ndarray, " across"], float]:
-    """Distances in half heights of the element, ln S of (2) there, and the outermost distance with half of S(0)."""
+    """Return distances in half heights of the element, ln S of (2) there, and the outermost one with half of S(0)."""
     # Fine where the peaks are, geometric in the tails.
     across = np.concatenate([np.linspace(0.0, 4.0, 801), np.geomspace(4.0, 130.0, 400)[1:]])
     power = np.zeros_like(across)

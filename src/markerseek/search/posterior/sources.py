@@ -61,34 +61,37 @@ class Source:
     """Largest distance of its other arrivals along the array."""
 
     def distance_m(self, arrival: Arrival, *, angle_deg: float) -> float:
-        """Distance of an arrival at this angle of the probe, moveout apart, in metres; infinite if it is too far."""
+        """Return the distance of an arrival at this angle of the probe, moveout apart, in metres.
+
+        Infinite if it is too far.
+        """
         aside_m, off_m = self._away_m(arrival, angle_deg)
         return math.hypot(aside_m, off_m) if aside_m <= self.reach_m and off_m <= DEEP_M else math.inf
 
     def covered_by(self, arrival: Arrival, *, angle_deg: float) -> bool:
-        """Whether another source's arrival lies in the image blocks where this one is looked up."""
+        """Return whether another source's arrival lies in the image blocks where this one is looked up."""
         return max(self._away_m(arrival, angle_deg)) <= COVERED_M
 
     def with_part(self, other: Source) -> Source | None:
-        """The spot that holds both, nearly at one position and strongest at about the same angle; else None."""
+        """Return the spot that holds both, nearly at one position and strongest at about the same angle; else None."""
         # The absorbers of a stained spot outshine one another from angle to angle.
         if not self.same_position(other) or abs(other.angle_deg - self.angle_deg) > SPOT_DEG:
             return None
         return replace(self, reach_m=max(self.reach_m, abs(other.lateral_m - self.lateral_m) + NEAR_M))
 
     def same_position(self, other: Source) -> bool:
-        """Whether two sources are near enough to be one spot."""
+        """Return whether two sources are near enough to be one spot."""
         return abs(self.lateral_m - other.lateral_m) <= SPOT_M and abs(self.depth_m - other.depth_m) <= DEEP_M
 
     def moveout_m(self, angle_deg: float) -> float:
-        """Most by which the source may seem deeper at this angle of the probe, in metres (4)."""
+        """Return the most by which the source may seem deeper at this angle of the probe, in metres (4)."""
         turned = math.radians(min(abs(angle_deg - self.angle_deg) + UNKNOWN_DEG, 180.0))
         radius_m = LARGEST_FACE_RADIUS_M + self.depth_m
         square_m2 = LARGEST_FACE_RADIUS_M**2 + radius_m**2 - 2 * LARGEST_FACE_RADIUS_M * radius_m * math.cos(turned)
         return math.sqrt(square_m2) - self.depth_m
 
     def _away_m(self, arrival: Arrival, angle_deg: float) -> tuple[float, float]:
-        """Distance of an arrival along the array and in depth, moveout apart, in metres."""
+        """Return the distance of an arrival along the array and in depth, moveout apart, in metres."""
         deeper_m = arrival.depth_m - self.depth_m
         off_m = max(-deeper_m, deeper_m - self.moveout_m(angle_deg), 0.0)
         return abs(arrival.lateral_m - self.lateral_m), off_m
@@ -141,7 +144,7 @@ def samples_at(lit: Sequence[Sample], sources: Sequence[Source], source: Source)
 
 
 def _sample_at(sample: Sample, sources: Sequence[Source], source: Source) -> tuple[Sample, bool]:
-    """A sample at the place of a source, and whether it is more than an upper limit."""
+    """Return a sample at the place of a source, and whether it is more than an upper limit."""
     reading = sample.reading
     angle_deg = sample.angle_deg
     here: list[Arrival] = []
@@ -186,7 +189,7 @@ def as_upper_limit(sample: Sample) -> Sample:
 
 
 def _without_position(sample: Sample, *, intensity: float, noise_sigma: float | None, cells: int) -> Sample:
-    """A sample of this intensity without a position in the image."""
+    """Return a sample of this intensity without a position in the image."""
     reading = structs.replace(
         sample.reading,
         intensity=intensity,
@@ -205,7 +208,7 @@ def _without_position(sample: Sample, *, intensity: float, noise_sigma: float | 
 
 
 def _arrivals(reading: Reading) -> Iterator[Arrival]:
-    """Arrivals of a reading, and its largest peak where that is not coherent enough to be one."""
+    """Yield the arrivals of a reading, and its largest peak where that is not coherent enough to be one."""
     yield from reading.arrivals
     if reading.lateral_m is None or reading.depth_m is None:
         return
@@ -221,7 +224,7 @@ def _arrivals(reading: Reading) -> Iterator[Arrival]:
 
 
 def _separate(reading: Reading) -> Iterator[Arrival]:
-    """Arrivals of a reading that no stronger one is near: beside a strong one lie its side lobes and its echoes."""
+    """Yield the arrivals without a stronger one near: beside a strong one lie its side lobes and echoes."""
     kept: list[Arrival] = []
     for arrival in sorted(_arrivals(reading), key=lambda each: -each.intensity):
         away_m = [(abs(arrival.lateral_m - each.lateral_m), abs(arrival.depth_m - each.depth_m)) for each in kept]
@@ -231,7 +234,7 @@ def _separate(reading: Reading) -> Iterator[Arrival]:
 
 
 def _of_arrival(reading: Reading, arrival: Arrival, source: Source, *, angle_deg: float) -> Reading:
-    """A reading whose peak is this arrival of a source."""
+    """Return a reading whose peak is this arrival of a source."""
     if reading.local_maxima is None:
         return reading
     around = reading.local_maxima.near(
@@ -342,22 +345,22 @@ class Candidate(SourceSamples):
         return Interval(low_deg=self.posterior.quantile_deg(0.025), high_deg=self.posterior.quantile_deg(0.975))
 
     def apart_from(self, other: Candidate) -> bool:
-        """Whether the 95 % intervals of two sources are separate."""
+        """Return whether the 95 % intervals of two sources are separate."""
         mine = self.interval95_deg
         theirs = other.interval95_deg
         return mine.high_deg < theirs.low_deg or theirs.high_deg < mine.low_deg
 
     def relative_db(self, other: Candidate) -> float:
-        """Strength over that of another source, in dB."""
+        """Return the strength over that of another source, in dB."""
         return 20 / math.log(10) * (self.log_snr - other.log_snr)
 
     def stronger_probability(self, other: Candidate) -> float:
-        """Probability that it is stronger than another, from the standard deviations of both."""
+        """Return the probability that it is stronger than another, from the standard deviations of both."""
         spread = math.hypot(self.log_snr_sigma, other.log_snr_sigma)
         return 0.5 * math.erfc((other.log_snr - self.log_snr) / (math.sqrt(2) * max(spread, 1e-9)))
 
     def as_other_source(self, other: Candidate) -> OtherSource:
-        """The source as an answer names it beside another."""
+        """Return the source as an answer names it beside another."""
         place = self.source
         return OtherSource(
             angle_deg=self.posterior.mean_deg,
@@ -369,7 +372,7 @@ class Candidate(SourceSamples):
 
 
 def suspect_level(lit: Sequence[Sample], noise: SearchNoise) -> float:
-    """Intensity above which the largest peak of a frame is measured again, because it may be another source.
+    """Return the intensity above which the largest peak of a frame is measured again, because it may be another source.
 
     It is lower than the detection threshold, which proves a source: noise has such a peak in one search of twenty,
     which takes one acquisition more. 0 where the threshold is unknown.
@@ -383,7 +386,10 @@ def suspect_level(lit: Sequence[Sample], noise: SearchNoise) -> float:
 
 
 def times_seen(at: Sequence[Sample], noise: SearchNoise) -> int:
-    """Number of samples in which a source exceeds the noise; a place has fewer cells than an image, and less noise."""
+    """Return the number of samples in which a source exceeds the noise.
+
+    A place has fewer cells than an image, and less noise.
+    """
     level = noise.level_or_zero
     sigma = noise.sigma or math.inf
     levels = [
@@ -396,7 +402,7 @@ def times_seen(at: Sequence[Sample], noise: SearchNoise) -> int:
 
 
 def is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noise: SearchNoise) -> bool:
-    """Whether a source was strong at one angle and not beside it, where even the narrowest curve would be."""
+    """Return whether a source was strong at one angle and not beside it, where even the narrowest curve would be."""
     # An upper bound says the same as a sample where it is below the detection threshold.
     measured = [*own, *(bound for bound in bounds if bound.reading.intensity <= noise.level_or_zero)]
     beside = sum(abs(sample.angle_deg - place.angle_deg) <= BESIDE_DEG for sample in measured)
@@ -406,7 +412,7 @@ def is_burst(own: Sequence[Sample], bounds: Sequence[Sample], place: Source, noi
 
 
 def is_background(at: Sequence[Sample]) -> bool:
-    """Whether a place is equally strong at all angles, as an artefact of the rig is."""
+    """Return whether a place is equally strong at all angles, as an artefact of the rig is."""
     intensities = [sample.reading.intensity for sample in at]
     return len(at) > 1 and max(intensities) - min(intensities) <= FLAT_SHARE * max(intensities)
 
@@ -491,7 +497,10 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = 
 
 
 def _heights(order: Sequence[Sample]) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
-    """Intensities and relative errors; of a pulse the median of those about it, for one of hundreds may be weak."""
+    """Return the intensities and relative errors.
+
+    Of a pulse it is the median of those about it, because one of hundreds may be weak.
+    """
     height = np.array([sample.reading.intensity for sample in order])
     angle_deg = np.array([sample.angle_deg for sample in order])
     sweep = np.array([0 if sample.sweep is None else sample.sweep.number for sample in order])
@@ -503,7 +512,7 @@ def _heights(order: Sequence[Sample]) -> tuple[Float64[np.ndarray, " samples"], 
 def _without_bursts(
     angle_deg: Float64[np.ndarray, " samples"], height: Float64[np.ndarray, " samples"]
 ) -> tuple[Float64[np.ndarray, " samples"], Float64[np.ndarray, " samples"]]:
-    """Intensities for peaks and for dips, so that a burst makes no peak and a misfire no dip."""
+    """Return the intensities for peaks and for dips, so that a burst makes no peak and a misfire no dip."""
     near = np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG
     np.fill_diagonal(near, False)
     hump = height.copy()

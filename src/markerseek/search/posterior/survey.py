@@ -49,7 +49,7 @@ SURVEY_ANGLES = 71
 
 
 def survey_angles_deg(limits: Interval) -> Float64[np.ndarray, " angles"]:
-    """Angles of the range at which a hidden source is assumed, in degrees."""
+    """Return the angles of the range at which a hidden source is assumed, in degrees."""
     return np.linspace(limits.low_deg, limits.high_deg, SURVEY_ANGLES)
 
 
@@ -74,11 +74,11 @@ class ExpectedAngle:
         return np.asarray(self._density / self._at(posterior))
 
     def wrong_probability(self, posterior: AnglePosterior) -> float:
-        """Probability that the prior is wrong, where the posterior of the samples is that of the marker."""
+        """Return the probability that the prior is wrong, where the posterior of the samples is that of the marker."""
         return WRONG / self._at(posterior)
 
     def is_contradicted(self, source: Candidate, *, former: MarkerCurve | None) -> bool:
-        """Whether the prior is more probably wrong than right, where this source is the strongest.
+        """Return whether the prior is more probably wrong than right, where this source is the strongest.
 
         ``former``: curve of a former marker, which a source that is much weaker does not resemble.
         """
@@ -154,7 +154,7 @@ class Survey:
 
 
 def hidden_probability(survey: Survey, *, others: float) -> float:
-    """Probability of a second source as strong that the survey has not shown, by Bayes' rule.
+    """Return the probability of a second source as strong that the survey has not shown, by Bayes' rule.
 
     ``others``: prior probability of such a source.
     """
@@ -228,7 +228,7 @@ def _next(
     *,
     last_deg: float,
 ) -> tuple[float, float]:
-    """Candidate whose sample adds most, alone or in a pair, with travel as a cost; and how much it adds."""
+    """Return the candidate whose sample adds most, alone or in a pair, with travel as a cost; and how much it adds."""
     far = 1 + np.abs(candidates_deg - last_deg) / SURVEY_TRAVEL_DEG
     rest = hidden[:, None] * there
     left = rest.mean(axis=(0, 2))

@@ -100,7 +100,7 @@ class Delay:
         return abs(self.measured_s) > DOUBTFUL_SIGMAS * self.prior_s
 
     def differs_from(self, other: Delay) -> bool:
-        """Whether two bursts of one rig show different delays."""
+        """Return whether two bursts of one rig show different delays."""
         return abs(self.measured_s - other.measured_s) > UNEXPLAINED_SIGMAS * math.hypot(self.sigma_s, other.sigma_s)
 
 
@@ -352,7 +352,7 @@ class SweepPosterior:
         self._next: tuple[float | Sweep | None] | None = None
 
     def _first(self, start_deg: float | None) -> list[Sweep]:
-        """The sweeps over the part of the range, from where the probe is."""
+        """Return the sweeps over the part of the range, from where the probe is."""
         part = self._part
         near_deg = part.low_deg
         far_deg = part.high_deg
@@ -374,7 +374,10 @@ class SweepPosterior:
     """Why samples are not at their angles, which ends a run with a fault; None if the ways there and back agree."""
 
     def ask(self) -> float | Sweep | None:
-        """Next sweep, or next angle in degrees; None at the end of the search, or of a sweep that is ended early."""
+        """Return the next sweep, or next angle in degrees.
+
+        None at the end of the search, or of a sweep that is ended early.
+        """
         if self._next is None:
             self._next = (None if self._known else self.sweeps[0] if self.sweeps else self._at_rest(),)
         return self._next[0]
@@ -385,7 +388,7 @@ class SweepPosterior:
         return self._posterior.near_evidence
 
     def _at_rest(self) -> float | Sweep | None:
-        """Next angle at rest, in degrees; None once the marker is found as well as the tolerance asks.
+        """Return the next angle at rest, in degrees; None once the marker is found as well as the tolerance asks.
 
         A sweep over the whole range where a prior over the angle is given up now.
         """
@@ -436,7 +439,7 @@ class SweepPosterior:
             self._widen()
 
     def _is_doubtful(self) -> bool:
-        """Whether the prior over the angle is to be given up before anything is measured at rest."""
+        """Return whether the prior over the angle is to be given up before anything is measured at rest."""
         answer = self._posterior.estimate()
         # For the precision alone an acquisition at rest is the shorter way.
         precise = isinstance(answer, Unsure) and answer.doubt == "width"
@@ -466,7 +469,7 @@ class SweepPosterior:
         self._next = None
 
     def estimate(self) -> Estimate:
-        """Answer as far as the samples prove it; nothing is found where the order of the frames is wrong."""
+        """Return the answer as far as the samples prove it; nothing is found where the order of the frames is wrong."""
         answer = self._posterior.estimate()
         if isinstance(answer, Found) and self.disorder is not None:
             return answer.as_unsure("source", self.disorder)
@@ -490,7 +493,7 @@ class SweepPosterior:
             self._next = None
 
     def _is_known(self, at_deg: float | None) -> bool:
-        """Whether the marker is found, and both of its flanks were swept by a probe that is there."""
+        """Return whether the marker is found, and both of its flanks were swept by a probe that is there."""
         progress = self._posterior.progress
         if at_deg is None or progress is None or abs(at_deg - progress.mean_deg) < FLANK * progress.fwhm_deg:
             return False
@@ -498,7 +501,7 @@ class SweepPosterior:
         return isinstance(answer, Found) and (answer.other_probability or 0.0) <= MARGIN * STATED
 
     def _following(self) -> list[Sweep]:
-        """The sweep that follows once the range has been swept; none where what is left is measured at rest."""
+        """Return the sweep that follows once the range has been swept; none where what is left is measured at rest."""
         progress = self._posterior.progress
         if progress is None and self._part != self._limits:
             return []
@@ -579,11 +582,11 @@ class SweepPosterior:
         return [order for order in orders if order is not None]
 
     def _centre_of(self, samples: Sequence[Sample]) -> Centre | None:
-        """The centre of the curve of some samples by themselves."""
+        """Return the centre of the curve of some samples by themselves."""
         return centre_by(self._make(), samples, of=self._posterior)
 
     def _over(self, low_deg: float, high_deg: float, *, speed_deg_s: float) -> Sweep:
-        """A sweep from the side on which the probe is, which ends on the other."""
+        """Return a sweep from the side on which the probe is, which ends on the other."""
         # Where no pulse counted, it does not matter which.
         above = not self._lit or self._lit[-1].angle_deg > (low_deg + high_deg) / 2
         from_deg, to_deg = (high_deg, low_deg) if above else (low_deg, high_deg)
@@ -597,7 +600,7 @@ class SweepPosterior:
     def _burst(
         self, from_deg: float, to_deg: float, *, wait_deg: float, here: bool, speed_deg_s: float | None = None
     ) -> Sweep:
-        """A sweep there and back whose frames are read at its end."""
+        """Return a sweep there and back whose frames are read at its end."""
         return Sweep(
             to_deg=to_deg,
             speed_deg_s=self._speed_deg_s if speed_deg_s is None else speed_deg_s,

@@ -75,7 +75,7 @@ class Grouped:
 
 
 def median_of(group: Sequence[Observation]) -> Observation:
-    """One observation for a group: its median angle and intensity, with the noise of its mean."""
+    """Return one observation for a group: its median angle and intensity, with the noise of its mean."""
     if len(group) == 1:
         return group[0]
     # A median, for one outlier among several must not move them.
@@ -88,7 +88,7 @@ def median_of(group: Sequence[Observation]) -> Observation:
 
 
 def _without_outliers(group: list[Observation]) -> list[Observation]:
-    """A group without the samples far from its median: (9) holds one outlier of all samples, and many hold several."""
+    """Return a group without the samples far from its median: (9) allows one outlier, and many have several."""
     if len(group) < MIN_FOR_OUTLIERS:
         return group
     values = np.array([each.log_intensity for each in group])
@@ -98,7 +98,7 @@ def _without_outliers(group: list[Observation]) -> list[Observation]:
 
 
 def _sweep(observation: Observation) -> int:
-    """Number of the sweep and the direction that the observation belongs to; 0 for none."""
+    """Return the number of the sweep and the direction that the observation belongs to; 0 for none."""
     sweep = observation.sweep
     return 0 if sweep is None else 2 * sweep.number + (sweep.speed_deg_s < 0)
 
@@ -131,7 +131,7 @@ def grouped(observations: Sequence[Observation], *, fwhm_deg: float) -> Grouped:
 
 
 def _counted(weak: Sequence[Observation], *, width_deg: float) -> list[Observation]:
-    """Weak observations, those of sweeps with how many of the same sweep lie within a group's width."""
+    """Return the weak observations, those of sweeps with how many of the same sweep lie within a group's width."""
     place_deg, sweep = np.array([(each.angle_deg, _sweep(each)) for each in weak]).reshape(-1, 2).T
     near = (np.abs(place_deg[:, None] - place_deg) <= width_deg / 2) & (sweep[:, None] == sweep)
     return [
@@ -337,7 +337,7 @@ def shift_sigmas_deg(observations: Sequence[Observation]) -> Float64[np.ndarray,
 
 @compiled
 def log_level(log_curve: Float64[np.ndarray, " distances"], steps: float) -> float:
-    """Ln S at this number of steps from the marker, linear between the tabulated ones."""
+    """Return ln S at this number of steps from the marker, linear between the tabulated ones."""
     near = min(int(steps), log_curve.size - 2)
     part = min(steps - near, 1.0)
     return float((1 - part) * log_curve[near] + part * log_curve[near + 1])
@@ -347,7 +347,7 @@ def log_level(log_curve: Float64[np.ndarray, " distances"], steps: float) -> flo
 def template_sigma(
     level: float, log_levels: Float64[np.ndarray, " levels"], sigmas: Float64[np.ndarray, " levels"]
 ) -> float:
-    """Standard deviation s of g where ln S is ``level``: one of ``sigmas`` at each of ``log_levels``."""
+    """Return the standard deviation s of g where ln S is ``level``: one of ``sigmas`` at each of ``log_levels``."""
     if level >= log_levels[0]:
         return float(sigmas[0])
     for row in range(1, log_levels.size):
@@ -392,7 +392,7 @@ def _covariance(
 
 @compiled
 def factor_and_invert(matrix: Float64[np.ndarray, "n n"], inverse: Float64[np.ndarray, "n n"]) -> float:
-    """Cholesky's factor in place of the lower half, and its inverse; returns ln of the determinant."""
+    """Return the Cholesky's factor in place of the lower half, and its inverse; returns ln of the determinant."""
     # 3 to 8 times as fast as LAPACK through Numba for 3 to 16 samples (`benchmarks.kernels`): its calls allocate, and
     # the matrices are small. A decision makes some 300 of them.
     count = matrix.shape[0]
@@ -431,7 +431,7 @@ def _log_density(
     whitened: Float64[np.ndarray, " groups"],
     own: Float64[np.ndarray, " groups"],
 ) -> tuple[float, float]:
-    """Ln p of values with an unknown common offset ln A, one of them perhaps an outlier (9); and that offset.
+    """Return ln p of values with an unknown common offset ln A, one of them perhaps an outlier (9); and that offset.
 
     The values of a group share g and differ by errors of their own, 1/``weight``, and about their mean by the slope of
     g as well, together 1/``apart``. ``mean`` and ``precision`` are a group's weighted mean and the sum of its weights,
@@ -564,7 +564,7 @@ def _log_tables_at(
     log_ratio: Float64[np.ndarray, " weak"],
     table_step: float,
 ) -> float:
-    """Sum of ln p of the weak samples by their tables, ``log_ratio`` being ln(μ/y) from the tables' low end."""
+    """Return the sum of ln p of the weak samples by their tables; ``log_ratio``: ln(μ/y) from the tables' low end."""
     total = 0.0
     for i in range(level.size):
         row = 0

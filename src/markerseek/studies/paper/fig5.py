@@ -85,7 +85,7 @@ class Condition:
 
 @lru_cache(maxsize=32)
 def _fwhm_deg(source_radius_m: float) -> float:
-    """Full width at half maximum of the noise-free curve."""
+    """Return the full width at half maximum of the noise-free curve."""
     settings = Condition(source_radius_m=source_radius_m, peak_snr_db=40.0).settings
     curve, _ = intensity_curve(CurveSettings(), settings, seed=0)
     if curve is None:
@@ -115,7 +115,7 @@ class Marker(NamedTuple):
 
 
 def study_of(condition: Condition, *, seed: int) -> Study:
-    """Study in which markers, curves and noise of one condition are drawn."""
+    """Return the study in which markers, curves and noise of one condition are drawn."""
     return Study(name="paper", policies=(study_policy(method="ternary"),), seed=seed, rig=condition.settings)
 
 

@@ -74,7 +74,7 @@ class RunOptions:
         return min(1.0, self.markers / PAPER_MARKERS)
 
     def each(self, function: Callable[[Job], DoneT], jobs: Sequence[Job], *, stage: str, part: int = 1) -> list[DoneT]:
-        """Results of a function on many jobs, in their order, whatever the number of processes.
+        """Return the results of a function on many jobs, in their order, whatever the number of processes.
 
         ``function``: a function of a module, which other processes can import. ``jobs``: its arguments, one after
         another. ``part``: jobs that a process is given at once.
@@ -113,7 +113,7 @@ class PaperSearch:
     """By number of acquisitions."""
 
     def error_deg(self, acquisitions: int) -> float:
-        """Absolute error of the answer after this number of acquisitions."""
+        """Return the absolute error of the answer after this number of acquisitions."""
         return abs(self.answers_deg[acquisitions] - self.truth_deg)
 
 
@@ -127,7 +127,7 @@ def paper_search(
     stay: bool = True,
     **what: Any,
 ) -> PaperSearch:
-    """Search on a rig.
+    """Return the search on a rig.
 
     ``counts``: numbers of acquisitions after which the answer is kept; empty: at the end. ``what``: the other fields.
     """
@@ -146,7 +146,7 @@ def paper_search(
 def policy_of(
     name: PaperMethod, *, acquisitions: int, limits: Interval = PAPER_RANGE, early_end: bool = False
 ) -> Policy:
-    """Policy of a method as published, which always answers.
+    """Return the policy of a method as published, which always answers.
 
     ``acquisitions``: number N of acquisitions, all of them made unless it may end early. ``early_end``: whether WA ends
     once the peak is recorded and passed, as it does online.
@@ -167,7 +167,7 @@ class QuantisedPolicy:
     """Range of the bank; an angle that rounding would move out of the range is not rounded."""
 
     def ask(self) -> float | None:
-        """Next angle of the policy at the nearest count, in degrees; None at its end."""
+        """Return the next angle of the policy at the nearest count, in degrees; None at its end."""
         asked_deg = self.policy.ask()
         if asked_deg is None:
             return None
@@ -181,5 +181,5 @@ class QuantisedPolicy:
         self.policy.tell(sample)
 
     def estimate(self) -> Estimate:
-        """Answer of the policy."""
+        """Return the answer of the policy."""
         return self.policy.estimate()

@@ -76,7 +76,7 @@ On an exact grid there would be three different angles only."""
 
 
 def grid(rng: np.random.Generator) -> list[MarkerSettings]:
-    """Positions 1 to 9, row by row along x, each a marker in the frame of the probe."""
+    """Return the positions 1 to 9, row by row along x, each a marker in the frame of the probe."""
     markers = []
     for y in (-1, 0, 1):
         for x in (-1, 0, 1):
@@ -111,7 +111,7 @@ class OfflineBank:
 
 
 def own_bank(path: Path, *, reference_deg: float | None) -> OfflineBank:
-    """A user's own bank.
+    """Return a user's own bank.
 
     Raises `ConfigError` for channel data: the paper interpolates intensities between two angles (section 2.5), and
     frames cannot be interpolated.
@@ -133,7 +133,9 @@ class _Scan(NamedTuple):
 
 
 def simulated_banks(folder: Path, options: RunOptions) -> list[OfflineBank]:
-    """Banks of the five materials at nine positions each (of the last at one), for each noise; written into the folder.
+    """Return the banks of the five materials at nine positions each (of the last at one), for each noise.
+
+    Written into the folder.
 
     The same positions and spots are scanned under each noise. With fewer markers than the paper's, fewer positions are
     scanned, in coarser steps.
@@ -188,7 +190,7 @@ def _scan(scan: _Scan) -> None:
 
 
 def offline_searches(banks: Sequence[OfflineBank], options: RunOptions) -> list[PaperSearch]:
-    """Searches with every method and every number of acquisitions of Fig. 6 on each bank."""
+    """Return the searches with every method and every number of acquisitions of Fig. 6 on each bank."""
     return [search for found in options.each(_searches, banks, stage="offline searches") for search in found]
 
 
@@ -243,7 +245,7 @@ def fig6(searches: Sequence[PaperSearch], own: OfflineBank | None = None) -> Sec
 
 
 def table1(searches: Sequence[PaperSearch], own: OfflineBank | None = None) -> Section:
-    """Table 1: errors after 16 acquisitions; ``own`` as in `fig6`."""
+    """Return the table 1: errors after 16 acquisitions; ``own`` as in `fig6`."""
     errors = {group: each for group, each in errors_by_group(searches).items() if group[3] == TABLE_ACQUISITIONS}
     comparisons = _of_own_bank(errors)
     if own is None:
@@ -263,7 +265,7 @@ def table1(searches: Sequence[PaperSearch], own: OfflineBank | None = None) -> S
 
 
 def _section(name: str, own: OfflineBank | None, **parts: Any) -> Section:
-    """Section with the text on the banks."""
+    """Return the section with the text on the banks."""
     results: dict[str, object] = {"acquisitions": TABLE_ACQUISITIONS}
     if own is not None:
         given = own.reference_deg is not None
@@ -273,7 +275,7 @@ def _section(name: str, own: OfflineBank | None, **parts: Any) -> Section:
 
 
 def _of_own_bank(errors: Mapping[Group, Errors]) -> tuple[Comparison, ...]:
-    """Errors of the searches on a user's own bank, to which none of the paper's numbers belongs."""
+    """Return the errors of the searches on a user's own bank, to which none of the paper's numbers belongs."""
     return tuple(
         compared(f"{name} after {count} acquisitions, error", each, of_paper=False)
         for (_, _, name, count), each in errors.items()
@@ -281,7 +283,7 @@ def _of_own_bank(errors: Mapping[Group, Errors]) -> tuple[Comparison, ...]:
 
 
 def _worst_after_28(errors: Mapping[Group, Errors]) -> tuple[Comparison, ...]:
-    """The conclusion's "below 0.5° on all materials": the largest mean error of TS and of GSS."""
+    """Return the conclusion's "below 0.5° on all materials": the largest mean error of TS and of GSS."""
     worst = {
         (level_db, name): max((errors[material, level_db, name, 28] for material in MATERIALS), key=_mean_deg)
         for level_db in LEVELS_DB

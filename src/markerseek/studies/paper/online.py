@@ -73,7 +73,7 @@ class OnlineRun(NamedTuple):
 
 
 def online_searches(options: RunOptions) -> list[PaperSearch]:
-    """Searches of TS and GSS (28 acquisitions), WA (5° steps, early end) at nine positions, by noise.
+    """Return the searches of TS and GSS (28 acquisitions), WA (5° steps, early end) at nine positions, by noise.
 
     With fewer markers than the paper's there are fewer repeats.
     """
@@ -115,7 +115,7 @@ def search_online(given: OnlineRun) -> PaperSearch:
 
 
 def table2(searches: Sequence[PaperSearch]) -> Section:
-    """Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
+    """Return the table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
     comparisons: list[Comparison] = []
     rows: list[tuple[TableCell, ...]] = []
     for level_db in LEVELS_DB:

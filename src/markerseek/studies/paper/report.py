@@ -27,7 +27,7 @@ OFFLINE = ("fig6", "table1")
 def make_sections(
     names: Sequence[str], *, options: RunOptions, folder: Path, own: OfflineBank | None = None
 ) -> Iterator[Section]:
-    """Sections of these names, in this order; what several of them share is computed once.
+    """Return the sections of these names, in this order; what several of them share is computed once.
 
     ``folder``: where banks are written. ``own``: a user's bank instead of the simulated ones; None for those. Raises
     `ConfigError` if a name is unknown, or cannot be made from a user's own bank; nothing is made then.
@@ -113,7 +113,7 @@ def write_report(
 
 
 def comparison_table(section: Section) -> Table:
-    """The paper's numbers and ours, as a table of the section."""
+    """Return the paper's numbers and ours, as a table of the section."""
     return make_table(
         f"{section.name}_beside_the_paper",
         "The paper's numbers beside ours",
@@ -129,7 +129,7 @@ def comparison_table(section: Section) -> Table:
 
 
 def cell_text(cell: TableCell) -> str:
-    """One cell as people read it: three significant digits, and nothing for None."""
+    """Return one cell as people read it: three significant digits, and nothing for None."""
     if cell is None:
         return ""
     if isinstance(cell, float):
@@ -154,7 +154,7 @@ def _write_csv(table: Table, path: Path) -> None:
 
 
 def _reasons(numbers: Iterable[PaperNumber]) -> dict[str, list[str]]:
-    """What is known of these numbers, in sentences, with the numbers of each sentence."""
+    """Return what is known of these numbers, in sentences, with the numbers of each sentence."""
     found: dict[str, list[str]] = {}
     for number in dict.fromkeys(numbers):
         for sentence in filter(None, (number.limitation, number.note)):

@@ -132,12 +132,12 @@ Group: TypeAlias = tuple[str, float | None, PaperMethod, int]
 
 
 def errors_of(errors_deg: Sequence[float]) -> Errors:
-    """Summary of one absolute error or more."""
+    """Return the summary of one absolute error or more."""
     return Errors(Mean.of(errors_deg), float(np.mean(np.array(errors_deg) > SENSITIVE_DEG)))
 
 
 def errors_by_group(searches: Iterable[PaperSearch]) -> dict[Group, Errors]:
-    """Errors of every number of acquisitions, by group."""
+    """Return the errors of every number of acquisitions, by group."""
     groups: dict[Group, list[float]] = {}
     for each in searches:
         for count in each.answers_deg:
@@ -147,7 +147,7 @@ def errors_by_group(searches: Iterable[PaperSearch]) -> dict[Group, Errors]:
 
 
 def errors_table(name: str, caption: str, place: str, errors: Mapping[Group, Errors], *, shown: bool = False) -> Table:
-    """Table of the errors of groups of searches; ``place``: what the first column is called."""
+    """Return the table of the errors of groups of searches; ``place``: what the first column is called."""
     rows = ((*group, *each.cells) for group, each in errors.items())
     return make_table(name, caption, f"{place} peak_snr_db method acquisitions {ERROR_COLUMNS}", rows, shown=shown)
 
@@ -231,7 +231,7 @@ def make_section(
 
 @cache
 def _prose() -> dict[str, dict[str, str]]:
-    """The text of each section by its name."""
+    """Return the text of each section by its name."""
     return tomllib.loads(resources.files(__package__).joinpath("prose.toml").read_text(encoding="utf-8"))
 
 
@@ -263,7 +263,7 @@ def errors_figure(
     printed: str = "paper",
     average_deg: float | None = None,
 ) -> Figure:
-    """Figure of the mean error over the number of acquisitions, with the 95 % interval of the mean.
+    """Return the figure of the mean error over the number of acquisitions, with the 95 % interval of the mean.
 
     ``printed``: what the legend calls the paper's numbers, which are open marks. ``average_deg``: the paper's mean
     error of WA over all N, as a line; None draws none.
