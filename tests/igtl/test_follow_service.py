@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import time
 from collections.abc import Iterator
@@ -10,8 +11,9 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from markerseek.bridges.follow_feed import SILENT_S
 from markerseek.bridges.igtl import FollowService
-from markerseek.bridges.igtl.follow_service import SILENT_S, follow_messages
+from markerseek.bridges.igtl.follow_service import follow_messages
 from markerseek.following import FollowStep
 from markerseek.wire import igtl
 
@@ -30,18 +32,26 @@ STEP = FollowStep(
 
 
 def test_the_transform_is_in_millimetres_with_its_error() -> None:
-    transform, state = follow_messages(STEP)
+    transform, state = follow_messages(STEP, simulated=True)
     assert isinstance(transform.content, igtl.Transform)
     assert transform.content.matrix is not None
     assert transform.content.matrix[:3, 3] == pytest.approx([10.0, -20.0, 100.0])
     assert transform.metadata == {"TransformStatus": "OK", "tre_m": "0.0007"}
     assert isinstance(state.content, igtl.Text)
-    assert '"word":"there"' in state.content.text
+    said = json.loads(state.content.text)
+    assert (said["word"], said["holds"], said["simulated"]) == ("there", True, True)
+
+
+def test_a_run_that_is_silent_is_said_to_be() -> None:
+    _, state = follow_messages(None, simulated=False)
+    assert isinstance(state.content, igtl.Text)
+    said = json.loads(state.content.text)
+    assert (said["word"], said["holds"]) == ("silent", False)
 
 
 @pytest.mark.parametrize("step", [None, structs.replace(STEP, word="tissue", davinci_to_trus=None, tre_m=None)])
 def test_a_registration_that_does_not_hold_is_withdrawn(step: FollowStep | None) -> None:
-    transform = follow_messages(step)[0]
+    transform = follow_messages(step, simulated=False)[0]
     assert isinstance(transform.content, igtl.Transform)
     assert transform.content.matrix is None
     assert transform.metadata == {"TransformStatus": "INVALID"}
@@ -65,7 +75,7 @@ def received(connection: socket.socket, *, for_s: float) -> Iterator[tuple[float
 @pytest.mark.real_time
 def test_clients_get_it_ten_times_a_second_until_the_run_is_silent() -> None:
     notes: list[str] = []
-    with FollowService("127.0.0.1", 0, on_note=notes.append) as service:
+    with FollowService("127.0.0.1", 0, simulated=True, on_note=notes.append) as service:
         service.show(STEP)
         with socket.create_connection(("127.0.0.1", service.port)) as connection:
             came = list(received(connection, for_s=SILENT_S + 1.0))

@@ -23,6 +23,7 @@ def transform(topic):
             frames=[message.header.frame_id, message.child_frame_id],
             place_m=[place.x, place.y, place.z],
             quaternion=[turned.x, turned.y, turned.z, turned.w],
+            stamp_s=message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
             age_s=time.time() - message.header.stamp.sec - 1e-9 * message.header.stamp.nanosec,
         )
 
@@ -41,6 +42,9 @@ def main():
         "/pa_search/registration_state",
         lambda message: say(topic="state", **json.loads(message.data)),
         latched,
+    )
+    node.create_subscription(
+        String, "/pa_follow/state", lambda message: say(topic="follow", **json.loads(message.data)), latched
     )
     say(topic="ready")
     rclpy.spin(node)

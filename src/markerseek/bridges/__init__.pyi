@@ -1,15 +1,18 @@
 from .child import ChildRun, Outcome, Searches, SearchOptions
+from .follow_feed import FollowFeed, StepListener
 from .followed import FollowedSession, RegistrationSource, open_registration
 from .request import OPTIONS, SearchRequest
 
 __all__ = [
     "OPTIONS",
     "ChildRun",
+    "FollowFeed",
     "FollowedSession",
     "Outcome",
     "RegistrationSource",
     "SearchOptions",
     "SearchRequest",
     "Searches",
+    "StepListener",
     "open_registration",
 ]

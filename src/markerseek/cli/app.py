@@ -79,9 +79,9 @@ def _group(help_text: str, commands: _Commands, **options: Any) -> typer.Typer:
 
 
 _ROS2 = _group(
-    "Run a search, a stage, an acquisition or a simulated rig as ROS 2 nodes. What follows `--ros-args` is for the "
-    "node: `--ros-args -r __ns:=/left`.",
-    {"search": ros2.search, "stage": ros2.stage, "acquire": ros2.acquire, "sim": ros2.sim},
+    "Run a search, a run that follows, a stage, an acquisition or a simulated rig as ROS 2 nodes. What follows "
+    "`--ros-args` is for the node: `--ros-args -r __ns:=/left`.",
+    {"search": ros2.search, "follow": ros2.follow, "stage": ros2.stage, "acquire": ros2.acquire, "sim": ros2.sim},
     cls=ros2.RosGroup,
 )
 _BANK = _group(

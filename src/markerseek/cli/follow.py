@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +14,7 @@ import msgspec
 import typer
 from rich.markup import escape
 
-from markerseek import drivers, following, registration, rigs
+from markerseek import bridges, drivers, following, registration, rigs
 from markerseek.bridges import igtl
 from markerseek.cli.open_rig import arm_rig, open_rig, person, require_no_trace, simulated_settings
 from markerseek.cli.options import Arm, AsJson, Out, Trace, with_values
@@ -182,7 +182,23 @@ def command(
     markerseek follow --registration SESSION --rig rig.toml --spot --cameras stereo.toml --images 'left right'
     markerseek follow --registration SESSION --rig rig.toml --point 4 -12 105 --still-valid
     """
-    output = Output.asked(as_json=as_json, plot=plot, out=out)
+    follow_target(followed, place, plan, simulation, Output.asked(as_json=as_json, plot=plot, out=out))
+
+
+def follow_target(
+    followed: Followed,
+    place: FollowPlace,
+    plan: following.FollowPlan,
+    simulation: SceneOptions,
+    output: Output,
+    *,
+    opens: Callable[[FollowRun], AbstractContextManager[bridges.StepListener]] | None = None,
+) -> None:
+    """Follow, and show what was done.
+
+    ``opens``: opens what takes the steps of the run besides; None: nothing does.
+    """
+    as_json = output.as_json
     if not followed.spot and followed.tip is None and followed.point is None:
         if not place.simulate:
             raise ConfigError("nothing to follow: name it by --spot, --tip WHERE or --point X Y Z")
@@ -193,11 +209,14 @@ def command(
             if place.simulate
             else _on_rig(followed, place, plan, simulation, as_json=as_json)
         )
-        service = None
+        listeners: list[bridges.StepListener] = []
+        if opens is not None:
+            listeners.append(opened.enter_context(opens(run)))
         if place.igtl_port is not None:
-            service = opened.enter_context(igtl.FollowService("127.0.0.1", place.igtl_port, on_note=_note))
+            service = igtl.FollowService("127.0.0.1", place.igtl_port, simulated=run.simulated, on_note=_note)
+            listeners.append(opened.enter_context(service))
             _note(f"OpenIGTLink clients connect to 127.0.0.1, port {service.port}")
-        ended = _follow(run, service, as_json=as_json)
+        ended = _follow(run, listeners, as_json=as_json)
     output.show(_report(run, ended))
 
 
@@ -207,6 +226,8 @@ class FollowRun:
 
     follower: following.Follower
     title: str
+    simulated: bool
+    """Whether the registration is."""
     ends_s: float | None
     """When it ends, on the rig's clock; None: it does not."""
     room: following.FollowedRoom | None = None
@@ -221,7 +242,7 @@ def _note(sentence: str) -> None:
     stderr.print(f"[dim]{escape(sentence)}[/]")
 
 
-def _follow(run: FollowRun, service: igtl.FollowService | None, *, as_json: bool) -> str:
+def _follow(run: FollowRun, listeners: Sequence[bridges.StepListener], *, as_json: bool) -> str:
     """Follow until the end, a signal, or a state that only a person ends; returns why it has ended."""
     said = ""
     begun_s: float | None = None
@@ -230,8 +251,8 @@ def _follow(run: FollowRun, service: igtl.FollowService | None, *, as_json: bool
             for step in steps:
                 run.steps.append(step)
                 begun_s = step.at_s if begun_s is None else begun_s
-                if service is not None:
-                    service.show(step)
+                for listener in listeners:
+                    listener.show(step)
                 run.true_deg.append(None if run.room is None else run.room.angle_deg(step.at_s))
                 follows = step.word in _FOLLOWS
                 line = "follows the target" if follows else step.word
@@ -362,6 +383,7 @@ def _simulated(
     yield FollowRun(
         follower=follower,
         title=f"simulated: the probe follows {what} ({motion}), registration with {error_mm:g} mm",
+        simulated=True,
         ends_s=SIMULATED_S if place.seconds is None else place.seconds,
         room=room,
         hints={},
@@ -440,6 +462,7 @@ def _on_rig(
         yield FollowRun(
             follower=follower,
             title=f"{rig.facts.description}: follows {source.name}",
+            simulated=known.simulated,
             ends_s=None if place.seconds is None else clock.now_s() + place.seconds,
             hints={**_HINTS, **_DARK} if followed.spot and not plan.light_while_waiting else _HINTS,
             steps=[],

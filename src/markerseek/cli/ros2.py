@@ -1,4 +1,4 @@
-"""``markerseek ros2``: a search, a stage, an acquisition, or a simulated rig as ROS 2 nodes."""
+"""``markerseek ros2``: a search, a run that follows, a stage, an acquisition, or a simulated rig as ROS 2 nodes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from typer.core import TyperGroup
 from markerseek import bridges, drivers, rigs, ros
 from markerseek.bridges import ros2
 from markerseek.cli.emulate import true_marker, world_text, write_rig_file
+from markerseek.cli.follow import Followed, FollowPlace, FollowRun, follow_target
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
-from markerseek.cli.options import RigFile, with_values
+from markerseek.cli.options import AsJson, Out, RigFile, with_values
+from markerseek.cli.report import Output
 from markerseek.cli.signals import Stopped, noted_signals
 from markerseek.cli.terminal import print_json, stderr, stdout
-from markerseek.core import ConfigError, SearchPlan, SimulationOptions
+from markerseek.core import ConfigError, SceneOptions, SearchPlan, SimulationOptions
 from markerseek.files import quoted
+from markerseek.following import FollowPlan
 from markerseek.ros import topics
 
 if TYPE_CHECKING:
@@ -85,6 +88,45 @@ def search(
         stderr.print(outcome.message, markup=False)
         raise typer.Exit(outcome.exit_code)
     raise Stopped(128 + stopped[0] if stopped else 0)
+
+
+@with_values
+def follow(
+    ctx: typer.Context,
+    *,
+    followed: Followed,
+    place: FollowPlace,
+    plan: FollowPlan,
+    simulation: SceneOptions,
+    plot: Annotated[bool, typer.Option("--plot", help="Write follow.png into --out.")] = False,
+    out: Out = None,
+    as_json: AsJson = False,
+) -> None:
+    """Follow as `markerseek follow` does, and publish the transform of the camera on /tf meanwhile.
+
+    `trus_home` to the camera is on /tf more than ten times a second while the registration holds, carried along with
+    the endoscope; /pa_search/registration_state says whether it holds, with its error, and /pa_follow/state how the
+    probe stands. A message on /pa_follow/stop holds the probe. No message arms anything.
+
+    Examples
+    --------
+    markerseek ros2 follow --simulate --pace 1
+    markerseek ros2 follow --registration SESSION --rig rig.toml --tip topic:/PSM1/measured_cp --still-valid
+    """
+    output = Output.asked(as_json=as_json, plot=plot, out=out)
+    # Before anybody is asked to arm the rig: a second node is refused.
+    with ros_node("pa_follow", publishes=topics.REGISTRATION, arguments=ctx.obj) as node:
+
+        def opens(run: FollowRun) -> ros2.FollowNode:
+            stderr.print(f"served: the transform is on {topics.FRAMES} while it holds", markup=False)
+            return ros2.FollowNode(
+                node,
+                simulated=run.simulated,
+                publishes_angle=not _is_over_ros(place.rig),
+                on_stop=run.follower.stop,
+            )
+
+        follow_target(followed, place, plan, simulation, output, opens=opens)
 
 
 def _is_over_ros(rig: Path | None) -> bool:

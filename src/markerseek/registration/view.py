@@ -20,7 +20,7 @@ from markerseek.core import RecordError
 from markerseek.registration.endoscope_motion import SeenEndoscope
 from markerseek.registration.plan import USUAL_TRE_MM, SessionPlan
 from markerseek.registration.report import KnownRegistration, RegistrationReport
-from markerseek.registration.stations import stands_elsewhere
+from markerseek.registration.stations import stands_elsewhere, station_names
 from markerseek.registration.steps import (
     Begun,
     Continued,
@@ -244,6 +244,37 @@ class SessionView:
             "session": self.phase,
             "said": self.sentence,
             **errors,
+            "motion": self.motion,
+        }
+
+    @property
+    def motion(self) -> dict[str, object] | None:
+        """What the cameras saw move, and what was done about it, for other programs; None: nobody looked.
+
+        Markers that were seen from another place of the endoscope are ``carried`` into its present frame, or do not
+        count (``lost``).
+        """
+        searches = [
+            {
+                "marker": marker.name,
+                "said": marker.scene.said,
+                "known": marker.scene.is_known,
+                "moved": marker.scene.moved,
+            }
+            for marker in self.markers
+            if marker.scene is not None
+        ]
+        if self.endoscope is None and not searches:
+            return None
+        stations = station_names(self.markers)
+        here = next(reversed(stations.values()), "")
+        return {
+            "endoscope": None
+            if self.endoscope is None
+            else {"state": self.endoscope.state, "said": self.endoscope.said},
+            "carried": [name for name, station in stations.items() if station != here and name not in self.lost],
+            "lost": list(self.lost),
+            "searches": searches,
         }
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 def in_namespace(name: str) -> str:
     """Return the name of a topic or service as its node asks for it: what is ours lies in the namespace of the node."""
-    return name[1:] if name.startswith(("/TRUS/", "/pa_search/")) else name
+    return name[1:] if name.startswith(("/TRUS/", "/pa_search/", "/pa_follow/")) else name
 
 
 def beside(name: str, neighbour: str) -> str:
@@ -49,6 +49,12 @@ tf2 with the type of `FRAMES`; that of a session is not static, and is sent on `
 
 REGISTRATION_STATE = "/pa_search/registration_state"
 """Whether the registration holds, and its errors, latched: std_msgs/String with JSON."""
+
+FOLLOW_STATE = "/pa_follow/state"
+"""How a run that follows stands, latched: std_msgs/String with JSON."""
+
+FOLLOW_STOP = "/pa_follow/stop"
+"""Hold the probe in the dark until a person lets it go on: std_msgs/Empty; without a stamp: it is never too late."""
 
 BANK = "/pa_search/bank"
 SAMPLE = "/pa_search/sample"

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from markerseek.geometry import RigidTransform
-from markerseek.registration import EndoscopeMotion, EndoscopeNotKnown, TakenMarker, station_names
+from markerseek.registration import (
+    EndoscopeMotion,
+    EndoscopeNotKnown,
+    SearchScene,
+    SessionView,
+    TakenMarker,
+    station_names,
+)
 from markerseek.registration.stations import carry, stands_elsewhere
 from tests.registration_sessions import taken
 
@@ -120,3 +128,16 @@ def test_markers_from_which_no_known_motion_leads_here_are_lost(
     assert {each.name for each in carried.seen} == {each.name for each in markers} - {*lost}
     everything_lost = carry(markers, now=EndoscopeNotKnown(after="3", reason="the picture is dark"))
     assert everything_lost.seen == ()
+
+
+def test_other_programs_get_what_the_cameras_saw_and_what_was_done_about_it() -> None:
+    moved = motion(TRUE["2"], since="1")
+    markers = (marker("1"), structs.replace(marker("2", moved), scene=SearchScene(pairs=10, known=1.0)))
+    view = SessionView(markers=markers, endoscope=moved)
+    assert view.known["motion"] == {
+        "endoscope": {"state": "moved", "said": moved.said},
+        "carried": ["1"],
+        "lost": [],
+        "searches": [{"marker": "2", "said": markers[1].scene.said, "known": True, "moved": False}],
+    }
+    assert SessionView(markers=(marker("1"),)).known["motion"] is None

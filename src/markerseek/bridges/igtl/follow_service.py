@@ -1,20 +1,21 @@
 """Serves OpenIGTLink clients what a run that follows says: the transform of the camera, again and again, and its state.
 
 TRANSFORM ``DaVinciToProbeHome`` is as `streams` sends it, with ``TransformStatus`` and ``tre_m`` in its metadata; it is
-NaN while no registration holds, and once the run says nothing any more. STRING ``FollowState`` is the newest step.
+NaN while no registration holds, and once the run says nothing any more. STRING ``FollowState`` is the newest step, or
+``silent``.
 """
 
 from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from collections.abc import Callable, Collection
 
 import msgspec
 import numpy as np
 
 from markerseek._closing import Closing
+from markerseek.bridges.follow_feed import SENT_S, FollowFeed, follow_state
 from markerseek.bridges.igtl.commands import CommandAnswer, Request
 from markerseek.bridges.igtl.peer import IPAddress
 from markerseek.bridges.igtl.service import IgtlServer
@@ -22,24 +23,24 @@ from markerseek.bridges.igtl.streams import StreamMessage, camera_transform
 from markerseek.following import FollowStep
 from markerseek.wire import igtl
 
-SENT_S = 0.08
-"""Time from one transform to the next, in seconds: more than ten a second."""
-
-SILENT_S = 1.0
-"""Time without a step after which the transform is withdrawn: the run hangs, or has ended."""
-
 
 class FollowService(Closing):
     """The server, in a thread of its own, while it is open.
 
-    ``allowed``: addresses of other computers that may connect. ``on_note``: receives sentences for the terminal. Errors
-    as of `IgtlServer.open`.
+    ``simulated``: whether the registration is. ``allowed``: addresses of other computers that may connect. ``on_note``:
+    receives sentences for the terminal. Errors as of `IgtlServer.open`.
     """
 
     def __init__(
-        self, host: str, port: int, *, allowed: Collection[IPAddress] = (), on_note: Callable[[str], None]
+        self,
+        host: str,
+        port: int,
+        *,
+        simulated: bool,
+        allowed: Collection[IPAddress] = (),
+        on_note: Callable[[str], None],
     ) -> None:
-        self._newest: tuple[float, FollowStep] | None = None
+        self._feed = FollowFeed(simulated=simulated)
         self._loop = asyncio.new_event_loop()
         self._server = IgtlServer(on_request=_refused, allowed=allowed, on_note=on_note)
         try:
@@ -53,7 +54,7 @@ class FollowService(Closing):
 
     def show(self, step: FollowStep) -> None:
         """Take a step of the run."""
-        self._newest = (time.monotonic(), step)
+        self._feed.show(step)
 
     def close(self) -> None:
         """End all connections; allowed twice."""
@@ -68,28 +69,21 @@ class FollowService(Closing):
             self._loop.close()
 
     async def _send(self) -> None:
+        simulated = self._feed.simulated
+        metadata = {"registration": "simulated" if simulated else "measured"}
         while not self._closing.is_set():
-            for message in follow_messages(self._step()):
-                self._server.publish(message, metadata={})
+            for message in follow_messages(self._feed.step, simulated=simulated):
+                self._server.publish(message, metadata=metadata)
             await asyncio.sleep(SENT_S)
         await self._server.close()
 
-    def _step(self) -> FollowStep | None:
-        """The newest step, unless it is old."""
-        if self._newest is None:
-            return None
-        came_s, step = self._newest
-        return step if time.monotonic() - came_s <= SILENT_S else None
 
-
-def follow_messages(step: FollowStep | None) -> list[StreamMessage]:
+def follow_messages(step: FollowStep | None, *, simulated: bool) -> list[StreamMessage]:
     """Return the messages of a step; None: nothing is known now."""
-    if step is None:
-        return [camera_transform(None, errors={})]
-    matrix = None if step.davinci_to_trus is None else np.array(step.davinci_to_trus)
-    transform = camera_transform(matrix, errors={} if step.tre_m is None else {"tre_m": step.tre_m})
-    text = msgspec.json.encode(step).decode()
-    return [transform, StreamMessage(device="FollowState", content=igtl.Text(text=text))]
+    matrix = None if step is None or step.davinci_to_trus is None else np.array(step.davinci_to_trus)
+    errors = {} if step is None or step.tre_m is None else {"tre_m": step.tre_m}
+    text = msgspec.json.encode(follow_state(step, simulated=simulated)).decode()
+    return [camera_transform(matrix, errors=errors), StreamMessage(device="FollowState", content=igtl.Text(text=text))]
 
 
 def _refused(request: Request) -> CommandAnswer:

@@ -1,4 +1,5 @@
 from .acquisition_node import AcquisitionNode
+from .follow_node import FollowNode
 from .sample_topics import RegistrationTopics
 from .search_node import SearchNode
 from .serving import MessagePump, Served, Serving, StepEnded, serve_nodes
@@ -6,6 +7,7 @@ from .stage_node import StageNode
 
 __all__ = [
     "AcquisitionNode",
+    "FollowNode",
     "MessagePump",
     "RegistrationTopics",
     "SearchNode",
