@@ -73,7 +73,7 @@ def test_the_python_that_finds_a_laser_spot_runs(capsys: pytest.CaptureFixture[s
     """The page's own block, on simulated images of a spot at a known pixel."""
     looks = {"size_px": (320, 240), "settings": EndoscopeSettings(), "rng": np.random.default_rng(1)}
     given = {"frames": spot_images(np.array([150.0, 100.0]), **looks), "dark": spot_images(None, **looks)}
-    run_python("docs/how-to/register-from-records.md", 0, given)
+    run_python("docs/how-to/read-a-registration.md", 1, given)
     x_px, y_px, sigma_px = map(float, capsys.readouterr().out.split())
     assert np.hypot(x_px - 150, y_px - 100) < max(5 * sigma_px, 0.5)
 
