@@ -14,7 +14,8 @@ from typer.core import TyperGroup
 from markerseek import bridges, drivers, rigs, ros
 from markerseek.bridges import ros2
 from markerseek.cli.emulate import true_marker, world_text, write_rig_file
-from markerseek.cli.follow import Followed, FollowPlace, FollowRun, follow_target
+from markerseek.cli.follow import follow_target
+from markerseek.cli.follow_run import Followed, FollowPlace, FollowRun
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
 from markerseek.cli.options import AsJson, Out, RigFile, with_values
 from markerseek.cli.report import Output

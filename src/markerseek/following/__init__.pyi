@@ -4,6 +4,8 @@ from .endoscope_check import DarkPairs, EndoscopeCheck, NewestPairs
 from .follower import Follower, FollowStep
 from .machine import Decision, FollowMachine
 from .plan import FollowPlan
+from .pointed_place import PointedPlace, named_target
+from .record import FollowBegun, FollowEnded, FollowLine, FollowRecord, follow_record
 from .robot_tip import FixedPoint, RobotTip
 from .simulated import FollowedRoom, Motion, SimulatedSpot, SimulatedTip, TargetPath
 from .spot_source import SpotSource
@@ -20,8 +22,12 @@ __all__ = [
     "Decision",
     "EndoscopeCheck",
     "FixedPoint",
+    "FollowBegun",
+    "FollowEnded",
+    "FollowLine",
     "FollowMachine",
     "FollowPlan",
+    "FollowRecord",
     "FollowStep",
     "FollowedRoom",
     "Follower",
@@ -31,6 +37,7 @@ __all__ = [
     "Motion",
     "NewestPairs",
     "NotConfirmed",
+    "PointedPlace",
     "ProbeReach",
     "RobotTip",
     "SimulatedSpot",
@@ -42,5 +49,7 @@ __all__ = [
     "Word",
     "compare",
     "confirm",
+    "follow_record",
+    "named_target",
     "probe_reach",
 ]

@@ -24,6 +24,8 @@ class Aim:
     """Of the registration and of the target."""
     noise_m2: Float64[np.ndarray, "3 3"]
     """Of the target alone: what differs from one time to the next."""
+    named: int | None = None
+    """As of `Target`."""
 
     @property
     def angle_deg(self) -> float:
@@ -128,6 +130,7 @@ class HeldRegistration:
             trus_m=transform.apply(camera_m),
             covariance_m2=noise_m2 + self.error_m2(camera_m),
             noise_m2=noise_m2,
+            named=target.named,
         )
         if not aim.radius_m > 1e-3:
             raise ConfigError(f"target: it is {1e3 * aim.radius_m:.2f} mm from the axis of the probe, 1 mm at least")

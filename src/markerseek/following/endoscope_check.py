@@ -29,11 +29,28 @@ class NewestPairs:
 
     def __init__(self, images: StereoImages) -> None:
         self._images = images
+        self._newest: StereoPair | None = None
+        self._given: StereoPair | None = None
+
+    @property
+    def name(self) -> str:
+        """What the pairs come from, for messages."""
+        return self._images.name
 
     def newest_dark(self) -> StereoPair | None:
         """As of `DarkPairs`."""
+        pair = self.newest()
+        if pair is self._given:
+            return None
+        self._given = pair
+        return pair
+
+    def newest(self) -> StereoPair | None:
+        """Newest pair, whoever has it already; None: there was none yet."""
         pairs = self._images.newest()
-        return pairs[-1] if pairs else None
+        if pairs:
+            self._newest = pairs[-1]
+        return self._newest
 
 
 class EndoscopeCheck:

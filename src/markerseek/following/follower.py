@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
+from dataclasses import replace
 
 import msgspec
 import numpy as np
@@ -18,11 +19,11 @@ from markerseek.core import (
     FollowPermit,
     Sample,
 )
-from markerseek.following.aim import HeldRegistration, ProbeReach
+from markerseek.following.aim import Aim, HeldRegistration, ProbeReach
 from markerseek.following.confirmation import ASIDE_DEG, NotConfirmed, compare, confirm
 from markerseek.following.machine import STEP_DEG, Decision, FollowMachine
 from markerseek.following.plan import FollowPlan
-from markerseek.following.target import LitSource, Look, TargetSource
+from markerseek.following.target import LitSource, Look, Target, TargetSource
 from markerseek.following.words import BY_A_PERSON, BY_ITSELF, Word
 from markerseek.registration import EndoscopeMotion, SeenEndoscope
 from markerseek.rigs import Rig
@@ -69,6 +70,10 @@ class FollowStep(msgspec.Struct, frozen=True, kw_only=True, tag="follow"):
     """Its expected error."""
     confirmed: str = ""
     """What the last comparison of the probe's image with the registration said."""
+    target_camera_m: list[float] | None = None
+    """The target in the frame of the left camera as it stands now; None: as of ``target_deg``."""
+    refused: str = ""
+    """Why the place that a person has named last is not followed; empty if it is."""
 
 
 class Follower:
@@ -134,6 +139,8 @@ class Follower:
         self._asked_s = -math.inf
         self._against = 0
         self._confirmed = ""
+        self._named: Aim | None = None
+        """The place that a person has named, where it was then."""
         self._angle_deg = math.nan
 
     @property
@@ -219,7 +226,18 @@ class Follower:
         target = source.newest()
         self._machine.hear(source.heard_s)
         if target is not None:
-            self._machine.see(self._registration.aim(target))
+            self._machine.see(self._aim(target))
+
+    def _aim(self, target: Target) -> Aim:
+        """Return where a target is in the frame of the probe; a place that was named stays there.
+
+        It rests on the tissue: an endoscope that moves afterwards sees it elsewhere, and does not take it along.
+        """
+        if target.named is None:
+            return self._registration.aim(target)
+        if self._named is None or self._named.named != target.named:
+            self._named = self._registration.aim(target)
+        return replace(self._named, at_s=target.at_s)
 
     def _watch(self) -> None:
         """Look whether the endoscope has moved, and carry the registration along."""
@@ -345,4 +363,6 @@ class Follower:
             davinci_to_trus=registration.transform.matrix.tolist() if holds else None,
             tre_m=registration.tre_m if holds else None,
             confirmed=self._confirmed,
+            target_camera_m=None if aim is None else registration.transform.inverse().apply(aim.trus_m).tolist(),
+            refused="" if self._target is None else getattr(self._target, "refused", ""),
         )

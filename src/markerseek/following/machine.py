@@ -84,6 +84,8 @@ class FollowMachine:
         self._jumped = ""
         self._cause = "the target has not been seen yet"
         self._waits = True
+        self._on_its_way = False
+        """Whether the last turn ended before a place that a person named."""
         self._doubt = ""
         self._unseen: tuple[Decision, Aim | None] | None = None
         self._held: tuple[Word, str] | None = None
@@ -99,7 +101,13 @@ class FollowMachine:
         if before is not None and not aim.at_s > before.at_s:
             return
         self.aim = aim
-        if before is not None:
+        if before is not None and before.named != aim.named:
+            # A person has named another place.
+            self._jumped = ""
+            self._on_its_way = False
+            self._aims.clear()
+            self._back_since_s = None
+        elif before is not None:
             apart_m = float(np.linalg.norm(aim.trus_m - before.trus_m))
             elapsed_s = aim.at_s - before.at_s
             noise_m = 3 * math.sqrt(float(np.trace(aim.noise_m2 + before.noise_m2)))
@@ -222,7 +230,7 @@ class FollowMachine:
         if turning:
             return Decision(word="turning", said=f"turns, the target is {where}")
         later_deg = off_deg + speed_deg_s * (now_s - aim.at_s + self._turn_s(self._plan.within_deg))
-        if max(abs(off_deg), abs(later_deg)) <= band_deg:
+        if not self._on_its_way and max(abs(off_deg), abs(later_deg)) <= band_deg:
             return Decision(word="there", said=f"there: the target is {where}, within {band_deg:.1f} deg")
         if now_s < self._rests_until_s or (self._lit and aim.at_s < self._dark_until_s):
             # A lit target may have gone while the probe turned in the dark: it is seen before the next turn.
@@ -235,7 +243,11 @@ class FollowMachine:
         # The lead alone may leave the angles: the target itself is in reach.
         way_deg = self._reach.angles.nearest(to_deg) - probe_deg
         if abs(way_deg) < LEAST_TURN_DEG:
-            return Decision(word="there", said=f"there: the target is {where}, and comes nearer")
+            nearer = "" if aim.named is not None else ", and comes nearer"
+            self._on_its_way = False
+            return Decision(word="there", said=f"there: the target is {where}{nearer}")
+        # The first of two turns may end inside the range, which is not yet the place that was named.
+        self._on_its_way = aim.named is not None and abs(way_deg) > STEP_DEG
         if abs(way_deg) > STEP_DEG:
             way_deg = math.copysign(STEP_DEG, way_deg)
         return Decision(word="turning", said=f"turns, the target is {where}", turn_to_deg=probe_deg + way_deg)

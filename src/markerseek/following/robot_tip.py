@@ -86,7 +86,7 @@ class RobotTip:
 
 
 class FixedPoint:
-    """A `TargetSource` of one point of the left camera's frame."""
+    """A `TargetSource` of one point of the left camera's frame, which a person named."""
 
     def __init__(self, clock: Clock, *, camera_mm: tuple[float, float, float]) -> None:
         if not all(is_finite(each) for each in camera_mm):
@@ -96,8 +96,8 @@ class FixedPoint:
         self._camera_m: Float64[np.ndarray, " 3"] = 1e-3 * np.array(camera_mm)
 
     def newest(self) -> Target:
-        """The point, which stays in the camera's frame."""
-        return Target(at_s=self._clock.now_s(), camera_m=self._camera_m, covariance_m2=np.zeros((3, 3)))
+        """The point, as the camera stood when it was named."""
+        return Target(at_s=self._clock.now_s(), camera_m=self._camera_m, covariance_m2=np.zeros((3, 3)), named=1)
 
     @property
     def heard_s(self) -> float:

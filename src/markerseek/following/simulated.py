@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from msgspec import structs
 
-from markerseek.core import Float64, require_range
+from markerseek.core import ConfigError, Float64, require_range
 from markerseek.following.spot_source import SpotSource
 from markerseek.following.target import Look, Target
 from markerseek.registration import KnownRegistration, PointPair, SimulatedRoom, SimulatedRoomSettings, register_pairs
@@ -98,9 +98,31 @@ class FollowedRoom(SimulatedRoom):
         x, _, z = self._on_tissue_m(way_m) + self._moved_m(at_s)
         return math.degrees(math.atan2(x, z))
 
+    def angle_at_deg(self, left_px: tuple[float, float]) -> float:
+        """True angle of the probe whose image plane holds what the left image shows at a pixel; errors as below."""
+        x, _, z = self.true.apply(self.place_at_m(left_px))
+        return math.degrees(math.atan2(x, z))
+
+    def place_at_m(self, left_px: tuple[float, float]) -> Float64[np.ndarray, " 3"]:
+        """True place, in the frame of the camera, of what the left image shows at a pixel (x, y).
+
+        Raises `ConfigError` where the tissue has no texture.
+        """
+        if self._tissue is None:
+            raise ConfigError("`textured` is False: what images without texture show at a pixel has no place")
+        true = self.true
+        camera = self.images.cameras.left
+        direction = np.append(camera.undistort(np.array([left_px], dtype=np.float64))[0], 1.0)
+        place_m = self._tissue.met_by(true.translation_m, (true.rotation @ direction)[None])
+        return true.inverse().apply(np.append(place_m[0], self._tissue.height_m(place_m)))
+
     def _on_tissue_m(self, way_m: float) -> Float64[np.ndarray, " 3"]:
         angle = way_m / self._tissue_m
-        return self._tissue_m * np.array([math.sin(angle), 0.0, math.cos(angle)])
+        x_m = self._tissue_m * math.sin(angle)
+        height_m = self._tissue_m * math.cos(angle)
+        if self._tissue is not None:
+            height_m = float(self._tissue.height_m(np.array([[x_m, 0.0]]))[0])
+        return np.array([x_m, 0.0, height_m])
 
     def _moved_m(self, at_s: float) -> Float64[np.ndarray, " 3"]:
         """How far the tissue has moved."""

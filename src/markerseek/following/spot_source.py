@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from markerseek.core import AcquisitionError, StereoPair
 from markerseek.following.target import Look, Target
 from markerseek.registration import Room, SpotError, SpotFinder, spot_in
@@ -28,6 +30,8 @@ class SpotSource:
         self._room = room
         self._finder = SpotFinder(room)
         self._dark: list[StereoPair] = []
+        self._newest: StereoPair | None = None
+        self._looked_s = -math.inf
 
     def look(self, pulses: int) -> Look:
         """Fire so many pulses, look at the images, and read the frame of the same pulses."""
@@ -45,8 +49,10 @@ class SpotSource:
         while not (lit := lit_pairs(pairs, self._dark)[0]) and scanner.clock.now_s() - ended_s < LATE_S:
             scanner.clock.wait(_POLL_S)
             pairs += self._room.images.newest()
+        self._looked_s = scanner.clock.now_s()
         if not lit:
             return Look(target=None, reason="no light is seen in the images", sample=sample)
+        self._newest = lit[-1]
         try:
             seen = self._finder.seen("spot", spot_in(lit, self._dark, alone_px=ALONE_PX))
         except SpotError as problem:
@@ -57,6 +63,14 @@ class SpotSource:
     def newest_dark(self) -> StereoPair | None:
         """Newest pair with the laser off; the same again until the next look."""
         return self._dark[-1] if self._dark else None
+
+    def newest(self) -> StereoPair | None:
+        """Newest pair, for those who look on: the last with light while it looks for the spot; None: there was none."""
+        if self._room.rig.scanner.clock.now_s() - self._looked_s > LATE_S and (pairs := self._room.images.newest()):
+            _, unlit = lit_pairs(pairs, self._dark)
+            self._dark = [*self._dark, *unlit][-DARK_PAIRS:]
+            self._newest = pairs[-1]
+        return self._newest
 
     def _take_dark(self) -> None:
         """Keep the newest pairs with the laser off."""

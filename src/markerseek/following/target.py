@@ -23,6 +23,9 @@ class Target:
     """In the frame of the left camera."""
     covariance_m2: Float64[np.ndarray, "3 3"]
     """Its covariance there, of what is independent from one time to the next."""
+    named: int | None = None
+    """Number of the place that a person named: it rests on the tissue, and another number is another place, no jump.
+    None: a target that moves."""
 
     def __post_init__(self) -> None:
         numbers = [self.at_s, *self.camera_m.tolist(), *self.covariance_m2.ravel().tolist()]

@@ -5,6 +5,7 @@ from .points import point_pairs, spot_pairs
 from .poses import DEPTHS_M, reach_of
 from .record import (
     CAMERA_IMAGES,
+    POINTED_AT,
     REGISTRATION_FILE,
     SPOT_IS_SET,
     SessionRecord,
@@ -19,6 +20,7 @@ from .record import (
     read_view,
     session_folder,
     sessions_folder,
+    show_pair,
     view_of,
 )
 from .report import (
@@ -36,6 +38,7 @@ from .robot_frames import dvrk_base_frame, static_transform_command
 from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .search_scene import SearchScene
 from .session import RegistrationSession
+from .shared_errors import seen_point
 from .spots import SpotError, SpotFinder, spot_in
 from .stations import station_names
 from .steps import (
@@ -61,6 +64,7 @@ __all__ = [
     "CAMERA_IMAGES",
     "DEPTHS_M",
     "MOST_MARKERS",
+    "POINTED_AT",
     "REGISTRATION_FILE",
     "REGISTRATION_TOLERANCE_MM",
     "REPORTS",
@@ -125,8 +129,10 @@ __all__ = [
     "read_stereo",
     "read_view",
     "register_pairs",
+    "seen_point",
     "session_folder",
     "sessions_folder",
+    "show_pair",
     "spot_in",
     "spot_pairs",
     "static_transform_command",

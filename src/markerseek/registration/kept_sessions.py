@@ -14,6 +14,7 @@ from markerseek.records.journal import lock
 from markerseek.registration.record import (
     CAMERA_IMAGES,
     NAME,
+    POINTED_AT,
     REGISTRATION_FILE,
     SPOT_IS_SET,
     is_running,
@@ -24,8 +25,8 @@ from markerseek.registration.view import Phase, SessionView
 REPORTS = ("report.html", "report.pdf")
 """Names of the report of a session, in its folder."""
 
-_OWN_NAMES = (*CAMERA_IMAGES, REGISTRATION_FILE, SPOT_IS_SET, *REPORTS)
-_OWN_PATTERNS = ("*.journal", "*-left.png", "*-right.png")
+_OWN_NAMES = (*CAMERA_IMAGES, REGISTRATION_FILE, SPOT_IS_SET, POINTED_AT, *REPORTS)
+_OWN_PATTERNS = ("*.journal", "following-*.jsonl", "*-left.png", "*-right.png")
 """What a session writes into its folder beside its record."""
 
 

@@ -37,6 +37,10 @@ CAMERA_IMAGES = ("left.jpg", "right.jpg")
 SPOT_IS_SET = "spot-is-set"
 """Name of the file in its folder by which another program says that the spot is set; the session removes it."""
 
+POINTED_AT = "pointed-at"
+"""Name of the file in its folder by which another program says at which pixel of the left image somebody points, as two
+numbers; a run that follows removes it."""
+
 REGISTRATION_FILE = "registration.json"
 """Name of the file of a registration."""
 
@@ -150,10 +154,7 @@ class SessionRecord:
 
     def show(self, pair: StereoPair) -> None:
         """Put the newest images into the folder, as `CAMERA_IMAGES`, for those who look on."""
-        for name, image in zip(CAMERA_IMAGES, (pair.left, pair.right), strict=True):
-            _, coded = opencv("images of a session").imencode(".jpg", image)
-            with _as_write_error(self.folder), replace_file(self.folder / name) as part:
-                part.write_bytes(coded.tobytes())
+        show_pair(self.folder, pair)
 
     def keep_pair(self, name: str, pair: StereoPair) -> None:
         """Keep the images without light of a marker, with which those of later markers are compared."""
@@ -177,6 +178,14 @@ class SessionRecord:
     def close(self) -> None:
         """Close it; allowed twice."""
         self._lines.close()
+
+
+def show_pair(folder: Path, pair: StereoPair) -> None:
+    """Put the newest images into the folder of a session, as `CAMERA_IMAGES`, for those who look on."""
+    for name, image in zip(CAMERA_IMAGES, (pair.left, pair.right), strict=True):
+        _, coded = opencv("images of a session").imencode(".jpg", image)
+        with _as_write_error(folder), replace_file(folder / name) as part:
+            part.write_bytes(coded.tobytes())
 
 
 def kept_pair(folder: Path, name: str) -> StereoPair | None:

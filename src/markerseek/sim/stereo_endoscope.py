@@ -365,6 +365,11 @@ class SimulatedEndoscope:
         self._frames = 0
         self._seen_flashes = flashes()
 
+    @property
+    def cameras(self) -> StereoCameras:
+        """The true cameras, without the errors of their calibration."""
+        return self._true
+
     def show(self, spot_trus_m: Float64[np.ndarray, " 3"] | None) -> None:
         """Put the spot there on the tissue, in the TRUS frame while it is undisplaced, or take the fibre away.
 

@@ -1,6 +1,7 @@
 from .as_published import published_sensitive_range
 from .clock_offset import ClockOffset, clock_offset
 from .images import SUFFIXES, Rectangle, brightness, decoded_image, opencv, says_its_end
+from .matched_point import MatchedPoint, match_point
 from .scene_motion import SceneFollower, SceneSeen, scene_motion
 from .scene_move import MOVED_DEG, MOVED_MM, SceneMove
 from .scene_watch import SceneWatch
@@ -20,6 +21,7 @@ __all__ = [
     "DisplacementSeries",
     "EndoscopeMoved",
     "LaserSpot",
+    "MatchedPoint",
     "Moment",
     "NoSpot",
     "NotKnown",
@@ -43,6 +45,7 @@ __all__ = [
     "decoded_image",
     "find_spot",
     "lit_pairs",
+    "match_point",
     "opencv",
     "published_sensitive_range",
     "quick_spot",

@@ -119,7 +119,9 @@ _FARTHEST_M = 0.5
 MAX_MISS_PX = 1.2
 """How far the lines of sight of both cameras may miss each other; calibrations miss by some tenths."""
 
-_BORDER_PX = SCALE * (COARSE_HALF_PX + 2)
+BORDER_PX = SCALE * (COARSE_HALF_PX + 2)
+"""Least distance of a patch from the border of its image."""
+
 _BLUR_PX = 1.0
 _WHITE_COUNTS = 245
 _LEAST_STEREO_LIKENESS = 0.8
@@ -159,9 +161,9 @@ def scene_texture(
     places = _chosen(left, noise)
     if len(places) < MIN_PATCHES:
         return without_texture(pair, f"{len(places)} patches have texture above the noise, {MIN_PATCHES} are needed")
-    places, matched, matched_px2 = _matched(places, left, right, cameras)
+    places, matched, matched_px2 = match_patches(places, left, right, cameras)
     points = range_points(places, matched, matched_px2, cameras)
-    good = (np.linalg.norm(points.beside_px, axis=1) <= MAX_MISS_PX) & _between(points.nearness_per_m)
+    good = (np.linalg.norm(points.beside_px, axis=1) <= MAX_MISS_PX) & between_depths(points.nearness_per_m)
     if good.sum() < MIN_PATCHES:
         return without_texture(
             pair, f"{int(good.sum())} patches are seen by both cameras at one depth, {MIN_PATCHES} are needed"
@@ -238,7 +240,7 @@ def _chosen(left: Levels, noise: float) -> Float64[np.ndarray, "patches 2"]:
         ((half < _WHITE_COUNTS) & (half > DARK_COUNTS)).astype(np.uint8), np.ones((15, 15), np.uint8), borderValue=0
     )
     strength[usable == 0] = 0
-    border = _BORDER_PX // 2 + 1
+    border = BORDER_PX // 2 + 1
     inner = strength[border:-border, border:-border]
     columns = np.linspace(0, inner.shape[1], _CELLS[0] + 1).astype(int)
     rows = np.linspace(0, inner.shape[0], _CELLS[1] + 1).astype(int)
@@ -253,14 +255,17 @@ def _chosen(left: Levels, noise: float) -> Float64[np.ndarray, "patches 2"]:
     if not places:
         return np.empty((0, 2))
     found = np.array(places, dtype=np.float64)
-    patches = cut_patches(left.fine, found, half=FINE_HALF_PX)
+    return np.asarray(found[sigmas_px(cut_patches(left.fine, found, half=FINE_HALF_PX), noise) <= MAX_SIGMA_PX])
+
+
+def sigmas_px(patches: Patches, noise: float) -> Float64[np.ndarray, " patches"]:
+    """Return the errors of fine patches by the noise of a pixel, in the direction of their least texture."""
     side = 2 * FINE_HALF_PX + 1
     # Noise under the blur has a third of its deviation, over some six pixels that are alike: about that of a pixel.
-    sigma_px = noise / (patches.contrast_counts * side) * np.sqrt(np.linalg.eigvalsh(patches.inverse)[:, -1])
-    return np.asarray(found[sigma_px <= MAX_SIGMA_PX])
+    return np.asarray(noise / (patches.contrast_counts * side) * np.sqrt(np.linalg.eigvalsh(patches.inverse)[:, -1]))
 
 
-def _matched(
+def match_patches(
     places: Float64[np.ndarray, "patches 2"], left: Levels, right: Levels, cameras: StereoCameras
 ) -> tuple[Float64[np.ndarray, "found 2"], Float64[np.ndarray, "found 2"], Float64[np.ndarray, "found 2 2"]]:
     """Return the places that the right image shows too, the places there, and the covariances of these."""
@@ -279,7 +284,7 @@ def _matched(
     found = find_patches(patches, right.fine, rough.places_px * SCALE, upright, reach_px=6.0)
     rows, columns = right.fine.shape
     x, y = found.places_px.T
-    inside = (x >= _BORDER_PX) & (x < columns - _BORDER_PX) & (y >= _BORDER_PX) & (y < rows - _BORDER_PX)
+    inside = (x >= BORDER_PX) & (x < columns - BORDER_PX) & (y >= BORDER_PX) & (y < rows - BORDER_PX)
     good = (found.likeness >= _LEAST_STEREO_LIKENESS) & inside
     return places[good], found.places_px[good], found.covariances_px2[good]
 
@@ -302,7 +307,8 @@ def _coarse(levels: Levels, places: Float64[np.ndarray, "patches 2"]) -> Patches
     return cut_patches(levels.coarse, places / SCALE, half=COARSE_HALF_PX)
 
 
-def _between(nearness_per_m: Float64[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
+def between_depths(nearness_per_m: Float64[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
+    """Whether inverse depths lie within the depths that are looked for."""
     return np.asarray((nearness_per_m > 1 / _FARTHEST_M) & (nearness_per_m < 1 / _NEAREST_M))
 
 

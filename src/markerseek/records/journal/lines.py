@@ -73,6 +73,8 @@ class FirstLine(msgspec.Struct, frozen=True, kw_only=True):
     """Version of the format of a journal, from 2 on."""
     session: int = 0
     """Version of the format of the record of a session."""
+    following: int = 0
+    """Version of the format of the record of a run that follows."""
     journal: int = 0
     """Version of the format in files of version 1."""
 
