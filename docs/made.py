@@ -1,22 +1,29 @@
 """Fills in what pages take from elsewhere: ``python docs/made.py``.
 
 A page marks such a text ``<!-- made: NAME -->text<!-- end -->``, which a forge shows as the text. The name is one of
-`MADE`, or a value of a table in docs/data: ``FILE.csv :: ROW :: COLUMN``, with the row's first column. A test compares.
+`MADE`, or a value of a table in docs/data: ``FILE.csv :: ROW :: COLUMN``, with the row's first column. A block of code
+below ``<!-- FILE -->`` or ``<!-- FILE: NAME -->`` is that file, or that class or function of it. A test compares.
 """
 
 from __future__ import annotations
 
+import ast
 import csv
 import re
 import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from textwrap import dedent
+from typing import Any
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
 MARKED = re.compile(r"(<!-- made: (.+?) -->)(.*?)(<!-- end -->)", re.DOTALL)
 """A text that is made: what stands before it, its name, the text, and what stands behind it."""
+
+SHOWN = re.compile(r"(<!-- ([^\s:]+)(?:: (\S+))? -->\n```\w*\n)(.*?)(\n```)", re.DOTALL)
+"""A file on a page: what stands before it, its path, a name in it, its text there, and what stands behind it."""
 
 
 def _of_commands() -> str:
@@ -76,9 +83,19 @@ def text_of(name: str) -> str:
     return _rows(file)[row][column]
 
 
+def shown_part(path: Path, name: str) -> str:
+    """Return the text of a file, or of a class or function in it, which is named with its class."""
+    lines = path.read_text(encoding="utf-8").rstrip().splitlines()
+    node: Any = ast.parse("\n".join(lines)) if name else None
+    for word in filter(None, name.split(".")):
+        node = next(each for each in node.body if getattr(each, "name", None) == word)
+    return "\n".join(lines) if node is None else dedent("\n".join(lines[node.lineno - 1 : node.end_lineno]))
+
+
 def filled(text: str) -> str:
-    """Return a page with its made texts as they are now."""
-    return MARKED.sub(lambda found: found[1] + text_of(found[2]) + found[4], text)
+    """Return a page with its made texts, and the files that it shows, as they are now."""
+    text = MARKED.sub(lambda found: found[1] + text_of(found[2]) + found[4], text)
+    return SHOWN.sub(lambda found: found[1] + shown_part(ROOT / found[2], found[3] or "") + found[5], text)
 
 
 def pages() -> list[Path]:

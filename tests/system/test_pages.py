@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import runpy
 import shlex
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from textwrap import dedent
 from typing import Any
 
 import pytest
@@ -148,8 +146,10 @@ def test_what_a_page_takes_from_code_or_data_is_what_is_there(monkeypatch: pytes
     monkeypatch.syspath_prepend(DOCS)
     import made
 
-    marked = [page for page in made.pages() if made.MARKED.search(page.read_text(encoding="utf-8"))]
-    assert len(marked) > 3
+    texts = {page: page.read_text(encoding="utf-8") for page in made.pages()}
+    marked = [page for page, text in texts.items() if made.MARKED.search(text) or made.SHOWN.search(text)]
+    assert len(marked) > 8
+    assert sum(len(made.SHOWN.findall(text)) for text in texts.values()) > 12
     for page in marked:
         text = page.read_text(encoding="utf-8")
         assert made.filled(text) == text, f"{page.name}: python docs/made.py"
@@ -172,6 +172,41 @@ def test_a_page_hides_nothing_of_the_site_in_braces() -> None:
         assert set(directives) <= ({"toctree"} if page.name == "index.md" else set()), page.name
 
 
+PRINTED = re.compile(
+    r"± ?\d|\d (deg|mm|px|frames|acquisitions|pulses|searches|angles)\b"
+    r"|^(answer|registered|not registered|truth|tip found|picture:|recording:|written:|summary:|scan:|states) ?"
+    r"|^ *(ok|broken) +\w|check-\d|https?://\d|SIMULATED|FOREIGN|[┏┃┗]|^posterior on",
+    re.MULTILINE,
+)
+"""What lines that markerseek prints have, and lines that people type have not."""
+
+
+def test_what_a_command_prints_stands_in_blocks_that_are_tested() -> None:
+    """Blocks of console run in `test_examples`; a plain block shows what is typed, or the text of a file."""
+    printed = 0
+    for page in PAGES:
+        if DOCS not in page.parents and page.name != "README.md":
+            continue
+        text = re.sub(r"<!-- made: .*?<!-- end -->", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for language, block in re.findall(r"^ *```(\w*)\n(.*?)^ *```$", text, re.MULTILINE | re.DOTALL):
+            if language == "console":
+                outputs = re.split(r"^\$ .*\n", block, flags=re.MULTILINE)[1:]
+                shown = [each for each in outputs if len(each.strip()) > len("...")]
+                printed += sum(bool(PRINTED.search(each)) for each in shown)
+                continue
+            if language in ("", "text"):
+                typed = re.sub(r" +#.*$", "", block, flags=re.MULTILINE)
+                assert not PRINTED.search(typed), f"{page.name}: this is printed, so test it as console:\n{block}"
+                # After a prompt comes what is typed: then a line without one is printed.
+                lines = typed.replace("\\\n", " ").splitlines()
+                prompts = [line.startswith("$ ") for line in lines if line.strip()]
+                assert all(prompts) or not any(prompts), (
+                    f"{page.name}: this is printed, so test it as console:\n{block}"
+                )
+    # The pattern knows what is printed where it is tested.
+    assert printed > 15
+
+
 def keys(table: dict[str, Any]) -> Iterator[str]:
     """Keys of a table and of those in it that hold a value."""
     for key, value in table.items():
@@ -179,28 +214,6 @@ def keys(table: dict[str, Any]) -> Iterator[str]:
             yield from keys(value)
         else:
             yield key
-
-
-INCLUDED = re.compile(r"<!-- ([^\s:]+)(?:: (\S+))? -->\n```\w*\n(.*?)\n```", re.DOTALL)
-"""A file that a page shows, or a class or function of it, and its text there."""
-
-
-def shown_part(path: Path, name: str) -> str:
-    """Text of a file, or of a class or function in it, which is named with its class."""
-    lines = path.read_text(encoding="utf-8").rstrip().splitlines()
-    node: Any = ast.parse("\n".join(lines)) if name else None
-    for word in filter(None, name.split(".")):
-        node = next(each for each in node.body if getattr(each, "name", None) == word)
-    return "\n".join(lines) if node is None else dedent("\n".join(lines[node.lineno - 1 : node.end_lineno]))
-
-
-def test_what_a_page_shows_of_a_file_is_there() -> None:
-    shown = [
-        (page, *found.groups("")) for page in PAGES for found in INCLUDED.finditer(page.read_text(encoding="utf-8"))
-    ]
-    assert len(shown) > 12
-    for page, path, name, text in shown:
-        assert text == shown_part(ROOT / path, name), f"{page.name}: copy {path} {name} into the page again"
 
 
 def test_the_map_has_a_line_for_each_package_of_the_import_contract() -> None:
