@@ -1,4 +1,4 @@
-from ._stage_move import StageLogic, StageRules, StageStatus
+from ._stage_rules import StageLogic, StageRules, StageStatus
 from .clock import SystemClock
 from .energy_meter import EnergyMeter, metered
 from .entry import (

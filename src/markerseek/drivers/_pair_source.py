@@ -263,7 +263,8 @@ class PairSource(Closing):
         with self._lock:
             now_s = time.monotonic()
             _LOG.debug("%s < %s image %s, its time %.6f s", self.name, _SIDES[side], key, time_s)
-            self._last_s[side], self._patience_s[side] = now_s, _SILENT_S
+            self._last_s[side] = now_s
+            self._patience_s[side] = _SILENT_S
             self._pairing.add(side, CameraImage(pixels, time_s=time_s, at_s=at_s, since_s=now_s, key=key))
             self._ready.extend(self._pairing.pairs(now_s))
 

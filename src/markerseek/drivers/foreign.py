@@ -35,7 +35,7 @@ from markerseek.core import (
     described,
     is_finite,
 )
-from markerseek.drivers._stage_move import StageRules, StageStatus
+from markerseek.drivers._stage_rules import StageRules, StageStatus
 from markerseek.drivers.entry import (
     AnyEntry,
     DeviceKeys,
@@ -420,7 +420,8 @@ class OwnMessages(OwnDevice):
     """The frames that a receiver of one's own reads, one for each trigger."""
 
     error = AcquisitionError
-    used = called = "frames"
+    used = "frames"
+    called = "frames"
     cure = "the device must give one frame for each trigger"
     check = "the trigger and the device"
 

@@ -452,8 +452,11 @@ class GuidedStage(TurnedByHand):
         self._asks(angle_deg)
         yield Turning(target_deg=angle_deg, angle_deg=start_deg)
         settings = self._settings
-        began_s = shown_s = calm_s = self._clock.now_s()
-        low_deg = high_deg = start_deg
+        began_s = self._clock.now_s()
+        shown_s = began_s
+        calm_s = began_s
+        low_deg = start_deg
+        high_deg = start_deg
         # An encoder that stands still would be near the next angle by chance: it must be seen to turn.
         turned = abs(start_deg - angle_deg) <= settings.steady_deg
         while True:
@@ -465,7 +468,8 @@ class GuidedStage(TurnedByHand):
             low_deg = min(low_deg, here_deg)
             high_deg = max(high_deg, here_deg)
             if high_deg - low_deg > settings.steady_deg or not self._is_at(angle_deg):
-                low_deg = high_deg = here_deg
+                low_deg = here_deg
+                high_deg = here_deg
                 calm_s = now_s
             if turned and now_s - calm_s >= settings.steady_s:
                 self._reached = angle_deg, here_deg

@@ -20,7 +20,7 @@ from markerseek.core import (
     Within,
 )
 from markerseek.drivers._exchanged import box_at
-from markerseek.drivers._stage_move import StageRules, StageStatus
+from markerseek.drivers._stage_rules import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, MotorKeys, Opening
 from markerseek.drivers.serial_port import Unread
 from markerseek.drivers.standard_stage import StandardSweepingStage, require_wide
@@ -179,7 +179,8 @@ class Kdc101Logic:
         # Rounded inwards: half a count too far would be outside the travel range.
         low = math.ceil(low_deg * apt.COUNTS_PER_DEG)
         high = math.floor(high_deg * apt.COUNTS_PER_DEG)
-        self._limits = limits = apt.SoftLimits(low=self._zero + low, high=self._zero + high)
+        limits = apt.SoftLimits(low=self._zero + low, high=self._zero + high)
+        self._limits = limits
         if not limits.low <= status.position <= limits.high:
             raise LimitError(
                 f"the stage is at {self._angle_of(status.position):.2f} deg, outside its travel {travel}; with the "

@@ -53,7 +53,8 @@ class PicolasLogic:
 
     def fire(self, pulses: int) -> None:
         """Switch on for this number of shots."""
-        self._pulses, self._ends_s = pulses, self._clock.now_s()
+        self._pulses = pulses
+        self._ends_s = self._clock.now_s()
         # Not sent: whether this device takes 0 shots as none or as without end is not known.
         if pulses:
             self._send(f"sshots {pulses}")

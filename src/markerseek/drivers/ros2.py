@@ -143,7 +143,9 @@ class Ros2Stage:
         self._joints: list[str] = []
         self._joints_since_s = math.inf
         self.emulated = False
-        self._busy = self._was_busy = self._commanded = False
+        self._busy = False
+        self._was_busy = False
+        self._commanded = False
         self._idle_ns = 0
         self._refused: tuple[int, str] | None = None
         joint = settings.message == "joint_state"
@@ -226,7 +228,8 @@ class Ros2Stage:
         return not names or self._settings.joint in names
 
     def _take(self, angle_deg: float) -> None:
-        self._angle_deg, self._heard_s = angle_deg, self._clock.now_s()
+        self._angle_deg = angle_deg
+        self._heard_s = self._clock.now_s()
         self._readings += 1
 
     def _on_state(self, message: Any) -> None:
@@ -468,7 +471,8 @@ class Ros2Acquisition:
 
     def disarm(self) -> None:
         """Ask the node to end what it does; allowed at any time, also twice."""
-        self._armed = self._fired = None
+        self._armed = None
+        self._fired = None
         cancel = messages.AcquireRequest(id=f"{self._session}.cancel", pulses=-1, angle_rad=0.0, stamp_ns=0)
         self._node.publish(self._settings.request_topic, messages.text(cancel))
 
@@ -489,7 +493,8 @@ class Ros2Acquisition:
         if self._armed != permit or self._fired is None or self._fired[0] != permit:
             raise AcquisitionError(f"receiver: it was not armed and fired under the permit {permit.token!r}")
         began_s = self._fired[1]
-        self._armed = self._fired = None
+        self._armed = None
+        self._fired = None
         answer = self._answered(permit, "frame", what="receiver")
         if answer.error:
             raise AcquisitionError(f"receiver: the acquisition node reports: {answer.error}")

@@ -303,7 +303,8 @@ class ConnectionMessages(ABC, Generic[MessageT]):
                 data = self.connection.recv(_READ_BYTES)
             except BlockingIOError:
                 # Nothing waits: the count of a flood begins again.
-                self._came, self._since_s = 0, self._clock.now_s()
+                self._came = 0
+                self._since_s = self._clock.now_s()
                 return messages, False
             except ConnectionResetError:
                 data = b""

@@ -21,7 +21,8 @@ from markerseek.core import (
     MoveError,
     StageReading,
 )
-from markerseek.drivers._stage_move import Move, StageLogic, StageRules
+from markerseek.drivers._stage_move import Move
+from markerseek.drivers._stage_rules import StageLogic, StageRules
 from markerseek.drivers.clock import polls
 from markerseek.guard import Limits
 
@@ -187,7 +188,8 @@ class StandardStage(Generic[LogicT]):
             same_deg=self.rules.resolution_deg,
         )
         arrived = False
-        self._rest_deg = self._pushed = None
+        self._rest_deg = None
+        self._pushed = None
         try:
             for stop_deg in approach.stops_deg:
                 self._move = self._way()
@@ -213,7 +215,8 @@ class StandardStage(Generic[LogicT]):
 
     def _note_rest(self, angle_deg: float) -> None:
         if self._rest_deg is None or not abs(angle_deg - self._rest_deg) <= self.rules.same_deg:
-            self._rest_deg = self._pushed = None
+            self._rest_deg = None
+            self._pushed = None
 
     def _come_to_rest(self) -> float:
         """Stop, until two answers in a row say that it is at rest; returns where, in degrees."""
@@ -230,7 +233,8 @@ class StandardStage(Generic[LogicT]):
 
     def _stop_after_error(self) -> None:
         """Stop after an error; a second error here must not hide the first."""
-        self._rest_deg = self._pushed = None
+        self._rest_deg = None
+        self._pushed = None
         with suppress(DeviceError):
             self.stop()
 
@@ -303,7 +307,8 @@ class StandardSweepingStage(StandardStage[SweepLogicT]):
         require_inside(self.limits, to_deg)
         # Not read again where it is known: the first reading of the sweep must come soon, and is compared with it.
         start_deg = self._readback() if self._rest_deg is None else self._rest_deg
-        self._rest_deg = self._pushed = None
+        self._rest_deg = None
+        self._pushed = None
         self._move = self._way(rules=self._sweep_rules)
         self._sweep = SweepMove(self.logic, self._move, self._sweep_rules, to_deg=to_deg, start_deg=start_deg)
 
@@ -352,7 +357,8 @@ class SweepMove:
         self._logic = logic
         self._move = move
         self._rules = rules
-        self.start_deg = self.here_deg = start_deg
+        self.start_deg = start_deg
+        self.here_deg = start_deg
         self.heading = 1 if to_deg > start_deg else -1
         self._to_deg = to_deg
         self._braking = False

@@ -79,7 +79,8 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
 
     driver = "vantage"
     peer = "sender"
-    used = called = "frames"
+    used = "frames"
+    called = "frames"
     cure = "the sequence must wait for the laser's trigger (triggerIn) before each acquisition"
     check = "the trigger, and that the sequence calls markerseek_send for each"
 
@@ -91,7 +92,8 @@ class VantageMessages(ConnectionMessages[wire.VantageFrame]):
         self._unix_s = unix_s
         self._armed_unix_s = 0.0
         self._framer = wire.VantageFramer()
-        self._counter = self._armed_counter = 0
+        self._counter = 0
+        self._armed_counter = 0
         self._shape: tuple[int, ...] | None = None
         self.emulated = self._greeting().emulated
 

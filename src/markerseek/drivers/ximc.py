@@ -21,7 +21,7 @@ from markerseek.core import (
     Within,
     needs_package,
 )
-from markerseek.drivers._stage_move import StageRules, StageStatus
+from markerseek.drivers._stage_rules import StageRules, StageStatus
 from markerseek.drivers.entry import Entry, MotorKeys, Opening
 from markerseek.drivers.standard_stage import StandardStage
 
@@ -132,7 +132,8 @@ class XimcLogic:
             raise ConfigError(f"stage: {speed:g} steps/s is no speed of an 8SMC5; correct steps_per_deg or speed_deg_s")
         moves = axis.get_move_settings()
         moves.Speed, moves.uSpeed = self._split(settings.speed_deg_s)
-        moves.Accel = moves.Decel = max(1, round(acceleration))
+        moves.Accel = max(1, round(acceleration))
+        moves.Decel = moves.Accel
         axis.set_move_settings(moves)
         borders = axis.get_edges_settings()
         flags = self._ximc.BorderFlags

@@ -8,7 +8,7 @@ import pytest
 
 from markerseek.core import DeviceError, Interval
 from markerseek.drivers import StageRules, StageStatus, StandardStage
-from markerseek.drivers._stage_move import unit_doubt
+from markerseek.drivers._unit_doubt import unit_doubt
 from markerseek.sim import VirtualClock
 
 
@@ -20,7 +20,8 @@ class Turning:
         self._reads = reads
         self._goes = goes
         self._speed_deg_s = speed_deg_s
-        self.at_deg = self._target_deg = start_deg
+        self.at_deg = start_deg
+        self._target_deg = start_deg
         self._then_s = clock.now_s()
 
     def _turn(self) -> None:
