@@ -34,7 +34,8 @@ class BaseScan(NamedTuple):
 def base_scan() -> BaseScan:
     """``markerseek bank scan --step-deg 1`` of the simulated rig, once for each process of tests."""
     with TemporaryDirectory() as folder:
-        rig, path = Path(folder, "rig.toml"), Path(folder, "scan.hdf5")
+        rig = Path(folder, "rig.toml")
+        path = Path(folder, "scan.hdf5")
         rig.write_text(RIG)
         command = ("bank", "scan", path, "--rig", rig, "--step-deg", "1", "--seed", "1")
         subprocess.run([sys.executable, "-m", "markerseek", *command], check=True, capture_output=True)

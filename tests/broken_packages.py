@@ -11,7 +11,8 @@ class Broken:
     """Finds a module whose import fails as one does whose library of the system is missing."""
 
     def __init__(self, name: str, error: Exception) -> None:
-        self.name, self.error = name, error
+        self.name = name
+        self.error = error
 
     def find_spec(self, name: str, path: object = None, target: object = None) -> None:
         if name == self.name:

@@ -76,7 +76,8 @@ def emulation(
 
     ``before``: Python that runs in their process first.
     """
-    world, bench = folder / "world.toml", folder / "bench"
+    world = folder / "world.toml"
+    bench = folder / "bench"
     world.write_text(text)
     process = subprocess.Popen(
         markerseek(

@@ -52,11 +52,17 @@ def dicom(path: Path, pixels: npt.NDArray[Any], **tags: object) -> Path:
     meta.MediaStorageSOPInstanceUID = generate_uid()
     meta.TransferSyntaxUID = ExplicitVRLittleEndian
     file = FileDataset(str(path), {}, file_meta=meta, preamble=bytes(128))
-    file.SOPClassUID, file.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
-    file.Modality, file.SamplesPerPixel, file.PhotometricInterpretation = "US", 1, "MONOCHROME2"
+    file.SOPClassUID = meta.MediaStorageSOPClassUID
+    file.SOPInstanceUID = meta.MediaStorageSOPInstanceUID
+    file.Modality = "US"
+    file.SamplesPerPixel = 1
+    file.PhotometricInterpretation = "MONOCHROME2"
     file.NumberOfFrames, file.Rows, file.Columns = pixels.shape[:3]
     bits = 8 * pixels.itemsize
-    file.BitsAllocated, file.BitsStored, file.HighBit, file.PixelRepresentation = bits, bits, bits - 1, 0
+    file.BitsAllocated = bits
+    file.BitsStored = bits
+    file.HighBit = bits - 1
+    file.PixelRepresentation = 0
     for name, value in tags.items():
         setattr(file, name, value)
     file.PixelData = pixels.tobytes()
@@ -75,9 +81,13 @@ def region(
 ) -> Dataset:
     """A region between two pixels (row, column)."""
     item = Dataset()
-    item.RegionSpatialFormat, item.RegionDataType, item.RegionFlags = spatial_format, 1, 0
+    item.RegionSpatialFormat = spatial_format
+    item.RegionDataType = 1
+    item.RegionFlags = 0
     item.RegionLocationMinY0, item.RegionLocationMinX0 = first
     item.RegionLocationMaxY1, item.RegionLocationMaxX1 = last
-    item.PhysicalUnitsXDirection, item.PhysicalUnitsYDirection = units, 3
-    item.PhysicalDeltaX = item.PhysicalDeltaY = pixel_mm / 10
+    item.PhysicalUnitsXDirection = units
+    item.PhysicalUnitsYDirection = 3
+    item.PhysicalDeltaX = pixel_mm / 10
+    item.PhysicalDeltaY = item.PhysicalDeltaX
     return item

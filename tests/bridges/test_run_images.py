@@ -152,7 +152,8 @@ def test_of_intensities_there_are_no_images_and_nothing_is_wrong(tmp_path: Path)
 
 def test_a_frame_that_gives_no_image_says_why_until_one_does(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     list(run.events())
-    plain, calls = ImageReader.picture, []
+    plain = ImageReader.picture
+    calls = []
 
     def second_fails(imaging: ImageReader, frame: ChannelFrame) -> PaImage:
         calls.append(frame)
@@ -195,7 +196,8 @@ def test_brightest_is_that_of_all_images_so_far(run: Run) -> None:
 
 @needs_memory_files
 def test_a_search_whose_images_nobody_reads_is_the_same_search(tmp_path: Path) -> None:
-    plain, unread = tmp_path / "plain.journal", tmp_path / "unread.journal"
+    plain = tmp_path / "plain.journal"
+    unread = tmp_path / "unread.journal"
     command = [sys.executable, "-P", "-m", "markerseek", "search", "--seed", "3", "--json", "--journal"]
     alone = subprocess.run([*command, str(plain)], capture_output=True, check=True)
     with ImageRing.create() as images:

@@ -70,7 +70,8 @@ class TestReplayLaser(LaserContract):
 
 class TestSimulatedReceiver(ReceiverContract):
     def make(self) -> tuple[Receiver, Laser]:
-        world, clock = dark_world(), VirtualClock()
+        world = dark_world()
+        clock = VirtualClock()
         receiver = SimulatedReceiver(world=world, clock=clock, readout_s=0.1)
         return receiver, SimulatedLaser(world=world, clock=clock)
 
@@ -123,7 +124,8 @@ class ScriptedPicolas:
         self._said += self.answer
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        data, self._said = self._said[:size], self._said[size:]
+        data = self._said[:size]
+        self._said = self._said[size:]
         return data
 
     def close(self) -> None:

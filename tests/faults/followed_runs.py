@@ -375,7 +375,8 @@ def perform(seed: int) -> Run:
 
 
 def _follow(follower: Follower, run: Run) -> None:
-    plan, clock = run.plan, run.room.clock
+    plan = run.plan
+    clock = run.room.clock
     stopped = False
     steps: Generator[FollowStep, None, None] = follower.steps()
     for step in steps:
@@ -394,7 +395,8 @@ def _follow(follower: Follower, run: Run) -> None:
 
 def _judge(run: Run) -> None:
     """Say what of P19 the run broke; only the truth of the simulation and the words are used."""
-    plan, broken = run.plan, run.broken
+    plan = run.plan
+    broken = run.broken
     trace = run.room.clock.trace
     beyond_deg = 0.0 if plan.fault is None or plan.fault.name not in ("overshoot", "runaway") else plan.fault.amount
     lowest_deg = min(angle_deg for _, angle_deg in trace)
@@ -435,7 +437,8 @@ def _judge_turns(run: Run, beyond_deg: float) -> None:
 
 def _judge_stays(run: Run) -> None:
     """Nothing moves, and nothing fires, from `STOPS_S` after a cause is named until what ends it."""
-    plan, steps = run.plan, run.steps
+    plan = run.plan
+    steps = run.steps
     motions_s = _motions_s(run)
     since_s: float | None = None
     for step in steps:

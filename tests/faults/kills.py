@@ -117,7 +117,8 @@ def kill_a_search(folder: Path, chance: random.Random, *, times: int) -> None:
 def kill_a_scan(folder: Path, chance: random.Random) -> None:
     """Kill a scan, and let the next one go on."""
     acknowledged = killed(lambda: scan(folder), chance, most=30)
-    record, bank = record_of(folder / "scan.hdf5"), folder / "scan.hdf5"
+    record = record_of(folder / "scan.hdf5")
+    bank = folder / "scan.hdf5"
     if not bank.exists():
         assert events_in(record) >= acknowledged
         kept = [entry.event for entry in read_journal(record).entries] if record.exists() else []

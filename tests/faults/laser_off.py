@@ -123,7 +123,8 @@ class Bench:
             while (left_s := strike_s - time.monotonic()) > 0:
                 relay.once(left_s)
             threads, resident_mb = _size(search.pid)
-            relay.disarmed_s, self.writes.frozen = None, False
+            relay.disarmed_s = None
+            self.writes.frozen = False
             began_s = time.monotonic()
             search.send_signal(how)
             while relay.disarmed_s is None and time.monotonic() < began_s + 10:

@@ -13,7 +13,8 @@ from markerseek.emulators import ByteDevice
 from markerseek.emulators.bench import ServingClock
 from markerseek.sim import VirtualClock
 
-_TICK_S, _POLL_S = 2e-3, 1e-3
+_TICK_S = 2e-3
+_POLL_S = 1e-3
 _WAKE_S = 50e-6
 """Time from bytes on a line to the process that waits for them, on a computer that is not busy."""
 
@@ -129,7 +130,8 @@ class DelayedPort:
         while True:
             self._inbox += _arrived(self._up, self._bench.catch_up())
             if len(self._inbox) >= size or not clock.now_s() < ends_s:
-                data, self._inbox = self._inbox[:size], self._inbox[size:]
+                data = self._inbox[:size]
+                self._inbox = self._inbox[size:]
                 return data
             clock.wait(_POLL_S)
 

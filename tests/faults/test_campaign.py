@@ -202,7 +202,8 @@ def test_the_checker_sees_each_broken_promise_and_nothing_in_a_healthy_run(
     healthy: campaign_runs.Trace,
 ) -> None:
     world = healthy.world
-    lights, received = world.lights, world.received
+    lights = world.lights
+    received = world.received
     assert seen(healthy) == set()
     for name, value, promise in (
         ("highest_deg", healthy.plan.limits.travel.high_deg + 0.2, "P1"),
@@ -269,7 +270,8 @@ def test_the_checker_sees_light_that_no_sweep_permits(tmp_path: Path) -> None:
     assert seen(trace) == set()
     lights = trace.world.lights
     index = next(index for index, light in enumerate(lights) if light.sweeping)
-    (permit, _), late_s = trace.sweeps[0], 1e3
+    (permit, _) = trace.sweeps[0]
+    late_s = 1e3
     for change in (
         {"angle_deg": max(permit.angle_deg, permit.to_deg) + 2.0},
         {"at_s": lights[index].at_s - late_s},

@@ -46,7 +46,8 @@ if __name__ == "__main__":
     ids=["supervisor", "banks", "workers"],
 )
 def test_files_in_the_current_folder_are_not_imported(tmp_path: Path, program: str, where: str) -> None:
-    lab, elsewhere = tmp_path / "lab", tmp_path / "elsewhere"
+    lab = tmp_path / "lab"
+    elsewhere = tmp_path / "elsewhere"
     lab.mkdir()
     elsewhere.mkdir()
     for name in NAMES:

@@ -173,7 +173,8 @@ class Traces(RuleBasedStateMachine):
     @rule(speed_deg_s=st.sampled_from([0.0, 1.0, 5.0, 12.0, 30.0, -5.0, math.nan]), seconds=st.floats(0, 0.2))
     def read_sweep(self, speed_deg_s: float, seconds: float) -> None:
         self.now_s += seconds
-        permit, (before_deg, before_s) = self.redeemed[-1][1] if self.redeemed else None, self.read
+        permit = self.redeemed[-1][1] if self.redeemed else None
+        (before_deg, before_s) = self.read
         forward = permit.forward if isinstance(permit, SweepPermit) else 1.0
         angle_deg = before_deg + forward * speed_deg_s * seconds
         if not self.tried("read_sweep", angle_deg, now_s=self.now_s):
@@ -252,7 +253,8 @@ class Traces(RuleBasedStateMachine):
     @rule(speed_deg_s=st.sampled_from([0.0, 1.0, 5.0, 6.0, 12.0, -5.0, math.nan]), seconds=st.floats(0, 0.2))
     def read_turn(self, speed_deg_s: float, seconds: float) -> None:
         self.now_s += seconds
-        (from_deg, to_deg), (before_deg, before_s) = self.turn, self.read
+        (from_deg, to_deg) = self.turn
+        (before_deg, before_s) = self.read
         angle_deg = before_deg + math.copysign(1.0, to_deg - from_deg) * speed_deg_s * seconds
         if not self.tried("read_turn", angle_deg, now_s=self.now_s):
             return

@@ -89,7 +89,8 @@ def test_a_stage_too_far_from_home_for_any_target_to_be_encoded_is_refused(turns
     clock = VirtualClock()
     # Half a turn more is beyond 32 bits.
     emulator = Kdc101Emulator(probe=SimpleNamespace(angle_deg=360.0 * turns))
-    port, settings = DirectPort(device=emulator, clock=clock), Kdc101Settings(port="", zero_deg=0.0)
+    port = DirectPort(device=emulator, clock=clock)
+    settings = Kdc101Settings(port="", zero_deg=0.0)
     with pytest.raises(MoveError, match="more than a thousand turns"):
         Kdc101Stage(port=port, clock=clock, settings=settings)
 

@@ -49,7 +49,8 @@ def tour(
 
     ``name``, ``amount``, ``line``: fault of the stage, or of its line, from a step on.
     """
-    clock, probe = VirtualClock(), SimpleNamespace(angle_deg=0.0)
+    clock = VirtualClock()
+    probe = SimpleNamespace(angle_deg=0.0)
     emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(play_deg=PLAY_DEG))
     if name is not None:
         emulator.faults.inject(name, amount, from_step=from_step)
@@ -156,7 +157,8 @@ def test_a_stage_that_reports_rest_is_not_believed_before_its_angle_is_steady() 
 
 
 def test_a_stage_that_does_not_stop_is_reported_as_moving() -> None:
-    clock, probe = VirtualClock(), SimpleNamespace(angle_deg=0.0)
+    clock = VirtualClock()
+    probe = SimpleNamespace(angle_deg=0.0)
     emulator = Kdc101Emulator(probe=probe)
     port = DirectPort(device=emulator, clock=clock)
     stage = Kdc101Stage(port=port, clock=clock)
@@ -191,7 +193,8 @@ def test_a_sound_stage_is_believed_however_late_its_answers_are(late_s: float) -
 
 def _lie(way_deg: float, *, late_s: float, lies: bool) -> DeviceError | None:
     """The refusal of a short move that a stage claims to have made; None if it is accepted."""
-    clock, probe = VirtualClock(), SimpleNamespace(angle_deg=-1.5)
+    clock = VirtualClock()
+    probe = SimpleNamespace(angle_deg=-1.5)
     emulator = Kdc101Emulator(probe=probe, settings=EmulatedKdc101(play_deg=0.0))
     line = FaultyLine(late_s=late_s)
     stage = Kdc101Stage(port=DirectPort(device=emulator, clock=clock, line=line), clock=clock)

@@ -43,7 +43,8 @@ class Tour:
         rng = np.random.Generator(np.random.PCG64(number))
         start_deg, self.target_deg = rng.uniform(-34, 34, 2).tolist()
         self.moment = float(rng.uniform())
-        self.clock, self.probe = StruckClock(), SimpleNamespace(angle_deg=start_deg)
+        self.clock = StruckClock()
+        self.probe = SimpleNamespace(angle_deg=start_deg)
         self.emulator = Kdc101Emulator(probe=self.probe, settings=EmulatedKdc101(play_deg=0.0))
         port = DirectPort(device=self.emulator, clock=self.clock, line=FaultyLine(late_s=late_s, seed=number))
         self.settings = Kdc101Settings(

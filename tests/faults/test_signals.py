@@ -121,12 +121,14 @@ def strike_once(folder: Path, phase: str, number: signal.Signals) -> Struck:
             before = len(bench.laser_box.pulses)
             struck_s = time.monotonic()
             search.send_signal(number)
-            moved_s = last_s = 0.0
+            moved_s = 0.0
+            last_s = 0.0
             while (gone_s := time.monotonic() - struck_s) < STILL_S:
                 if bench.stage.moving:
                     moved_s = gone_s
                 if len(bench.laser_box.pulses) > before:
-                    before, last_s = len(bench.laser_box.pulses), gone_s
+                    before = len(bench.laser_box.pulses)
+                    last_s = gone_s
                 time.sleep(1e-3)
             rested = not bench.stage.moving and not bench.laser_box.permitted
             if number is signal.SIGSTOP:

@@ -110,7 +110,8 @@ class AllIsWell:
         self._said += b"0\r\n\n\n" * data.count(b"\r")
 
     def read(self, size: int, *, timeout_s: float) -> bytes:
-        data, self._said = self._said[:size], self._said[size:]
+        data = self._said[:size]
+        self._said = self._said[size:]
         return data
 
     def close(self) -> None:
@@ -234,7 +235,9 @@ def _signed(text: bytes) -> bytes:
 
 def _whole_unsigned() -> bytes:
     """The script of a sound laser box, the last line of each reading without its checksum."""
-    script, bare, at = _whole_of(_use_laser_box, _box)(), bytearray(b"\0"), 1
+    script = _whole_of(_use_laser_box, _box)()
+    bare = bytearray(b"\0")
+    at = 1
     while at < len(script):
         text = script[at + 1 : at + 1 + script[at]].rstrip(b"\n").rpartition(b"\n")[2].rpartition(b"*")[0]
         bare += bytes([len(text)]) + text

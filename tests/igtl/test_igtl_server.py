@@ -102,7 +102,8 @@ def test_a_new_client_gets_the_present_state_at_once() -> None:
             served.publish("SearchState", number(value))
         served.publish("PaSearch", igtl.Status(code=igtl.OK, name="IDLE"))
         with IgtlClient(served.port) as client:
-            first, second = client.read(), client.read()
+            first = client.read()
+            second = client.read()
         assert (first.content.text, first.metadata) == ("2", {"sequence": "3", "rig": "simulated"})
         assert second.content.name == "IDLE"
 

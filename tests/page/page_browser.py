@@ -125,7 +125,8 @@ def served(
 
 def certified(folder: Path) -> tuple[str, ...]:
     """Options with a new certificate."""
-    certificate, key = folder / "page.pem", folder / "page.key"
+    certificate = folder / "page.pem"
+    key = folder / "page.key"
     made = subprocess.run(
         [
             *("openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=page"),

@@ -42,7 +42,8 @@ class Viewer:
             int(number): each for number, each in json.loads(html.unescape(packed)).items()
         }
         self.lines: list[tuple[float, str]] = []
-        self.bytes = self.messages = 0
+        self.bytes = 0
+        self.messages = 0
         self.busy = asyncio.Event()
         self.idle = asyncio.Event()
         self._socket = socketio.AsyncClient()

@@ -20,7 +20,9 @@ from tests.page.page_browser import COLOURS, angle_of, needs_browser, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
-BADGE, ANGLE, LOG = ".ms-badge", ".ms-angles", ".ms-log"
+BADGE = ".ms-badge"
+ANGLE = ".ms-angles"
+LOG = ".ms-log"
 
 FACTS = RigFacts(kind="simulated", description="", fingerprint="", search=PAPER_RANGE)
 
@@ -40,7 +42,8 @@ def test_search_gives_the_result_of_the_command(fresh_page, opened, command_resu
     assert "token" not in watched.tab.url
     assert watched.text(BADGE) == "READY"
     assert watched.text(".ms-next") == "press Start"
-    fan, before = ".ms-panel-fan canvas", watched.tab.locator(".ms-panel-fan canvas").evaluate(COLOURS)
+    fan = ".ms-panel-fan canvas"
+    before = watched.tab.locator(".ms-panel-fan canvas").evaluate(COLOURS)
     watched.search()
     expected = command_result("--seed", "3")
     assert json.loads(downloaded(watched, "report JSON")) == expected
@@ -104,7 +107,8 @@ def test_the_image_is_drawn_where_its_edges_say(browser):
     tab = browser.new_page()
     number, level = np.array(tab.evaluate(script, [module, image]), float).T
     tab.close()
-    across_mm, down_mm = (number % 280 + 0.5) / 10 - 14, (number // 280 + 0.5) / 10
+    across_mm = (number % 280 + 0.5) / 10 - 14
+    down_mm = (number // 280 + 0.5) / 10
     for half, place_mm in ((across_mm < 0, (-7.5, 3.5)), (across_mm > 0, (6.5, 15.5))):
         middle_mm = [np.average(each[half], weights=level[half]) for each in (across_mm, down_mm)]
         # Half a pixel of the canvas.

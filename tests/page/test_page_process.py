@@ -106,7 +106,8 @@ def test_killed_page_stops_the_search_and_it_can_be_resumed(browser, tmp_path):
     assert isinstance(read_journal(journal).entries[-1].event, Interrupted)
     resumed = ran("resume", journal, "--arm", "--json")
     straight = ran("search", "--seed", 4, "--no-journal", "--json")
-    result, whole = json.loads(resumed.stdout), json.loads(straight.stdout)
+    result = json.loads(resumed.stdout)
+    whole = json.loads(straight.stdout)
     assert result["samples"][:1] == whole["samples"][:1]
     assert abs(result["angle_deg"] - whole["angle_deg"]) < 3 * max(result["sigma_deg"], whole["sigma_deg"])
 

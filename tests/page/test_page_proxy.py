@@ -21,7 +21,9 @@ class Proxy:
     """A proxy of one port that serves a page below a path; ``strips``: whether it takes the path away."""
 
     def __init__(self, prefix, *, strips):
-        self.prefix, self.strips, self.target = prefix, strips, None
+        self.prefix = prefix
+        self.strips = strips
+        self.target = None
         self.listening = socket.create_server(("127.0.0.1", 0))
         self.port = self.listening.getsockname()[1]
         threading.Thread(target=self.accept, daemon=True).start()

@@ -18,7 +18,8 @@ from tests.page.page_browser import needs_browser, open_tab, served, sync_api, v
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
-BADGE, ROWS = ".ms-badge", ".ms-table tbody tr"
+BADGE = ".ms-badge"
+ROWS = ".ms-table tbody tr"
 
 # A session of the simulated rig computes for half a minute, more on a busy computer.
 SESSION_MS = 400_000

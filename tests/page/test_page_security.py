@@ -234,7 +234,8 @@ def test_a_tab_too_many_is_refused_and_stop_is_not(tmp_path):
 
 
 def test_browser_that_is_opened_gets_the_page_once_and_its_command_shows_no_token(tmp_path, monkeypatch):
-    program, seen = tmp_path / "browser.py", tmp_path / "seen"
+    program = tmp_path / "browser.py"
+    seen = tmp_path / "seen"
     os.mkfifo(seen)
     program.write_text(
         "import json, sys, urllib.request\n"

@@ -88,7 +88,8 @@ def test_patato_sees_the_marker_where_we_see_it(scan, tmp_path, falling):
     band = butter(3, (5e6, 9e6), "band", fs=data.get_sampling_frequency(), output="sos")
     samples = sosfiltfilt(band, samples, axis=-1).astype(np.float32)
     half_m = np.abs(np.asarray(data.get_scan_geometry())[:, 0]).max()
-    low_m, width_m = np.array((-half_m, 0.0, 0.004)), np.array((2 * half_m, 0.0, 0.076))
+    low_m = np.array((-half_m, 0.0, 0.004))
+    width_m = np.array((2 * half_m, 0.0, 0.076))
     pixels = (128, 1, 761)
     geometry = np.array(data.get_scan_geometry()) - (low_m + width_m / 2)
     imaging = ReferenceBackprojection(pixels, tuple(width_m))
@@ -97,7 +98,8 @@ def test_patato_sees_the_marker_where_we_see_it(scan, tmp_path, falling):
     envelope = np.abs(hilbert(np.asarray(image).reshape(pixels[2], pixels[0]), axis=0))
     depth, lateral = np.unravel_index(envelope.argmax(), envelope.shape)
 
-    pitch_m, deep_m = width_m[0] / (pixels[0] - 1), width_m[2] / (pixels[2] - 1)
+    pitch_m = width_m[0] / (pixels[0] - 1)
+    deep_m = width_m[2] / (pixels[2] - 1)
     assert abs(ours.lateral_m) > 10 * pitch_m, "a marker in the middle would prove nothing"
     assert low_m[0] + lateral * pitch_m == pytest.approx(ours.lateral_m, abs=pitch_m)
     assert low_m[2] + depth * deep_m == pytest.approx(ours.depth_m, abs=deep_m)

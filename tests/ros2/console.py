@@ -39,7 +39,8 @@ class Console:
         angles_deg = []
         take = lambda message: angles_deg.append(math.degrees(message.position[0]))  # noqa: E731
         self.node.create_subscription(JointState, "/TRUS/measured_js", take, 10)
-        move, stop = self.publisher(JointState, "/TRUS/move_jp"), self.publisher(Empty, topic)
+        move = self.publisher(JointState, "/TRUS/move_jp")
+        stop = self.publisher(Empty, topic)
         while not angles_deg:
             self.wait(0.01)
         message = JointState(name=["trus_roll"], position=[math.radians(30.0)])

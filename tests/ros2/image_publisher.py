@@ -31,7 +31,8 @@ def message(encoding: str, value: int, columns: int, stamp_s: float):
         padded[:, : columns * channels] = image.reshape(128, -1)
         made = Image(height=128, width=columns, encoding=encoding, step=padded.shape[1])
         made.data = array.array("B", padded.tobytes())
-    made.header.stamp.sec, made.header.stamp.nanosec = int(stamp_s), int(stamp_s % 1 * 1e9)
+    made.header.stamp.sec = int(stamp_s)
+    made.header.stamp.nanosec = int(stamp_s % 1 * 1e9)
     return made
 
 

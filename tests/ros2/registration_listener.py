@@ -17,7 +17,8 @@ def say(**what):
 
 def transform(topic):
     def take(message):
-        place, turned = message.transform.translation, message.transform.rotation
+        place = message.transform.translation
+        turned = message.transform.rotation
         say(
             topic=topic,
             frames=[message.header.frame_id, message.child_frame_id],

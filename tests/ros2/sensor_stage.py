@@ -27,7 +27,8 @@ class SensorStage:
     def __init__(self, node, manners):
         self.node = node
         self.manners = manners
-        self.angle_rad = self.target_rad = 0.0
+        self.angle_rad = 0.0
+        self.target_rad = 0.0
         self.steps = 0
         self.published = None
         self.measured = node.create_publisher(JointState, "/arm/measured_js", qos_profile_sensor_data)

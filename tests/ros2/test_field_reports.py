@@ -69,7 +69,8 @@ def peer() -> Iterator[Any]:
 
 def heard_until(process: subprocess.Popen[str], *wanted: str, most_s: float = 20.0) -> str:
     """Output of a process until it has said something."""
-    said, ends_s = "", time.monotonic() + most_s
+    said = ""
+    ends_s = time.monotonic() + most_s
     while not all(each in " ".join(said.split()) for each in wanted):
         assert time.monotonic() < ends_s, said
         if select.select([process.stdout], [], [], 0.2)[0]:

@@ -55,7 +55,8 @@ def pairs_of(
 )
 def test_pairs_of_one_stamp_come_in_order_until_the_node_ends(start: Start, encoding: str, reliability: str) -> None:
     topics, process = published(start, encoding, reliability=reliability)
-    words, began_s = [f"topic:{topic}" for topic in topics], time.monotonic()
+    words = [f"topic:{topic}" for topic in topics]
+    began_s = time.monotonic()
     with open_stereo_images(words, left=CAMERA, right=CAMERA) as source:
         found = pairs_of(source, lambda pairs: len(pairs) >= 30)
         ended_s = time.monotonic()

@@ -31,7 +31,8 @@ def test_item_4_no_jump_of_the_clock_ends_a_move_or_leaves_the_node_mute(
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("needs a C compiler, to set the clock of one process")
-    shim, clock = tmp_path / "shifted_clock.so", tmp_path / "clock"
+    shim = tmp_path / "shifted_clock.so"
+    clock = tmp_path / "clock"
     subprocess.run([compiler, "-shared", "-fPIC", "-o", shim, HERE / "shifted_clock.c"], check=True)
     clock.write_bytes(struct.pack("d", 0.0))
     with monkeypatch.context() as patched:

@@ -70,7 +70,10 @@ def test_1000_early_keys_arm_nothing_and_the_name_typed_after_the_question_does(
         pass_fds=(turns,),
     )
     assert process.stderr is not None
-    pipe, keys, armed, asked = process.stderr.fileno(), 0, 0, 0
+    pipe = process.stderr.fileno()
+    keys = 0
+    armed = 0
+    asked = 0
     with process.stderr:
         while keys < 1000:
             early = chance.choice(
@@ -84,7 +87,9 @@ def test_1000_early_keys_arm_nothing_and_the_name_typed_after_the_question_does(
             os.write(far, answer)
             found = "ARMED" in said_until("ED\n", pipe)
             assert found == (answer == right), (early, answer)
-            keys, asked, armed = keys + len(early), asked + 1, armed + found
+            keys = keys + len(early)
+            asked = asked + 1
+            armed = armed + found
         os.close(turn)
         assert process.wait(LONGEST_S) == 0
     os.close(turns)

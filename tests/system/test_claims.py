@@ -49,7 +49,8 @@ def test_the_noise_floor_names_the_acquisitions_on_which_it_depends(shell: Shell
     result = json.loads(shell("search", "--seed", 1, "--no-journal", "--json")[1])
     searches = f"1000 searches of {result['acquisitions']} acquisitions"
     assert f"from dark frames; noise alone exceeds it in at most one of {searches}" in said
-    known_s, elapsed_s = result["known_s"], result["elapsed_s"]
+    known_s = result["known_s"]
+    elapsed_s = result["elapsed_s"]
     at_marker = f"{elapsed_s:.1f} s with the probe at the marker, on the simulated clock"
     assert f"{known_s:.1f} s to the answer, {at_marker}" in said
 

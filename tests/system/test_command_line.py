@@ -60,7 +60,8 @@ def test_the_same_seed_gives_the_same_search_and_another_seed_another(shell: She
 def test_pictures_are_a_png_and_a_page_that_loads_nothing(shell: Shell, tmp_path: Path) -> None:
     code, out, _ = shell("search", "--seed", 1, "--plot", "--out", tmp_path / "new")
     assert code == 0
-    png, page = tmp_path / "new" / "search.png", tmp_path / "new" / "search.html"
+    png = tmp_path / "new" / "search.png"
+    page = tmp_path / "new" / "search.html"
     assert str(png) in out.replace("\n", "")
     assert png.read_bytes().startswith(b"\x89PNG")
     text = page.read_text(encoding="utf-8")

@@ -126,7 +126,8 @@ def console_lines() -> list[str]:
 @pytest.mark.parametrize("line", console_lines())
 def test_the_commands_of_the_pages_are_understood(line: str) -> None:
     """Parsed as the shell and the command would, and not run."""
-    command, words = typer.main.get_command(app), shlex.split(line)[1:]
+    command = typer.main.get_command(app)
+    words = shlex.split(line)[1:]
     # Typer has a Click of its own, so that isinstance would not know a group.
     while hasattr(command, "commands"):
         name = words.pop(0)

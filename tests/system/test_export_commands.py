@@ -53,7 +53,8 @@ def test_a_file_of_zea_is_imported_as_it_was_exported(shell, scan, tmp_path):
     exported(shell, scan, tmp_path / "a.zea.hdf5")
     code, _, err = shell("bank", "import", tmp_path / "a.zea.hdf5", tmp_path / "b.hdf5")
     assert code == 0, err
-    before, after = read_bank(scan), read_bank(tmp_path / "b.hdf5")
+    before = read_bank(scan)
+    after = read_bank(tmp_path / "b.hdf5")
     assert isinstance(before, FrameBank)
     assert isinstance(after, FrameBank)
     np.testing.assert_allclose(after.angles_deg, before.angles_deg, atol=6e-6)

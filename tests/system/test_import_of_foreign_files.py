@@ -66,7 +66,9 @@ def test_hdf5_with_frames_and_angles_alone(
 ) -> None:
     path = tmp_path / "scan.h5"
     with h5py.File(path, "w") as file:
-        file["frames"], file["angle_deg"], file["sampling_hz"] = frames, angles_deg, SAMPLING_HZ
+        file["frames"] = frames
+        file["angle_deg"] = angles_deg
+        file["sampling_hz"] = SAMPLING_HZ
     assert answer_deg(shell, path) == pytest.approx(MARKER_DEG, abs=0.1)
     with h5py.File(path, "r+") as file:
         del file["frames"], file["angle_deg"]
@@ -148,7 +150,10 @@ def test_damage_is_called_a_change_of_a_checksum_only(shell: Shell, tmp_path: Pa
 def test_variables_of_hdf5_are_named(shell: Shell, tmp_path: Path, frames: np.ndarray, angles_deg: np.ndarray) -> None:
     path = tmp_path / "scan.h5"
     with h5py.File(path, "w") as file:
-        file["rf"], file["theta"], file["note"], file["more/x"] = frames, angles_deg, "of Monday", 1
+        file["rf"] = frames
+        file["theta"] = angles_deg
+        file["note"] = "of Monday"
+        file["more/x"] = 1
     said = refused(shell, path)
     assert "angle_deg is missing, it holds rf int16 (12, 128, 2080), theta float64 (12,)" in said
     assert "what cannot be read: more (group), note (object); state the first angle" in said

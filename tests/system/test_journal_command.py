@@ -105,7 +105,8 @@ def test_the_journals_of_a_folder_are_listed_with_their_ends(
     by_name = {Path(each["path"]).name: each for each in printed["journals"]}
     # The newest first.
     assert (code, printed["count"], list(by_name)[-1]) == (0, 3, kept.name)
-    over, open_run = by_name[kept.name], by_name["killed.journal"]
+    over = by_name[kept.name]
+    open_run = by_name["killed.journal"]
     assert (over["state"], over["answer"]) == ("finished", result["answer"])
     assert (over["angle_deg"], over["acquisitions"]) == (result["angle_deg"], 8)
     assert (over["seed"], "phantom" in over["description"]) == (3, True)

@@ -74,7 +74,8 @@ def test_an_error_whose_message_nobody_sees_keeps_its_exit_code(tmp_path: Path) 
 
 
 def test_a_search_outlives_its_terminal_where_sighup_is_ignored(tmp_path: Path) -> None:
-    answer, journal = tmp_path / "answer.json", tmp_path / "run.journal"
+    answer = tmp_path / "answer.json"
+    journal = tmp_path / "run.journal"
     process, terminal = on_a_terminal(*QUICK, "--json", "--journal", journal, before=HUNG_UP, answer=answer)
     os.read(terminal, 5)
     os.close(terminal)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-SCAN, STUDY = EXAMPLES / "simulated_scan.csv", EXAMPLES / "studies" / "quick.toml"
+SCAN = EXAMPLES / "simulated_scan.csv"
+STUDY = EXAMPLES / "studies" / "quick.toml"
 
 Shell = Callable[..., tuple[int, str, str]]
 
@@ -99,7 +100,8 @@ def test_where_nothing_can_be_written_nothing_is_begun(shell: Shell, words: tupl
 
 
 def test_a_rig_file_and_a_study_file_in_the_place_of_one_another_are_known(shell: Shell) -> None:
-    rig, study = EXAMPLES / "rigs" / "simulated.toml", EXAMPLES / "studies" / "quick.toml"
+    rig = EXAMPLES / "rigs" / "simulated.toml"
+    study = EXAMPLES / "studies" / "quick.toml"
     code, _, err = shell("study", rig)
     assert (code, "it is a rig file; search on it: 'markerseek search'" in err) == (2, True), err
     code, _, err = shell("search", "--rig", study)

@@ -12,7 +12,8 @@ Shell = Callable[..., tuple[int, str, str]]
 
 @pytest.mark.parametrize("as_link", [False, True])
 def test_one_path_for_two_devices_is_wrong_usage(tmp_path: Path, shell: Shell, as_link: bool) -> None:
-    port, name = tmp_path / "ttyUSB0", tmp_path / "by-id"
+    port = tmp_path / "ttyUSB0"
+    name = tmp_path / "by-id"
     port.touch()
     name.symlink_to(port)
     rig = tmp_path / "rig.toml"

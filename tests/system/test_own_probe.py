@@ -18,7 +18,9 @@ pytestmark = pytest.mark.filterwarnings("always:.*it is scaled by")
 
 Shell = Callable[..., tuple[int, str, str]]
 
-SOURCE_DEG, SOURCE_M, FACE_M = 1.3, 0.05, 10e-3
+SOURCE_DEG = 1.3
+SOURCE_M = 0.05
+FACE_M = 10e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +35,9 @@ class Recorded:
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     """A scan in volts, as float32, by our forward model: another array and another sampling frequency."""
-    elements, pitch_m, sampling_hz = 64, 0.6e-3, 50e6
+    elements = 64
+    pitch_m = 0.6e-3
+    sampling_hz = 50e6
     folder = tmp_path_factory.mktemp(f"scan{elements}")
     rng = np.random.default_rng(elements)
     model = AcousticModel(
@@ -100,7 +104,8 @@ def test_an_imported_bank_keeps_its_probe(shell: Shell, recorded: Recorded, tmp_
 
 
 def test_a_probe_that_contradicts_the_bank_is_refused(shell: Shell, recorded: Recorded, tmp_path: Path) -> None:
-    bank, other = tmp_path / "scan.hdf5", tmp_path / "other.toml"
+    bank = tmp_path / "scan.hdf5"
+    other = tmp_path / "other.toml"
     assert shell("bank", "import", recorded.folder, bank, "--probe", recorded.probe)[0] == 0
     other.write_text(recorded.probe.read_text().replace("pitch_m = 0.000", "pitch_m = 0.001"))
     code, _, err = shell("replay", bank, "--probe", other)

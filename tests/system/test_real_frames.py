@@ -61,7 +61,8 @@ def is_at(arrival, lateral_mm, depth_mm):
 @pytest.mark.parametrize("name", FIRST_MM)
 def test_the_sources_are_listed_in_the_readmes_order(name):
     """The first is the strongest. Only lobes and echoes of a source stand between it and the other one."""
-    findings, reading = READER.findings(real_frame(name)), READER.read(real_frame(name))
+    findings = READER.findings(real_frame(name))
+    reading = READER.read(real_frame(name))
     assert findings.found, findings.reason
     # Saturation is reported in the phantom and nowhere else.
     assert bool(findings.saturated_channels) == name.startswith("phantom")

@@ -44,7 +44,8 @@ def test_a_search_over_a_receiver_finds_the_marker(
             with socket.create_server(("127.0.0.1", 0)) as taken:
                 port = taken.getsockname()[1]
             rig = rig.replace(f"port = {emulated_port}", f"port = {port}")
-            script, sender = Path(__file__).with_name("vantage_sequence.m"), Path(__file__).parents[2] / "matlab"
+            script = Path(__file__).with_name("vantage_sequence.m")
+            sender = Path(__file__).parents[2] / "matlab"
             octave = subprocess.Popen(
                 ["octave-cli", "--quiet", "--no-init-file", script],
                 env=os.environ | {"VANTAGE": f"{emulated_port},{port},{sender}"},

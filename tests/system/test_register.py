@@ -30,7 +30,8 @@ TURN = Rotation.from_euler("xz", [150, 33], degrees=True).as_matrix()
 MOVE_M = np.array([0.002, 0.046, 0.147])
 CAMERA_M = (TRUS_M - MOVE_M) @ TURN
 EXAMPLE = Path(__file__).parents[2] / "examples" / "points.csv"
-TRUS, CAMERA = "trus_x_m,trus_y_m,trus_z_m", "camera_x_m,camera_y_m,camera_z_m"
+TRUS = "trus_x_m,trus_y_m,trus_z_m"
+CAMERA = "camera_x_m,camera_y_m,camera_z_m"
 
 
 def rows(head: str, *columns: np.ndarray) -> str:
@@ -57,7 +58,8 @@ def test_a_registration_is_written_into_a_file(shell: Shell, tmp_path: Path) -> 
 
 
 def test_another_registration_is_replaced_by_force_only(shell: Shell, tmp_path: Path) -> None:
-    first, second = table(tmp_path / "a.csv"), table(tmp_path / "b.csv", camera_m=CAMERA_M + 0.01)
+    first = table(tmp_path / "a.csv")
+    second = table(tmp_path / "b.csv", camera_m=CAMERA_M + 0.01)
     kept = tmp_path / "registration.json"
     assert [shell("register", first)[0], shell("register", first)[0]] == [0, 0]
     held = kept.read_bytes()
@@ -81,7 +83,8 @@ def test_exact_points_give_the_exact_transform_as_json(shell: Shell, tmp_path: P
     assert (code, err) == (0, "")
     report = json.loads(out)
     expected = np.eye(4)
-    expected[:3, :3], expected[:3, 3] = TURN, MOVE_M
+    expected[:3, :3] = TURN
+    expected[:3, 3] = MOVE_M
     np.testing.assert_allclose(report["davinci_to_trus"], expected, atol=1e-9)
     assert (report["registered"], report["weights"]) == (True, "equal")
     assert report["fre_m"] == pytest.approx(0, abs=1e-9)
@@ -193,7 +196,8 @@ def test_markers_come_from_journals_and_results_of_searches(shell: Shell, tmp_pa
     camera = np.array([[-0.02, -0.02, 0.1], [0.02, -0.02, 0.1], [0.0, 0.02, 0.103]])
     file = tmp_path / "camera.csv"
     file.write_text(rows(CAMERA, camera), encoding="utf-8")
-    searches, markers = [], []
+    searches = []
+    markers = []
     for seed, kind in ((1, "journal"), (2, "json"), (3, "journal")):
         path = tmp_path / f"{seed}.{kind}"
         kept = ["--journal", path] if kind == "journal" else ["--no-journal"]
@@ -302,7 +306,9 @@ def test_a_search_that_is_unsure_for_its_width_only_is_taken(shell: Shell, tmp_p
 
 def spots_in_folders(folder: Path, points_m: np.ndarray, names: list[str]) -> tuple[Path, Path]:
     """Images of both simulated cameras of a spot at each point."""
-    cameras, settings, rng = endoscope(), EndoscopeSettings(frames=5), np.random.default_rng(1)
+    cameras = endoscope()
+    settings = EndoscopeSettings(frames=5)
+    rng = np.random.default_rng(1)
     for side, places in zip(("left", "right"), cameras.project(points_m), strict=True):
         for name, place in zip(names, places, strict=True):
             (folder / side / name).mkdir(parents=True)
@@ -314,7 +320,8 @@ def spots_in_folders(folder: Path, points_m: np.ndarray, names: list[str]) -> tu
 
 
 def test_images_of_both_cameras_end_as_their_pixels_do(shell: Shell, tmp_path: Path) -> None:
-    stereo, names = Path(__file__).parents[2] / "examples" / "stereo.toml", ["a", "b", "c"]
+    stereo = Path(__file__).parents[2] / "examples" / "stereo.toml"
+    names = ["a", "b", "c"]
     journals = []
     for seed, name in enumerate(names, start=1):
         journals += ["--journal", tmp_path / f"{name}.journal"]

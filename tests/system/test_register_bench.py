@@ -21,7 +21,8 @@ pytest.importorskip("serial", reason="needs the extra devices")
 def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices(tmp_path: Path, sweep: bool) -> None:
     world = WORLD.replace("[marker]\nangle_deg = 6.4\n", "")
     with emulation(tmp_path, "--endoscope", seed=3, text=world) as devices:
-        bench, kept = devices.folder, tmp_path / "session"
+        bench = devices.folder
+        kept = tmp_path / "session"
         images = f"{bench / 'left'} {bench / 'right'}"
         given = ["--rig", devices.rig, "--cameras", bench / "stereo.toml", "--images", images, "--record", kept]
         options = ["--arm", "--endoscope-held", "--markers", 3, "--wait-s", 60, *(["--sweep"] if sweep else [])]

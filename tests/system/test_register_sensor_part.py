@@ -65,7 +65,9 @@ def test_images_have_the_size_of_the_region(shell: Shell, tmp_path: Path) -> Non
     region = Part(first=(290, 212), size=(700, 600))
     calibration = cameras(tmp_path, region, region)
     _, out, _ = shell("search", "--seed", 1, "--no-journal", "--json")
-    result, words, rng = json.loads(out), [], np.random.default_rng(4)
+    result = json.loads(out)
+    words = []
+    rng = np.random.default_rng(4)
     # Three of the points are in the middle of the sensor.
     kept = [number for number, pixel in enumerate(seen(region, region)[0]) if (np.abs(pixel - 325) < 250).all()][:3]
     assert len(kept) == 3
@@ -98,7 +100,8 @@ def test_pixels_of_smaller_images_than_the_calibrations_are_said_so(
     points = table(tmp_path / "points.csv", Part(joined=(factor, factor)), Part(joined=(factor, factor)))
     code, _, err = shell("register", points, *cameras(tmp_path, Part(), Part()))
     assert code == 2
-    width, height = round(SENSOR[0] / factor), round(SENSOR[1] / factor)
+    width = round(SENSOR[0] / factor)
+    height = round(SENSOR[1] / factor)
     assert f"would if its pixels were of images of {width} x {height}, {factor:g} times smaller than the 1280 x" in err
     assert "mirror" not in err
 
@@ -108,7 +111,8 @@ def test_points_that_do_not_fit_at_any_size_are_judged_as_before(shell: Shell, t
     points = table(tmp_path / "points.csv", Part(), Part())
     lines = points.read_text(encoding="utf-8").split("\n")
     first, second = (line.split(",") for line in lines[1:3])
-    lines[1], lines[2] = ",".join(first[:3] + second[3:]), ",".join(second[:3] + first[3:])
+    lines[1] = ",".join(first[:3] + second[3:])
+    lines[2] = ",".join(second[:3] + first[3:])
     points.write_text("\n".join(lines), encoding="utf-8")
     code, out, err = shell("register", points, *cameras(tmp_path, Part(), Part()), "--json")
     assert code == 3, err

@@ -24,7 +24,8 @@ def test_the_interval_holds_the_marker_of_a_coarse_scan(
     rng = np.random.default_rng(17)
     angles = np.arange(-35, 35 + step_deg / 2, step_deg)
     path = tmp_path / "scan.csv"
-    held, answered = 0, 0
+    held = 0
+    answered = 0
     for marker_deg in rng.uniform(-30, 30, SCANS).tolist():
         curve = 1 / (1 + (2 * (angles - marker_deg) / fwhm_deg) ** 2)
         measured = curve + np.abs(0.02 + 0.005 * rng.standard_normal(angles.size))

@@ -68,7 +68,8 @@ def begun_with(settings: BenchSettings, **changes: object) -> Configuration:
 
 
 def journal_and_rig(folder: Path, settings: BenchSettings) -> tuple[Path, Path]:
-    path, rig = folder / "run.journal", folder / "rig.toml"
+    path = folder / "run.journal"
+    rig = folder / "rig.toml"
     Journal.create(path, begun_with(settings)).close()
     rig.write_text(RIG.format(folder))
     return path, rig

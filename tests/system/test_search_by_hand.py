@@ -34,7 +34,8 @@ def in_world(seed: int) -> Rig:
 def by_hand(seed: int, *, motion: HandMotion | None = None) -> Rig:
     """The same world, with a hand in the place of the motor, and without a recipe: it is of no file."""
     rig = in_world(seed)
-    clock, settings = rig.scanner.clock, GuidedStageSettings()
+    clock = rig.scanner.clock
+    settings = GuidedStageSettings()
     hand = settings.by_hand
     turner = SimulatedHand(
         world=rig.laser._world,  # type: ignore[attr-defined]

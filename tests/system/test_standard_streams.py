@@ -44,7 +44,8 @@ def test_a_good_search_whose_output_is_full_says_so_in_one_sentence(tmp_path: Pa
 
 def test_what_a_command_writes_can_be_read_by_its_owner_only(tmp_path: Path) -> None:
     out = tmp_path / "pictures"
-    journal, events = tmp_path / "run.journal", tmp_path / "run.events"
+    journal = tmp_path / "run.journal"
+    events = tmp_path / "run.events"
     before = os.umask(0o022)
     try:
         for words in (("--journal", journal, "--plot", "--out", out), ("--no-journal", "--events", events)):

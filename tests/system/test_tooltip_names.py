@@ -106,7 +106,8 @@ def two_regions(*, tip_right: bool) -> tuple[Grey, list[Dataset], str]:
     _, rows, columns = images.shape
     other = np.full_like(images, 40)
     offset = columns if tip_right else 0
-    first, second = ((0, 0), (rows - 1, columns - 1)), ((0, columns), (rows - 1, 2 * columns - 1))
+    first = ((0, 0), (rows - 1, columns - 1))
+    second = ((0, columns), (rows - 1, 2 * columns - 1))
     scales = (1.0, PIXEL_MM) if tip_right else (PIXEL_MM, 1.0)
     regions = [region(*place, scale) for place, scale in zip((first, second), scales, strict=True)]
     pair = (other, images) if tip_right else (images, other)

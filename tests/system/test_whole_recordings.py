@@ -37,8 +37,8 @@ def table(path: Path, angles_deg: Array, intensities: Array) -> Path:
     return path
 
 
-def humps(path: Path, *places: tuple[float, float], angles: int = 141) -> Path:
-    """A table with a hump (σ 2°) at each place, of an angle in degrees and a height."""
+def table_of_peaks(path: Path, *places: tuple[float, float], angles: int = 141) -> Path:
+    """A table with a peak (σ 2°) at each place, of an angle in degrees and a height."""
     angles_deg = np.linspace(-35, 35, angles)
     noise = 0.008 * np.random.default_rng(1).normal(size=angles)
     curve = sum((height * np.exp(-(((angles_deg - at) / 2) ** 2) / 2) for at, height in places), 0 * angles_deg)
@@ -54,10 +54,10 @@ def coarse(path: Path, *, step_deg: float = 8.0) -> Path:
 
 
 RECORDINGS: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "marker": (lambda path: humps(path, (-11.2, 1.0)), "found"),
-    "nothing": (humps, "not found"),
-    "two humps": (lambda path: humps(path, (-5.0, 1.0), (3.0, 0.9)), "ambiguous"),
-    "end": (lambda path: humps(path, (36.0, 1.0)), "at bound"),
+    "marker": (lambda path: table_of_peaks(path, (-11.2, 1.0)), "found"),
+    "nothing": (table_of_peaks, "not found"),
+    "two peaks": (lambda path: table_of_peaks(path, (-5.0, 1.0), (3.0, 0.9)), "ambiguous"),
+    "end": (lambda path: table_of_peaks(path, (36.0, 1.0)), "at bound"),
     "coarse": (coarse, "found"),
     "too coarse": (lambda path: coarse(path, step_deg=16.0), "unsure"),
 }
@@ -123,11 +123,11 @@ def test_text_python_and_bank_info_say_the_same(shell: Shell, tmp_path: Path, ki
 
 @pytest.mark.parametrize("distance_deg", [8, 9, 12])
 @pytest.mark.parametrize("weaker", [0.8, 0.95])
-def test_a_search_that_found_the_wrong_hump_does_not_contradict(
+def test_a_search_that_found_the_wrong_peak_does_not_contradict(
     shell: Shell, tmp_path: Path, distance_deg: float, weaker: float
 ) -> None:
-    path = humps(tmp_path / "mine.csv", (10.0 - distance_deg, 1.0), (10.0, weaker))
-    # A bracket around the weaker hump sees one curve.
+    path = table_of_peaks(tmp_path / "mine.csv", (10.0 - distance_deg, 1.0), (10.0, weaker))
+    # A bracket around the weaker peak sees one curve.
     words = (path, "--method", "ternary")
     code, result = replayed(shell, *words)
     assert (code, result["answer"]) == (3, "ambiguous")
@@ -139,7 +139,7 @@ def test_a_search_that_found_the_wrong_hump_does_not_contradict(
 
 def test_a_scan_of_more_angles_than_a_search_may_take_is_answered_from_all(shell: Shell, tmp_path: Path) -> None:
     angles = MAX_ACQUISITIONS + 61
-    path = humps(tmp_path / "mine.csv", (12.34, 1.0), angles=angles)
+    path = table_of_peaks(tmp_path / "mine.csv", (12.34, 1.0), angles=angles)
     journal = tmp_path / "mine.journal"
     for words in (("--method", "posterior"), ("--method", "exhaustive", "--journal", journal)):
         code, result = replayed(shell, path, *words)
@@ -151,7 +151,7 @@ def test_a_scan_of_more_angles_than_a_search_may_take_is_answered_from_all(shell
 
 
 def test_as_published_the_method_itself_answers(shell: Shell, tmp_path: Path) -> None:
-    path = humps(tmp_path / "mine.csv", (-20.0, 1.0), (10.0, 0.3))
+    path = table_of_peaks(tmp_path / "mine.csv", (-20.0, 1.0), (10.0, 0.3))
     code, result = replayed(shell, path, "--method", "golden-section", "--as-published")
     assert (code, result["method"], result["acquisitions"], result["search"]) == (0, "golden-section", 28, None)
     assert result["angle_deg"] == pytest.approx(10, abs=0.5)
@@ -170,7 +170,7 @@ METHODS = ("posterior", "ternary", "exhaustive")
 
 
 def test_the_journal_of_a_replay_has_the_answer_from_all_angles(shell: Shell, tmp_path: Path) -> None:
-    path = humps(tmp_path / "mine.csv", (1.0, 1.0), (10.0, 0.9))
+    path = table_of_peaks(tmp_path / "mine.csv", (1.0, 1.0), (10.0, 0.9))
     journal = tmp_path / "mine.journal"
     code, result = replayed(shell, path, "--method", "ternary", "--journal", journal)
     assert (code, result["answer"], result["search"]["answer"]) == (3, "ambiguous", "found")
@@ -200,7 +200,7 @@ def test_a_registration_takes_the_marker_from_all_angles(shell: Shell, tmp_path:
 
 
 def test_the_picture_has_the_recorded_curve_and_the_answer_from_all_angles(shell: Shell, tmp_path: Path) -> None:
-    path = humps(tmp_path / "mine.csv", (-20.0, 1.0), (10.0, 0.3))
+    path = table_of_peaks(tmp_path / "mine.csv", (-20.0, 1.0), (10.0, 0.3))
     out = tmp_path / "out"
     assert shell("replay", path, "--method", "golden-section", "--plot", "--out", out)[0] == 0
     assert (out / "replay.png").read_bytes().startswith(b"\x89PNG")

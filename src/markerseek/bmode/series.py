@@ -130,7 +130,8 @@ def read_image_sequence(
     `markerseek.records.banks.angles_of`. ``pixel_m``: as of `read_images`.
     """
     sequence = open_sequence(path)
-    count, (rows, columns, _) = len(sequence.frame_fields), sequence.shape
+    count = len(sequence.frame_fields)
+    (rows, columns, _) = sequence.shape
     if sequence.kind != "BRIGHTNESS":
         raise RecordError(f"{path}: it holds {sequence.kind} and no B-mode images; read it as a bank")
     if count > _MAX_IMAGES or count * rows * columns > MAX_PIXELS:

@@ -14,7 +14,7 @@ from markerseek.core import ConfigError, counted
 
 
 def sessions_report(folder: Path | None) -> Report:
-    """Return the report of the sessions in a folder; None: of those whose folder nobody named."""
+    """Return the report of the sessions in a folder; None: in that of sessions whose folder nobody named."""
     place = folder or registration.sessions_folder()
     if folder is not None and not folder.is_dir():
         raise ConfigError(f"{folder}: there is no such folder; name one that holds folders of sessions")
@@ -31,14 +31,15 @@ def sessions_report(folder: Path | None) -> Report:
     return Report(values={"folder": str(place), "sessions": sessions}, shown=lines)
 
 
-def _in_words(each: registration.KeptSession) -> str:
+def _in_words(session: registration.KeptSession) -> str:
     """Return a session in a line: when, on which rig, its markers, errors and state."""
-    if each.begun is None:
-        return each.state
+    if session.begun is None:
+        return session.state
     errors = ""
-    if each.tre_m is not None and each.tre95_m is not None:
-        errors = f", expected error {1e3 * each.tre_m:.2f} mm (95 %: {1e3 * each.tre95_m:.2f})"
-    if each.off_m is not None:
-        errors += f", {1e3 * each.off_m:.2f} mm off at the spot that checked it"
-    markers = counted(each.markers, "marker")
-    return f"{local_time(each.begun)}, {each.rig}: {each.state}, {markers}{errors}, {each.size_bytes / 1e6:.1f} MB"
+    if session.tre_m is not None and session.tre95_m is not None:
+        errors = f", expected error {1e3 * session.tre_m:.2f} mm (95 %: {1e3 * session.tre95_m:.2f})"
+    if session.off_m is not None:
+        errors += f", {1e3 * session.off_m:.2f} mm off at the spot that checked it"
+    markers = counted(session.markers, "marker")
+    size = f"{session.size_bytes / 1e6:.1f} MB"
+    return f"{local_time(session.begun)}, {session.rig}: {session.state}, {markers}{errors}, {size}"

@@ -153,7 +153,8 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
         """Return the probability that the marker lies below an angle in degrees."""
         if not self.table:
             return 0.5 * math.erfc((self.mean_deg - angle_deg) / (math.sqrt(2) * self.sigma_deg))
-        part = total = 0.0
+        part = 0.0
+        total = 0.0
         for (low_deg, low), (high_deg, high) in pairwise(self.table):
             total += (high_deg - low_deg) * (low + high) / 2
             reached_deg = min(max(angle_deg, low_deg), high_deg) - low_deg

@@ -55,8 +55,8 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True):
 class SweepTiming(msgspec.Struct, frozen=True, kw_only=True):
     """What a sample of a sweep shares with the other samples of its sweep.
 
-    Its true angle is ``angle_deg + speed_deg_s * delay + play + e``. The delay is the same in all samples of all sweeps
-    of a run, the play (backlash) in all samples of one sweep that turn away from the side of approach, and e differs
+    Its true angle is ``angle_deg + speed_deg_s * delay + backlash + e``. The delay is the same in all samples of all
+    sweeps of a run, the backlash in all samples of one sweep that turn away from the side of approach, and e differs
     from sample to sample.
 
     Attributes
@@ -68,7 +68,7 @@ class SweepTiming(msgspec.Struct, frozen=True, kw_only=True):
     delay_sigma_s
         Standard deviation of the unknown delay between pulse and angle, in seconds.
     play_sigma_deg
-        Standard deviation of what is not known of the backlash between encoder and probe, in degrees; 0 where the stage
+        Standard deviation of the unknown part of the backlash between encoder and probe, in degrees; 0 where the stage
         turns in the direction in which it approaches the angle of a single acquisition.
 
     Raises
@@ -91,14 +91,14 @@ class SweepTiming(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StageReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a stage was that turns, read between two moments of the rig's clock.
+    """Angle of a turning stage, read between two moments of the rig's clock.
 
     Attributes
     ----------
     angle_deg
         Readback in degrees.
     asked_s, answered_s
-        When it was asked for and when it came, in seconds; it is of a moment in between.
+        When it was asked for and when it came, in seconds; the stage was there at a moment in between.
     """
 
     angle_deg: float
@@ -119,7 +119,7 @@ class Pulse(msgspec.Struct, frozen=True, kw_only=True):
     at_s
         When it was fired, on the rig's clock in seconds.
     sigma_s
-        Standard deviation of that, independent from pulse to pulse, in seconds.
+        Standard deviation of ``at_s``, independent from pulse to pulse, in seconds.
     energy
         Its energy over the usual one; None if the laser does not measure it.
     """
@@ -130,8 +130,8 @@ class Pulse(msgspec.Struct, frozen=True, kw_only=True):
 
 
 MAX_AHEAD_DEG = 5.0
-"""Most that a target lies ahead of a stage that moves without a permit, in degrees: it turns no further if the host
-dies. The target of a sweep is the end of its permit."""
+"""Most that a target lies ahead of a stage that moves without a permit, in degrees: if the host dies, the stage
+turns no further. The target of a sweep is the end of its permit."""
 
 MAX_RESOLUTION_DEG = 0.1
 """Coarsest resolution of a stage, in degrees: further from its target than this, the guard takes a move for a fault."""

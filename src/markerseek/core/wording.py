@@ -1,7 +1,8 @@
-"""Messages for people: those of the packages name an argument or a function in backquotes, as Python has it.
+"""Rewords messages for people who write no Python.
 
-```first_frame=3```, ```read_bank(scan.hdf5)```. Whoever shows a message to a person who writes no Python names them in
-other words: the command line by its options and commands, the page by its labels, other programs plainly.
+A message of the packages names an argument or a function in backquotes, as in Python: ``first_frame=3`` or
+``read_bank(scan.hdf5)``. The command line names its options and commands instead, the page its labels; other programs
+get the message without backquotes (`plain`).
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ _ARGUMENT = re.compile(r"`([a-z][a-z0-9_]*)(?:=([^`]*))?`")
 
 
 def reworded(message: str, *, call: Callable[[str, str], str], argument: Callable[[str, str | None], str]) -> str:
-    """Return a message in which functions and arguments are named in other words.
+    """Return a message with other words for its functions and arguments.
 
-    ``call``: makes them of the name of a function and its arguments as text; ``argument``: of the name of an argument
-    and its value as text, None if only the name stands there.
+    ``call``: takes the name of a function and its arguments, and returns the words. ``argument``: takes the name of an
+    argument and its value, None if the message has the name alone, and returns the words.
     """
     message = _CALL.sub(lambda found: call(found[1], found[2]), message)
     return _ARGUMENT.sub(lambda found: argument(found[1], found[2]), message)

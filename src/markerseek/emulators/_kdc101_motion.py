@@ -120,7 +120,8 @@ class Prm1z8:
     ) -> None:
         start_deg = sense * probe.angle_deg + zero_deg
         self.motor = Motor(angle_deg=start_deg, target_deg=start_deg)
-        self.lowest_deg = self.highest_deg = probe.angle_deg
+        self.lowest_deg = probe.angle_deg
+        self.highest_deg = self.lowest_deg
         self.offset = 0
         self._probe = probe
         self._zero_deg = zero_deg
@@ -231,10 +232,13 @@ POWER_UP: Mapping[int, bytes] = {
 """Parameters after a loss of power: twice the usual speed, no limits, and a backlash correction of 1 deg."""
 
 # Status bits of MGMSG_MOT_GET_STATUSBITS in the APT protocol.
-_MOVING_UP, _MOVING_DOWN, _CONNECTED, _HOMING, _HOMED, _ERROR, _ENABLED = (
-    *(0x10, 0x20, 0x100, 0x200, 0x400, 0x4000),
-    0x80000000,
-)
+_MOVING_UP = 0x10
+_MOVING_DOWN = 0x20
+_CONNECTED = 0x100
+_HOMING = 0x200
+_HOMED = 0x400
+_ERROR = 0x4000
+_ENABLED = 0x80000000
 
 
 class MotionControl:
@@ -284,7 +288,9 @@ class MotionControl:
         self._motor.halt()
         self._stage.offset = 0 if homed else self._stage.offset - self._stage.counts
         self._homed = homed
-        self._homing = self._error = self._braking = False
+        self._homing = False
+        self._error = False
+        self._braking = False
         self._then_deg: float | None = None
         self._pending: tuple[float, float] | None = None
         self._frozen: int | None = None
@@ -352,7 +358,8 @@ class MotionControl:
         # Not homed until it reaches the switch, as the device reports it: a homing that was stopped must show.
         self._homing = True
         self._homed = False
-        self._pending = self._then_deg = None
+        self._pending = None
+        self._then_deg = None
         self._motor.target_deg = 360.0 * math.floor(self._motor.angle_deg / 360.0)
         if self._motor.at_rest:
             self._arrive()
@@ -366,7 +373,8 @@ class MotionControl:
                 motor.target_deg = motor.angle_deg + motor.speed_deg_s * abs(motor.speed_deg_s) / (2 * acceleration)
             else:
                 self._motor.halt()
-            self._pending = self._then_deg = None
+            self._pending = None
+            self._then_deg = None
             self._homing = False
         self._braking = not self._motor.at_rest
         if not self._braking:
@@ -376,7 +384,8 @@ class MotionControl:
         """Apply the faults of the mechanics that are active now."""
         if self._fault("power cut"):
             self._motor.halt()
-            self._pending = self._then_deg = None
+            self._pending = None
+            self._then_deg = None
         if self._fault("stall") and not self._motor.at_rest:
             self._end_by_error()
         if self._fault("frozen readback") is None:
@@ -408,7 +417,8 @@ class MotionControl:
         if slow is not None:
             speed_deg_s *= slow.amount
         if fast is not None:
-            speed_deg_s = acceleration_deg_s2 = fast.amount
+            speed_deg_s = fast.amount
+            acceleration_deg_s2 = speed_deg_s
         motor.top_speed_deg_s = min(speed_deg_s, _TOP_SPEED_DEG_S)
         motor.acceleration_deg_s2 = acceleration_deg_s2
         motor.low_deg = -math.inf
@@ -422,7 +432,8 @@ class MotionControl:
             motor.high_deg = min(motor.high_deg, at_deg)
 
     def _begin(self, target_deg: float) -> None:
-        self._error = self._braking = False
+        self._error = False
+        self._braking = False
         self._then_deg = None
         # As in the device, downward moves overshoot and come back from below.
         if self._backlash_deg > 0 and target_deg < self._motor.angle_deg:

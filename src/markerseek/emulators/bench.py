@@ -175,7 +175,8 @@ class EmulatedBench:
         """
         if name == "stage":
             return PtyLine(device=self.stage, clock=clock, link=link)
-        serving = self._box_time = ServingClock(clock)
+        serving = ServingClock(clock)
+        self._box_time = serving
         # The time of a pulse is the stage's: a box that was delayed fires the pulse later, where the probe is then.
         self.laser_box.moment = lambda _: self._turned(serving.real_s)
         return PtyLine(device=self.laser_box, clock=serving, link=link)

@@ -97,7 +97,8 @@ class Kdc101Emulator:
         self._motion = MotionControl(stage=self._stage, fault=self.faults)
         self._framer = AptFramer(TO_CONTROLLER, to=CONTROLLER)
         self._outbox = bytearray()
-        self._now_s = self._next_update_s = 0.0
+        self._now_s = 0.0
+        self._next_update_s = 0.0
         self._handlers = self._message_handlers()
         self._power_up(homed=self._settings.homed)
 

@@ -71,7 +71,8 @@ class EmulatedLaserBox:
         self._world = world
         self._on_triggers = on_triggers
         self._turn_us = turn_us
-        self._now_us = self._until_us = 0
+        self._now_us = 0
+        self._until_us = 0
         self._interlock_closed = True
         self._laser = laser or LaserSettings()
         self._rng = rng
@@ -87,9 +88,13 @@ class EmulatedLaserBox:
         self._last_step = 0
         self._interlock_opened = False
         self._permit: _AnyPermit | None = None
-        self._ends_us = self._expires_us = self._due_us = 0
+        self._ends_us = 0
+        self._expires_us = 0
+        self._due_us = 0
         self._train: _AnyPermit | None = None
-        self._triggers = self._sent = self._seen_before = 0
+        self._triggers = 0
+        self._sent = 0
+        self._seen_before = 0
         self._last_trigger_us = 0
         self._untold: tuple[int, int] | None = None
         """Stamp of the last pulse of a sweep, and the photodiode's count before it."""
@@ -123,7 +128,8 @@ class EmulatedLaserBox:
     def advance(self, now_s: float) -> bytes:
         """Advance to that time in seconds, and return the bytes sent; an earlier time changes nothing."""
         # Whole microseconds, as the firmware counts: sums of float seconds would depend on the size of the steps.
-        self._until_us = until_us = max(self._now_us, round(now_s * 1e6))
+        until_us = max(self._now_us, round(now_s * 1e6))
+        self._until_us = until_us
         while (turn_us := self._next_turn_us()) <= until_us:
             self._now_us = turn_us
             self._turn()
@@ -286,7 +292,8 @@ class EmulatedLaserBox:
         if self._permit is None or self._train is not None or token != self._permit.token:
             return wire.Refusal(reason="TOKEN")
         self._train = self._permit
-        self._triggers = self._sent = 0
+        self._triggers = 0
+        self._sent = 0
         self._dark_told = not isinstance(self._train, wire.PermitSweep)
         self._seen_before = self._seen
         self._due_us = self._now_us

@@ -41,7 +41,8 @@ class Permits:
 
     def __init__(self, limits: FiringLimits) -> None:
         self._limits = limits
-        self._issued = self._pulses = 0
+        self._issued = 0
+        self._pulses = 0
         self._open: set[Permit] = set()
         self._used: deque[tuple[float, int]] = deque()
 

@@ -186,7 +186,8 @@ class DelayRun:
         covariance = variance * np.linalg.inv(weighted.T @ weighted)
         sigmas = np.zeros(3)
         values = np.zeros(3)
-        values[unknown], sigmas[unknown] = found, np.sqrt(np.diag(covariance))
+        values[unknown] = found
+        sigmas[unknown] = np.sqrt(np.diag(covariance))
         return MeasuredDelay(
             stamp_delay_s=self._devices.laser.stamp_delay_s + float(values[1]),
             stamp_delay_sigma_s=max(float(sigmas[1]), LEAST_SIGMA_S),

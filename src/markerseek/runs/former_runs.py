@@ -39,7 +39,7 @@ _Kind = TypeVar("_Kind", _Curve, _Marker)
 def former_curve(path: Path) -> MarkerCurve:
     """Return the intensity curve of the marker that a search found.
 
-    ``path``: the result of the search, as printed with --json, or its journal.
+    ``path``: the result of the search as JSON, or its journal.
     """
     curve = _printed(path, _Curve).curve
     if curve is None:

@@ -29,8 +29,8 @@ from markerseek.search.posterior import Posterior, SweepPosterior
 
 _RUN_LIMITS = RunLimits()
 
-# Limit in seconds for each acquisition of a scan, for stages that are slow and receivers that average long.
 _S_PER_ANGLE = 120.0
+"""Limit in seconds for each acquisition of a scan, for stages that are slow and receivers that average long."""
 
 
 def is_scan(configuration: Configuration) -> bool:
@@ -128,21 +128,21 @@ def with_beliefs(
 
     ``of``: which events have one. ``intensities``: those that the run had measured before.
     """
-    return map(_Beliefs(policy, plan, of=of, intensities=intensities).added, events)
+    return map(_Beliefs(policy, plan, of=of, intensities=intensities).add, events)
 
 
 class _Beliefs:
-    """What a policy believes whenever it asks."""
+    """Adds the belief of a policy to events."""
 
     def __init__(
         self, policy: AnyPolicy, plan: SearchPlan, *, of: tuple[type[Event], ...], intensities: Sequence[float]
     ) -> None:
-        self._asked = policy
+        self._given = policy
         self._plan = plan
         self._of = of
         self._intensities = list(intensities)
 
-    def added(self, event: Event) -> Event:
+    def add(self, event: Event) -> Event:
         """Return the event, with the belief of the policy if it is to have one."""
         if isinstance(event, Measured) and event.role == "search":
             self._intensities.append(event.sample.reading.intensity)
@@ -156,21 +156,22 @@ class _Beliefs:
 
     @property
     def _policy(self) -> AnyPolicy:
-        return self._asked.present if isinstance(self._asked, WholeRecording) else self._asked
+        """The policy that searches now."""
+        return self._given.present if isinstance(self._given, WholeRecording) else self._given
 
     def _belief(self) -> AngleBelief:
         estimate = estimate_of(self._policy)
         if isinstance(self._policy, Posterior | SweepPosterior):
-            public = self._policy.belief
-            if public is None:
+            belief = self._policy.belief
+            if belief is None:
                 return AngleBelief(estimate=estimate)
-            angles_deg, density = _thinned(public.angles_deg, public.probability / np.diff(public.angles_deg[:2]))
+            angles_deg, density = _thinned(belief.angles_deg, belief.probability / np.diff(belief.angles_deg[:2]))
             return AngleBelief(
                 estimate=estimate,
                 angles_deg=_rounded(angles_deg, 3),
                 density_per_deg=_rounded(density, 5),
-                choice_deg=_rounded(public.choice_deg, 3),
-                choice_sigma_deg=_rounded(public.choice_sigma_deg, 4),
+                choice_deg=_rounded(belief.choice_deg, 3),
+                choice_sigma_deg=_rounded(belief.choice_sigma_deg, 4),
             )
         method = self._policy.inner if isinstance(self._policy, CheckedPolicy) else self._policy
         bracket = method.bracket if isinstance(method, BracketSearch) else None
@@ -189,7 +190,7 @@ class _Beliefs:
 
 
 def _rounded(values: Float64[np.ndarray, " values"], digits: int) -> tuple[float, ...]:
-    """To a digit that no picture shows; it keeps an event within a few kilobytes."""
+    """Round to a digit that no picture shows, which keeps an event within a few kilobytes."""
     return tuple(np.round(values, digits).tolist())
 
 

@@ -176,7 +176,9 @@ def pulses_before(entries: Iterable[JournalEntry], *, pulses: int, attempts: int
     ``pulses``: of one acquisition. ``attempts``: how often one acquisition may be tried. ``pulses_per_sweep``: most
     that a permit of the rig allows for one sweep, which a sweep that was broken off counts for.
     """
-    permits = swept = open_sweep = 0
+    permits = 0
+    swept = 0
+    open_sweep = 0
     lit = False
     for entry in entries:
         match entry.event:

@@ -108,7 +108,8 @@ class Scanner:
         self._refusable = _FaultOnError(guard, AcquisitionError, ConfigError)
         self._refused_frame: Frame | None = None
         # Whether a frame was asked for before, and whether the last one came.
-        self._begun = self._settled = False
+        self._begun = False
+        self._settled = False
         # Whether the laser has fired for a camera since the receiver was last quiet.
         self._lit = False
         self._mark: int | None = None

@@ -1,6 +1,6 @@
-"""One turn of the probe while it follows: in the dark, from rest to rest, read all the way, and broken off at any time.
+"""One turn of the probe while it follows a target: without light, from rest to rest, and braked at any time.
 
-It is made with the verbs of a sweep, whose speed the stage keeps, and whose target is where the stage stops by itself.
+The stage turns as in a sweep: it keeps its speed, reports its angle on the way, and stops by itself at the end.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from markerseek.guard import Guard
 from markerseek.scan.sweeping import AT_REST_DEG, BEGIN_S, READ_S, Way, await_reading
 
 ARRIVED_DEG = 0.05
-"""Most that a turn which nobody broke off may end beside its target."""
+"""Most by which a turn that was not braked may end beside its target, in degrees."""
 
 
 def turning_stage(stage: Stage) -> SweepingStage:
@@ -29,7 +29,7 @@ def turning_stage(stage: Stage) -> SweepingStage:
 
 
 class TurnInProgress:
-    """One turn, from its permission on; the guard is TURNING until the probe is at rest again.
+    """One turn that the guard has permitted; the guard is TURNING until the probe is at rest again.
 
     ``start``: readback at which the turn was permitted. ``to_deg``: angle of the stage at its end.
     """
@@ -48,6 +48,7 @@ class TurnInProgress:
         self._guard = guard
         self._clock = clock
         self._to_deg = to_deg
+        # From the command to brake until it rests.
         self._longest_s = BEGIN_S + speed_deg_s / stage.acceleration_deg_s2
         self._readings = [start]
         self._way = Way(
@@ -58,7 +59,7 @@ class TurnInProgress:
         )
 
     def readings(self, goes_on: Callable[[], bool]) -> Generator[float, None, float]:
-        """Turn to the end, or brake once `goes_on` says no; the readbacks on the way, returns that at rest.
+        """Turn to the end, or brake once `goes_on` returns False; yield each readback, and return that at rest.
 
         Raises `MoveError` if the stage does not begin, stops on its way or does not brake.
         """

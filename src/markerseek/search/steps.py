@@ -162,7 +162,8 @@ def _top_run(curve: Curve) -> tuple[int, int]:
     """Return the half-open run of samples round the largest that reach `TOP_SHARE`, widened to three if possible."""
     top = curve.strongest
     level = TOP_SHARE * curve.intensity[top]
-    first = last = top
+    first = top
+    last = top
     while first > 0 and curve.intensity[first - 1] >= level:
         first -= 1
     while last < len(curve) - 1 and curve.intensity[last + 1] >= level:

@@ -157,7 +157,8 @@ def _numbered(marks: Sequence[Mark]) -> _Numbered:
 
 def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
     """Return the points whose labels leave half a digit to earlier ones; the axes must have their final range."""
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    (left, right) = axes.get_xlim()
+    (bottom, top) = axes.get_ylim()
     digit = _ROOM[0] * (right - left)
     line = _ROOM[1] * (top - bottom)
     shown: _Numbered = []
@@ -172,7 +173,8 @@ def _with_room(axes: Axes, numbered: _Numbered) -> _Numbered:
 
 def _near(axes: Axes, place: tuple[float, float], other: tuple[float, float]) -> bool:
     """Return whether a number above one point would be hidden by a star at the other."""
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    (left, right) = axes.get_xlim()
+    (bottom, top) = axes.get_ylim()
     digit = _ROOM[0] * (right - left)
     line = _ROOM[1] * (top - bottom)
     return abs(place[0] - other[0]) < 1.5 * digit and abs(place[1] - other[1]) < 2 * line

@@ -10,7 +10,11 @@ from html import escape
 from markerseek.show.curve import ANGLE_TEXT, DENSITY_TEXT, DrawnCurve, Mark
 from markerseek.show.words import with_minus
 
-BLUE, SKY, ORANGE, GREEN, GREY = "#2a88c8", "#56b4e9", "#d55e00", "#009e73", "#8a8f98"
+BLUE = "#2a88c8"
+SKY = "#56b4e9"
+ORANGE = "#d55e00"
+GREEN = "#009e73"
+GREY = "#8a8f98"
 """Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
 
 _WIDTH = 460.0

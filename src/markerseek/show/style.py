@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SIGNAL, ACCENT, TRUTH, QUIET = "#1f5fa8", "#c8501e", "#2a7f3f", "#8a8f98"
+SIGNAL = "#1f5fa8"
+ACCENT = "#c8501e"
+TRUTH = "#2a7f3f"
+QUIET = "#8a8f98"
 """Colours of measurements, of conclusions, of the truth, and of the rest; the colour-blind can tell them apart."""
 
 GRID = "#e3e6ea"

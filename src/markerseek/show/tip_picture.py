@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,7 @@ def tip_figure(
 
     ``frames``, ``images``: in the order of the angles. ``low_deg``, ``high_deg``: ends of the sensitive range.
     """
-    shown = list(zip(frames, images, strict=True))[:: -(-len(images) // MAX_SHOWN)]
+    shown = list(zip(frames, images, strict=True))[:: max(1, math.ceil(len(images) / MAX_SHOWN))]
     figure = new_figure(width_in=max(7.0, 1.7 * len(shown)), height_in=5.6, heading=title, fontsize=10)
     grid = figure.add_gridspec(2, len(shown), height_ratios=(1.0, 1.5))
     for place, (frame, image) in enumerate(shown):

@@ -283,7 +283,9 @@ def aligned_energies(
         energy = 0.0
         for k in range(half_samples + 1):
             energy += total[k] * total[k]
-        of_sum[p], of_channels[p], used[p] = energy / max(1, count), single, count
+        of_sum[p] = energy / max(1, count)
+        of_channels[p] = single
+        used[p] = count
 
 
 @compiled
@@ -397,7 +399,8 @@ def _analytic(
 ) -> None:
     """Write the analytic signal of a row of the image about a column into its two parts; outside, it is 0."""
     depths, columns = image.shape
-    real[:], imaginary[:] = np.float32(0), np.float32(0)
+    real[:] = np.float32(0)
+    imaginary[:] = np.float32(0)
     first = column - len(real) // 2
     low = max(0, -first)
     high = min(len(real), columns - first)

@@ -60,7 +60,8 @@ def band_pass(
     ``samples``: ADC counts. Returns filtered signals, shape (samples, columns); channel c is in column
     c + `_kernel.PAD`. The laser's pick-up is blanked.
     """
-    (channels, count), blanked = samples.shape, preset.pickup_samples
+    (channels, count) = samples.shape
+    blanked = preset.pickup_samples
     if not 0 <= blanked <= count - 2 * TAPER_SAMPLES:
         raise ConfigError(
             f"band-pass: {blanked} of {count} samples are to be blanked; at least {2 * TAPER_SAMPLES} must be left"

@@ -106,7 +106,8 @@ def _follow(
             if len(before) >= 5:
                 guess += 3 * (before[-1] - before[-5]) / 4
             lag, alike = _best_lag(signals[channel], expected[channel] + guess, wave)
-            lags[channel], correlation[channel] = guess + lag, alike
+            lags[channel] = guess + lag
+            correlation[channel] = alike
             lost = 0 if alike >= _MIN_CORRELATION else lost + 1
             if alike >= _MIN_CORRELATION:
                 before.append(lags[channel])

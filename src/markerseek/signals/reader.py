@@ -188,7 +188,8 @@ class ImageReader:
         last = self._last
         # The very object, and not only the same samples: a receiver may use its memory again.
         if last is None or last.frame is not frame:
-            last = self._last = self._new_chain(frame)
+            last = self._new_chain(frame)
+            self._last = last
         return last
 
     def _new_chain(self, frame: Frame) -> _Chain:

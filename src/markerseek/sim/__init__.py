@@ -11,7 +11,7 @@ from markerseek.sim.curves import (
     PowerCurve,
     RecordedCurve,
     SechCurve,
-    TwoHumps,
+    TwoPeaks,
 )
 from markerseek.sim.laser import CLOCK_DRIFT, SimulatedLaser, vary_last_flash
 from markerseek.sim.motion import TissueMotion, displaced
@@ -69,7 +69,7 @@ __all__ = [
     "TexturedTissue",
     "Tissue",
     "TissueMotion",
-    "TwoHumps",
+    "TwoPeaks",
     "VirtualClock",
     "World",
     "camera_above",

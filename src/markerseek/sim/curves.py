@@ -99,7 +99,7 @@ class PowerCurve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TwoHumps:
+class TwoPeaks:
     """Curve of two sources at different positions in the image, with a peak for each."""
 
     curve: IntensityCurve
@@ -110,7 +110,7 @@ class TwoHumps:
     """Its height over the marker's."""
 
     def __post_init__(self) -> None:
-        require_fields(self, "two humps")
+        require_fields(self, "two peaks")
 
     def peaks(self, off_plane_deg: float) -> tuple[float, ...]:
         """Return the peaks of the marker, then those of the other source."""

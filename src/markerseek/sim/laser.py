@@ -35,7 +35,8 @@ class SimulatedLaser:
         probe_deg: Callable[[float], float] | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
-        self._light = light = light or LaserSettings()
+        light = light or LaserSettings()
+        self._light = light
         delay_sigma_s = light.stamp_delay_sigma_s
         if (
             max(light.energy_spread, light.stamp_jitter_s, light.without_light, delay_sigma_s or 0.0) > 0
@@ -81,7 +82,10 @@ class SimulatedLaser:
     def begin_sweep(self, permit: SweepPermit) -> None:
         """Begin to fire single pulses; refused as by `fire`."""
         self._use(permit)
-        self._sweep, self._began_s, self._fired, self._untold = permit, self._clock.now_s(), 0, []
+        self._sweep = permit
+        self._began_s = self._clock.now_s()
+        self._fired = 0
+        self._untold = []
 
     def pulses(self) -> Sequence[Pulse]:
         """Return the pulses since the last call; they are fired here, at their times that have gone by."""

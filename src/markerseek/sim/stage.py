@@ -135,7 +135,8 @@ class SimulatedStage:
         self.counts = round(world.angle_deg * motion.counts_per_deg)
         self._on_its_way: Callable[[], float] | None = None
         self._sweep_deg_s = motion.speed_deg_s
-        self._sweep_from_deg = self._sweep_to_deg = 0.0
+        self._sweep_from_deg = 0.0
+        self._sweep_to_deg = 0.0
         self._legs: list[Leg] = []
 
     @property

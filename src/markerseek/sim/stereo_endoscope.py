@@ -277,7 +277,8 @@ def _add_light(
 ) -> None:
     """Add light with a Gaussian profile to an image in sixteenths of a count."""
     rows, columns = total.shape
-    (x, y), reach_px = at_px, _REACH_RADII * radius_px
+    (x, y) = at_px
+    reach_px = _REACH_RADII * radius_px
     right = np.arange(max(0, int(x - reach_px)), min(columns, int(x + reach_px) + 1))
     down = np.arange(max(0, int(y - reach_px)), min(rows, int(y + reach_px) + 1))
     if right.size and down.size:

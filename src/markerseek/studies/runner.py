@@ -136,9 +136,11 @@ def _whole_trials(table: IO[bytes], study: Study) -> int:
     """Return the number of whole trials in an unfinished table; what a kill has left behind them is cut off."""
     head = as_csv([columns(study)])
     table.seek(0)
-    end = trials = 0
+    end = 0
+    trials = 0
     if table.readline() == head:
-        end = place = len(head)
+        end = len(head)
+        place = end
         for number, line in enumerate(table):
             if not (line.startswith(f"{study.digest},{number},".encode()) and line.endswith(b"\n")):
                 break

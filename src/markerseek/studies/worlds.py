@@ -30,7 +30,7 @@ from markerseek.sim import (
     SechCurve,
     SimulatedSettings,
     StainedSpot,
-    TwoHumps,
+    TwoPeaks,
     tissue_named,
 )
 from markerseek.studies.study import Cell, CurveSettings, Study
@@ -157,7 +157,7 @@ def study_rig(study: Study, cell: Cell, draw: Draw) -> rigs.Rig:
     curve, images_cells = intensity_curve(cell.world.curve, settings, seed=study.seed, draw=draw.curve)
     second = draw.scene.second
     if curve is not None and second is not None:
-        curve = TwoHumps(curve=curve, apart_deg=second.angle_deg - draw.marker_deg, relative=second.strength)
+        curve = TwoPeaks(curve=curve, apart_deg=second.angle_deg - draw.marker_deg, relative=second.strength)
     return rigs.of_intensities(
         seed=draw.noise_seed,
         curve=curve,

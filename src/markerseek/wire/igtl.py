@@ -22,8 +22,10 @@ MAX_TEXT_BYTES = 0xFFFF
 """Longest text of a STRING, whose length is a 16-bit number; used for a COMMAND too."""
 
 COMMAND_NAME_BYTES = 128
+"""Longest name of a COMMAND."""
+
 STATUS_NAME_BYTES = 20
-"""Longest name of a COMMAND, and of a STATUS."""
+"""Longest name of a STATUS."""
 
 EMULATOR = "simulated by markerseek"
 """What an emulated server says of itself in a STATUS, and in the metadata ``emulator`` of its images."""
@@ -217,14 +219,14 @@ _TRANSFORM_BYTES = 48
 _POINT_BYTES = 136
 
 _NOWHERE = (math.nan,) * 3
-"""Position that is none: the only numbers that nobody can take for a place."""
+"""Position of a target that has none: NaN cannot be taken for a place."""
 
 _NO_POINT = struct.pack(">64s32s4B4f20s", b"none", b"Unselected", 0, 0, 0, 0, *_NOWHERE, 0.0, b"")
 """No points in header version 1, whose libraries take an empty body for damaged; without colour Slicer hides it."""
 
 _ASCII = 3
 _UTF8 = 106
-"""Numbers of the character sets (IANA)."""
+"""``_ASCII`` and ``_UTF8``: numbers of the character sets (IANA)."""
 
 
 def _character_set(text: str) -> int:
@@ -552,17 +554,17 @@ class Framer:
                 if len(self._received) < HEADER_BYTES:
                     return
                 # Its length is limited here, before the body is awaited.
-                self._header = decode_header(self._taken(HEADER_BYTES), most_bytes=self._most_bytes)
+                self._header = decode_header(self._take(HEADER_BYTES), most_bytes=self._most_bytes)
             if len(self._received) < self._header.body_bytes:
                 return
             header = self._header
             self._header = None
-            yield header, self._taken(header.body_bytes)
+            yield header, self._take(header.body_bytes)
 
-    def _taken(self, size: int) -> bytes:
-        taken = bytes(self._received[:size])
+    def _take(self, size: int) -> bytes:
+        data = bytes(self._received[:size])
         del self._received[:size]
-        return taken
+        return data
 
 
 def _name(field_: bytes, what: str) -> str:
@@ -577,10 +579,10 @@ def _metadata(values: Mapping[str, str]) -> tuple[bytes, bytes]:
     index = struct.pack(">H", len(values))
     data = b""
     for key, value in values.items():
-        one = key.encode()
-        other = value.encode()
-        index += _ENTRY.pack(len(one), _character_set(value), len(other))
-        data += one + other
+        name = key.encode()
+        text = value.encode()
+        index += _ENTRY.pack(len(name), _character_set(value), len(text))
+        data += name + text
     return index, data
 
 

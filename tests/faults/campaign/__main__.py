@@ -28,7 +28,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="where the tables go")
     parser.add_argument("--minutes", type=float, default=math.inf, help="end early; the page says how many were run")
     words = parser.parse_args()
-    commit, whole, firsts = _commit_made_from(), Tally(), range(0, words.runs, CHUNK)
+    commit = _commit_made_from()
+    whole = Tally()
+    firsts = range(0, words.runs, CHUNK)
     ends_s = time.monotonic() + 60 * words.minutes
     with ProcessPoolExecutor(words.workers, mp_context=get_context("spawn")) as pool:
         counted = pool.map(partial(readings, words.seed), firsts, (min(CHUNK, words.runs - each) for each in firsts))

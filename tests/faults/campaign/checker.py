@@ -25,7 +25,8 @@ READ_WITHIN_S = 0.06
 PERIOD_S = max(1 / LaserSettings().rate_hz, ReceiverSettings().frame_period_s)
 """Least time between two pulses of the simulated laser, in seconds."""
 
-FASTER, SLOWER = 1.3, 1.3
+FASTER = 1.3
+SLOWER = 1.3
 """How many times as fast, and as long, as it was asked for a sweep may be in light, with some room."""
 
 NOTICED_S = 0.3
@@ -100,7 +101,8 @@ def check(trace: Trace) -> Verdict:
 def _p1(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     travel = trace.plan.limits.travel
     play_deg = 0.1
-    lowest, highest = trace.world.lowest_deg, trace.world.highest_deg
+    lowest = trace.world.lowest_deg
+    highest = trace.world.highest_deg
     verdict.excess_deg = max(0.0, travel.low_deg - lowest, highest - travel.high_deg - play_deg)
     injected = 0.0
     for fault in trace.plan.faults:
@@ -120,7 +122,8 @@ def _left_alone(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
     permit = trace.guard._sweep
     low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
     room_deg = SETTLED_DEG + (0.0 if harmless else verdict.injected_deg)
-    lowest_deg, highest_deg = min(trace.left_deg), max(trace.left_deg)
+    lowest_deg = min(trace.left_deg)
+    highest_deg = max(trace.left_deg)
     if not low_deg - room_deg <= lowest_deg <= highest_deg <= high_deg + room_deg:
         said = f"after the host's death the probe was between {lowest_deg:.2f} and {highest_deg:.2f} deg"
         verdict.broken.append(("P1", f"{said}, outside {permit}"))
@@ -180,7 +183,8 @@ def _beyond_sweep(sweep: Sweep, lights: list[Light], trace: Trace, injected_deg:
     # Each sweep states where it begins.
     places_deg = [each for each in (sweep.from_deg, sweep.to_deg, sweep.back_deg) if each is not None]
     room_deg = SETTLED_DEG + injected_deg + READ_WITHIN_S * FASTER * sweep.speed_deg_s
-    low_deg, high_deg = min(places_deg) - room_deg, max(places_deg) + room_deg
+    low_deg = min(places_deg) - room_deg
+    high_deg = max(places_deg) + room_deg
     outside = [light.angle_deg for light in lights if not low_deg <= light.angle_deg <= high_deg]
     said = [f"{len(outside)} pulses of a sweep outside {low_deg:.1f} to {high_deg:.1f} deg"] if outside else []
     if not lights:
@@ -203,7 +207,9 @@ def _beyond_sweep(sweep: Sweep, lights: list[Light], trace: Trace, injected_deg:
 
 def _unnoticed(sweep: Sweep, lights: list[Light], blind_s: float) -> list[str]:
     """Return for how long light fell on a probe that stood, or was too fast, beyond the time to notice it."""
-    stood_s = fast_s = longest_stood_s = 0.0
+    stood_s = 0.0
+    fast_s = 0.0
+    longest_stood_s = 0.0
     for before, after in pairwise(lights):
         elapsed_s = after.at_s - before.at_s
         turned_deg = abs(after.angle_deg - before.angle_deg)
@@ -238,7 +244,8 @@ def _accepted_faulty(trace: Trace) -> list[str]:
     for entry in trace.journal.entries:
         if not isinstance(entry.event, Measured):
             continue
-        frame, sample = entry.event.sample.frame, entry.event.sample
+        frame = entry.event.sample.frame
+        sample = entry.event.sample
         # All frames of a sweep have one token.
         own = truth.get("" if frame is None else frame.header.token, [])
         received = min(own, key=lambda each: abs(each.intensity - sample.reading.intensity), default=None)

@@ -92,7 +92,9 @@ class FaultyLaser(Faulty):
     def begin_sweep(self, permit: SweepPermit) -> None:
         self._take(permit)
         self.sweeps.append((permit, self._clock.now_s()))
-        self._until, self._step_s, self._more = int(self._rng.integers(2, 60)), 0.0, 0
+        self._until = int(self._rng.integers(2, 60))
+        self._step_s = 0.0
+        self._more = 0
         self._dark = self.has("dead lamp", silently=True)
         if self._dark is None:
             self._inner.begin_sweep(permit)

@@ -40,8 +40,11 @@ class FaultyReceiver(Faulty):
         self._last: ReadingFrame | None = None
         self._held: float | None = None
         self._stale = True
-        self._until = self._unread = self._shift = 0
-        self._sweeps, self._quiet = sweeps, set[int]()
+        self._until = 0
+        self._unread = 0
+        self._shift = 0
+        self._sweeps = sweeps
+        self._quiet = set[int]()
 
     def settle(self) -> None:
         """Wait for a readout; files of a search before land in that time, and are gone then."""
@@ -79,7 +82,8 @@ class FaultyReceiver(Faulty):
 
     def begin_sweep(self, permit: SweepPermit) -> None:
         self.step += 1
-        self._until = self._unread = int(self._rng.integers(2, 60))
+        self._until = int(self._rng.integers(2, 60))
+        self._unread = self._until
         self._shift = 0
         self.reach()
         self._inner.begin_sweep(permit)

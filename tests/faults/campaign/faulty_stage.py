@@ -18,7 +18,10 @@ from .world import WatchedWorld
 
 COUNTS_PER_DEG = StageMotion().counts_per_deg
 
-TOO_SLOW, FASTER, ARRIVAL_DEG, BEYOND_DEG = 1.1 / SLOWEST, 1.25, 0.1, 0.15
+TOO_SLOW = 1.1 / SLOWEST
+FASTER = 1.25
+ARRIVAL_DEG = 0.1
+BEYOND_DEG = 0.15
 """How many times as slowly as the probe can turn on its way a sweep is never lit; how many times as fast, and by how
 much more in degrees, a reading is refused; and how far beyond its end one is, in degrees, with some room."""
 
@@ -44,8 +47,10 @@ class FaultyStage(Faulty):
         self._before_deg = inner.angle_deg
         self._target_deg: float | None = None
         self._creep_deg = 0.0
-        self._until, self._forth = 0, 1.0
-        self._asked_deg_s, self._read = 0.0, StageReading(angle_deg=inner.angle_deg, asked_s=0.0, answered_s=0.0)
+        self._until = 0
+        self._forth = 1.0
+        self._asked_deg_s = 0.0
+        self._read = StageReading(angle_deg=inner.angle_deg, asked_s=0.0, answered_s=0.0)
 
     @property
     def angle_deg(self) -> float:
@@ -135,7 +140,8 @@ class FaultyStage(Faulty):
             if (jump := self.has("jump on its way")) is not None:
                 raise MoveError(f"stage: its counter jumped by {jump.amount:.2f} deg on its way")
         wall = self.has("obstacle", silently=True)
-        begun, here = self._forth * self._before_deg, self._forth * reading.angle_deg
+        begun = self._forth * self._before_deg
+        here = self._forth * reading.angle_deg
         if wall is not None and begun < self._forth * wall.amount <= here:
             self._inner.brake()
         self._notice(reading)

@@ -59,7 +59,8 @@ def promises(tally: Tally) -> list[str]:
 def faults(tally: Tally) -> list[str]:
     """One line for each fault, and one without: whether it shows in what the devices send before it does harm, and what
     covers a fault that no program can prevent."""
-    evident, words = set(observable_keys()), _in_words()
+    evident = set(observable_keys())
+    words = _in_words()
     lines = [
         (
             "| fault | to be seen | what happens | runs | acted | reported | ended with an answer | found | off | "

@@ -64,10 +64,12 @@ CAPS = RunLimits(acquisitions=60, duration_s=3600.0)
 LEASE_S = 0.3
 """Lease of the laser box, in seconds."""
 
-AFTER, ALONE = 10, 400
+AFTER = 10
+ALONE = 400
 """Tenths of a second for which a rig is watched after a run, and after the death of its host."""
 
-SWEEPS, SWEPT_POSTERIOR = "sweeps", "posterior, by sweeps"
+SWEEPS = "sweeps"
+SWEPT_POSTERIOR = "posterior, by sweeps"
 """Methods that ask for sweeps: the first judges nothing, the second answers."""
 
 METHODS = (
@@ -194,7 +196,8 @@ class Campaign:
         guard = rig.scanner.guard
         path = self._folder / f"{plan.number}.journal"
         raised: BaseException | None = None
-        left_fault = faulty = False
+        left_fault = False
+        faulty = False
         asked: list[tuple[Sweep | None, float]] = []
         fault_s = _first_fault_s(guard, clock)
         with Journal.create(path, _configuration(rig, plan)) as journal:
@@ -298,7 +301,9 @@ class Campaign:
             pulses=plan.pulses,
             watchdog=self._lines,
         )
-        stage.host = laser.host = receiver.host = Host(dies_at=plan.dies_at)
+        stage.host = Host(dies_at=plan.dies_at)
+        laser.host = stage.host
+        receiver.host = stage.host
         rig = Rig(
             facts=RigFacts(
                 kind="simulated",
@@ -422,7 +427,8 @@ class Sweeps:
 
     def __init__(self, plan: Plan, *, fastest_deg_s: float) -> None:
         self._rng = np.random.default_rng([plan.seed, plan.number, 2])
-        self._limits, self._fastest_deg_s = plan.limits.search, fastest_deg_s
+        self._limits = plan.limits.search
+        self._fastest_deg_s = fastest_deg_s
         self._left = int(self._rng.integers(1, 5))
         self._ended = False
         self._next = self._drawn(plan.start_deg)
@@ -455,7 +461,9 @@ class Sweeps:
 
     def _drawn(self, from_deg: float) -> float | Sweep:
         """The next angle, or the next sweep, at least 5 degrees long."""
-        rng, low_deg, high_deg = self._rng, self._limits.low_deg, self._limits.high_deg
+        rng = self._rng
+        low_deg = self._limits.low_deg
+        high_deg = self._limits.high_deg
         self._pulses = int(rng.integers(1, 200))
         to_deg = float(rng.uniform(low_deg, high_deg))
         if rng.random() < 0.25 or abs(to_deg - from_deg) < 5.0:
@@ -493,7 +501,8 @@ class Unruly:
     @staticmethod
     def _angles(plan: Plan) -> Iterator[float]:
         rng = np.random.default_rng([plan.seed, plan.number, 2])
-        low, high = plan.limits.search.low_deg, plan.limits.search.high_deg
+        low = plan.limits.search.low_deg
+        high = plan.limits.search.high_deg
         wild = (math.nan, math.inf, -math.inf, math.nextafter(high, math.inf), low - 0.5, 1e9, -400.0)
         while True:
             if plan.method == "wild" and rng.random() < 0.2:

@@ -53,8 +53,13 @@ class Fault:
         return self.from_step <= step and (self.to_step is None or step < self.to_step)
 
 
-OFF, STUCK, GARBAGE, WRONG = FaultKind.OFF, FaultKind.STUCK, FaultKind.GARBAGE, FaultKind.WRONG
-SLOW, DELAYED, INTERMITTENT = FaultKind.SLOW, FaultKind.DELAYED, FaultKind.INTERMITTENT
+OFF = FaultKind.OFF
+STUCK = FaultKind.STUCK
+GARBAGE = FaultKind.GARBAGE
+WRONG = FaultKind.WRONG
+SLOW = FaultKind.SLOW
+DELAYED = FaultKind.DELAYED
+INTERMITTENT = FaultKind.INTERMITTENT
 
 _ALL = (
     Fault("stage", "silent", OFF, "it says nothing any more; a move that was begun goes on"),

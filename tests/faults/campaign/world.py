@@ -48,7 +48,8 @@ class WatchedWorld:
         self.shaft_at: Callable[[float], float] = lambda _at_s: self._shaft_deg
         self.lights: list[Light] = []
         self.received: list[Received] = []
-        self.lowest_deg = self.highest_deg = inner.angle_deg
+        self.lowest_deg = inner.angle_deg
+        self.highest_deg = self.lowest_deg
         self.flashes: list[Flash] = inner.flashes
 
     @property

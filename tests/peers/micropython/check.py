@@ -7,7 +7,9 @@ import sys
 
 def differences(run):
     found = []
-    now_ms, closed, pulses_ms = [0], [True], []
+    now_ms = [0]
+    closed = [True]
+    pulses_ms = []
     box = Box(lambda laser: pulses_ms.append(now_ms[0]) if laser else None, lambda: len(pulses_ms), lambda: closed[0])
     for (kind, value), expected in zip(run["steps"], run["said"]):
         said = b""

@@ -12,7 +12,8 @@ from markerseek.emulators.laserbox import EmulatedLaserBox
 from markerseek.sim import Flash
 from markerseek.wire import laserbox as wire
 
-RUNS, STEPS = 400, 25
+RUNS = 400
+STEPS = 25
 
 
 class Dark:
@@ -74,7 +75,8 @@ def one_run(rng: random.Random) -> dict[str, object]:
     box = EmulatedLaserBox(world=Dark(), on_triggers=lambda _count: None, turn_us=1000)
     steps: list[tuple[str, object]] = []
     said: list[bytes] = []
-    now_ms, closed = 0, True
+    now_ms = 0
+    closed = True
     for _ in range(STEPS):
         match rng.choices(["feed", "ms", "interlock", "flick", "light"], weights=[12, 6, 2, 1, 1])[0]:
             case "feed":

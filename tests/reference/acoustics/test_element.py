@@ -26,7 +26,8 @@ TRACED = (0, 20, 64, 127)
 
 def brute_force(model: AcousticModel, absorber: Absorber, angle_deg: float, elements: tuple[int, ...]) -> np.ndarray:
     """Simpson's rule over a fine grid of the face, at each frequency, with the attenuation of each path as it is."""
-    probe, medium = model.probe, model.medium
+    probe = model.probe
+    medium = model.medium
     f = np.fft.rfftfreq(WINDOW, 1 / model.sampling_hz)
     spectrum = absorber.source.spectrum(f, sound_speed_m_s=medium.sound_speed_m_s)
     spectrum = spectrum * model.laser.spectrum(f) * model.band.gain(f)
@@ -152,8 +153,16 @@ def test_width_of_the_elevation_beam_is_that_of_pymust(axial_m: float) -> None:
     """
     pymust = pytest.importorskip("pymust")
     param = pymust.utils.Param()
-    param.fc, param.bandwidth, param.c, param.baffle, param.TXnow = 6.5e6, 20.0, 1540.0, "rigid", 30.0
-    param.width, param.kerf, param.pitch, param.height, param.focus = 0.39e-3, 0.04e-3, 0.43e-3, 5e-3, 30e-3
+    param.fc = 6.5e6
+    param.bandwidth = 20.0
+    param.c = 1540.0
+    param.baffle = "rigid"
+    param.TXnow = 30.0
+    param.width = 0.39e-3
+    param.kerf = 0.04e-3
+    param.pitch = 0.43e-3
+    param.height = 5e-3
+    param.focus = 30e-3
     param.Nelements = 1
     options = pymust.utils.Options()
     options.dBThresh = -100.0
@@ -165,7 +174,8 @@ def test_width_of_the_elevation_beam_is_that_of_pymust(axial_m: float) -> None:
     model = AcousticModel(probe=Probe(array=LinearArray(elements=3)), medium=LOSSLESS, laser=SHORT)
     ours = []
     for off in elevation:
-        radius_m, angle = math.hypot(off, axial_m + 10e-3), math.degrees(math.atan2(off, axial_m + 10e-3))
+        radius_m = math.hypot(off, axial_m + 10e-3)
+        angle = math.degrees(math.atan2(off, axial_m + 10e-3))
         absorber = Absorber(radius_m=radius_m, angle_deg=angle, source=TINY)
         ours.append(amplitude(model.channel_data([absorber], angle_deg=0.0)[1], 6.5e6))
     half = []

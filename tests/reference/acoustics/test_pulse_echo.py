@@ -13,7 +13,8 @@ def written_out(probe, radius_m, off_plane_deg):
     frequency_hz = np.arange(2e6, 15e6, 5e3)
     height_m = (np.arange(801) - 400) / 801 * probe.element_height_m
     turned = np.radians(off_plane_deg)
-    off, axial = radius_m * np.sin(turned), radius_m * np.cos(turned) - probe.face_radius_m
+    off = radius_m * np.sin(turned)
+    axial = radius_m * np.cos(turned) - probe.face_radius_m
     # The element's width changes nothing for a point in front of it: it is left out here.
     path = np.hypot(off - height_m, axial)
     focus = probe.elevation_focus_m

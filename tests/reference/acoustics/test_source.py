@@ -22,7 +22,8 @@ def poisson(p0, r: float, t: float) -> float:
     """
 
     def t_times_mean(t: float) -> float:
-        low, high = abs(r - C * t), r + C * t
+        low = abs(r - C * t)
+        high = r + C * t
         edge = min(high, 6 * A)
         if low >= edge:
             return 0.0
@@ -50,7 +51,8 @@ def test_spectrum_is_that_of_poissons_formula() -> None:
 def test_at_low_frequencies_only_the_heated_volume_counts() -> None:
     """Far below 1/radius Q = i k V/(4π c), with V the integral of p0."""
     f = np.array([1e4])
-    k, volume = 2 * math.pi * f / C, math.pi**1.5 * A**3
+    k = 2 * math.pi * f / C
+    volume = math.pi**1.5 * A**3
     spectrum = GaussianAbsorber(radius_m=A).spectrum(f, sound_speed_m_s=C)
     np.testing.assert_allclose(spectrum, 1j * k * volume / (4 * math.pi * C), rtol=1e-4)
 

@@ -72,7 +72,9 @@ CURVES: dict[str, SlopedCurve] = {
 @pytest.mark.parametrize("curve", CURVES.values(), ids=list(CURVES))
 def test_information_is_the_bend_of_the_divergence(curve: SlopedCurve, jitter: float) -> None:
     """KL divergence of the samples' distributions, by itself: δᵀIδ/2 for a small change δ of all parameters."""
-    angles, marker_deg, snr = np.array([-8.0, -1.5, 0.7, 2.6, 6.1]), 0.4, 40.0
+    angles = np.array([-8.0, -1.5, 0.7, 2.6, 6.1])
+    marker_deg = 0.4
+    snr = 40.0
 
     def distribution(change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         angle, amplitude, width, tail, floor = change
@@ -120,7 +122,8 @@ def test_what_is_unknown_costs_and_what_is_known_helps() -> None:
 
 
 def test_no_other_angles_do_better_than_the_best() -> None:
-    curve, noise = CURVES["heavy tails"], IntensityNoise(snr=100.0, jitter=0.008)
+    curve = CURVES["heavy tails"]
+    noise = IntensityNoise(snr=100.0, jitter=0.008)
     best = best_angles(curve, marker_deg=-31.0, noise=noise, acquisitions=6, prior=TABLE_PRIOR)
     assert all(-35 <= angle <= 35 for angle in best.angles_deg)
     rng = np.random.default_rng(1)

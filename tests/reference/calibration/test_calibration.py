@@ -31,7 +31,8 @@ def test_an_exact_wave_front_gives_its_speed_and_range(speed: float) -> None:
 
 
 def test_the_scatter_of_the_frames_is_the_error_of_the_speed() -> None:
-    errors, sigmas = [], []
+    errors = []
+    sigmas = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         front = np.hypot(ELEMENT_M - 4e-3, 0.05) / 1500.0

@@ -46,7 +46,9 @@ def some_transform(seed: int) -> RigidTransform:
 @given(seed=st.integers(0, 10_000), count=st.integers(3, 12))
 def test_horn_is_scipy_s_rotation(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
-    source, target, weights = rng.normal(size=(count, 3)), rng.normal(size=(count, 3)), rng.uniform(0.1, 5, count)
+    source = rng.normal(size=(count, 3))
+    target = rng.normal(size=(count, 3))
+    weights = rng.uniform(0.1, 5, count)
     rotation, translation = best_rotation(source, target, weights)
     middle = [np.average(points, axis=0, weights=weights) for points in (source, target)]
     expected, rssd = Rotation.align_vectors(target - middle[1], source - middle[0], weights=weights)
@@ -66,7 +68,8 @@ def test_equal_errors_give_fitzpatrick_s_closed_form() -> None:
     # Fitzpatrick 1998: TRE² = FLE²/N (1 + 1/3 Σ d²/f²) over the principal axes.
     apart = POINTS_M - POINTS_M.mean(axis=0)
     axes = np.linalg.svd(apart)[2]
-    inside, target = apart @ axes.T, axes @ (TARGET_M - POINTS_M.mean(axis=0))
+    inside = apart @ axes.T
+    target = axes @ (TARGET_M - POINTS_M.mean(axis=0))
     terms = [
         (np.sum(target**2) - target[k] ** 2) / np.mean(np.sum(inside**2, axis=1) - inside[:, k] ** 2) for k in range(3)
     ]
@@ -124,7 +127,8 @@ def test_predicted_errors_hold_where_all_points_share_errors(refined: bool) -> N
     true = some_transform(2)
     source = true.inverse().apply(POINTS_M)
     source_shared, target_shared = shared_errors(rng)
-    long_m, even_m = np.array([0.02e-3, 0.02e-3, 0.5e-3]), 0.04e-3
+    long_m = np.array([0.02e-3, 0.02e-3, 0.5e-3])
+    even_m = 0.04e-3
     known = {
         "source_covariances_m2": np.tile(np.diag(long_m**2), (9, 1, 1)),
         "target_covariances_m2": np.tile(np.eye(3) * even_m**2, (9, 1, 1)),
@@ -133,7 +137,8 @@ def test_predicted_errors_hold_where_all_points_share_errors(refined: bool) -> N
         "refined": refined,
     }
     predicted = register_points(source, POINTS_M, **known).errors
-    found, drawn = [], rng.standard_normal((800, 4))
+    found = []
+    drawn = rng.standard_normal((800, 4))
     for each in drawn:
         source_m = source + source_shared @ each[:2] + rng.normal(size=(9, 3)) * long_m
         target_m = POINTS_M + target_shared @ each[2:] + rng.normal(size=(9, 3)) * even_m
@@ -198,7 +203,8 @@ def test_an_offset_of_unknown_size_is_summed_over_as_dense_gaussians_say() -> No
     motion = effect_of_motion(target_m - middle_m).reshape(15, 6)
     flat = np.linalg.svd(motion)[0][:, 6:]
     residuals = found.residuals_m.ravel() @ flat
-    logs, sizes = [], np.linspace(-3.0, 3.5, 14)
+    logs = []
+    sizes = np.linspace(-3.0, 3.5, 14)
     prior = np.exp(-(sizes**2) / 2)
     prior /= prior.sum()
     for size, share in zip(sizes, prior, strict=True):
@@ -221,7 +227,8 @@ def test_shared_errors_are_estimated_as_a_general_optimiser_finds_them(seed: int
     rng = np.random.default_rng(seed)
     true = some_transform(seed)
     source_shared, target_shared = shared_errors(rng)
-    long_m, even_m = np.array([0.02e-3, 0.02e-3, 0.5e-3]), 0.05e-3
+    long_m = np.array([0.02e-3, 0.02e-3, 0.5e-3])
+    even_m = 0.05e-3
     drawn = rng.normal(scale=2, size=4)
     source = true.inverse().apply(POINTS_M) + source_shared @ drawn[:2] + rng.normal(size=(9, 3)) * long_m
     target = POINTS_M + target_shared @ drawn[2:] + rng.normal(scale=even_m, size=(9, 3))
@@ -235,11 +242,9 @@ def test_shared_errors_are_estimated_as_a_general_optimiser_finds_them(seed: int
     )
 
     def residual(parameters: np.ndarray) -> np.ndarray:
-        turn, shared, points = (
-            Rotation.from_rotvec(parameters[:3]),
-            parameters[6:10],
-            1e-3 * parameters[10:].reshape(9, 3),
-        )
+        turn = Rotation.from_rotvec(parameters[:3])
+        shared = parameters[6:10]
+        points = 1e-3 * parameters[10:].reshape(9, 3)
         seen = turn.inv().apply(points - 1e-3 * parameters[3:6])
         in_source = (seen + source_shared @ shared[:2] - source) / long_m
         in_target = (points + target_shared @ shared[2:] - target) / even_m
@@ -273,7 +278,8 @@ def test_the_refinement_ends_also_with_wrong_pairs_and_three_far_points() -> Non
 
 def test_without_sigmas_the_residuals_say_how_large_the_errors_are() -> None:
     rng = np.random.default_rng(3)
-    off, said = [], []
+    off = []
+    said = []
     for _ in range(1500):
         found = register_points(POINTS_M + rng.normal(scale=0.3e-3, size=(9, 3)), POINTS_M)
         off.append(np.sum((found.transform.apply(TARGET_M) - TARGET_M) ** 2))
@@ -327,7 +333,8 @@ def seen_points(seed: int, count: int = 40) -> np.ndarray:
 
 
 def opencv_matrix(camera: Camera) -> np.ndarray:
-    (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
+    (fx, fy) = camera.focal_px
+    (cx, cy) = camera.centre_px
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
@@ -484,7 +491,8 @@ def test_a_sigma_of_0_is_refused() -> None:
 
 
 def test_transforms_are_rotations_and_meet_in_named_frames() -> None:
-    first, back = some_transform(1), some_transform(1).inverse()
+    first = some_transform(1)
+    back = some_transform(1).inverse()
     assert (first.name, back.name) == ("DaVinciToProbeHome", "ProbeHomeToDaVinci")
     np.testing.assert_allclose((back @ first).matrix, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(back.apply(first.apply(POINTS_M)), POINTS_M, atol=1e-12)

@@ -113,11 +113,13 @@ def test_points_are_where_triangulation_has_them() -> None:
 def test_it_is_the_maximum_of_the_likelihood() -> None:
     rng = np.random.default_rng(3)
     points_m = scene(rng)
-    points, now = ranged(points_m, rng), pixels(MOVE.apply(points_m), rng)
+    points = ranged(points_m, rng)
+    now = pixels(MOVE.apply(points_m), rng)
     answer = found(points, now)
     assert answer is not None
     assert answer.shared.mean() > 0.98
-    kept, seen = points[answer.shared], now[answer.shared]
+    kept = points[answer.shared]
+    seen = now[answer.shared]
 
     def residuals(unknowns: np.ndarray) -> np.ndarray:
         """All errors of all pixels over their sigmas: those of the inverse depths are unknowns of their own."""
@@ -193,7 +195,9 @@ def test_a_wrong_calibration_is_in_the_covariance_of_a_move_and_not_of_a_rest() 
     rng = np.random.default_rng(11)
     stated = CalibrationErrors()
     move = motion((3, -2, 4), (4, -3, 6))
-    squares, exact, rest = [], [], []
+    squares = []
+    exact = []
+    rest = []
     for trial in range(60):
         factors = rng.standard_normal(3)
         drawn = CalibrationErrors(

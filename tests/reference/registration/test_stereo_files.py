@@ -22,7 +22,8 @@ SHIFT_M = np.array([-0.00521, 0.00003, 0.00011])
 
 
 def matrix(camera: dict[str, Sequence[float]]) -> np.ndarray:
-    (fx, fy), (cx, cy) = camera["f"], camera["c"]
+    (fx, fy) = camera["f"]
+    (cx, cy) = camera["c"]
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
@@ -44,7 +45,8 @@ def ini_text() -> str:
     """As dVRK's own files have it: lengths in millimetres."""
     lines = []
     for name, camera in (("StereoLeft", LEFT), ("StereoRight", RIGHT)):
-        (fx, fy), (cx, cy) = camera["f"], camera["c"]
+        (fx, fy) = camera["f"]
+        (cx, cy) = camera["c"]
         lines += [f"[{name}]", f"res_x={SIZE[0]}", f"res_y={SIZE[1]}", f"fc_x={fx}", f"fc_y={fy}", f"cc_x={cx}"]
         lines += [f"cc_y={cy}", *(f"kc_{number}={value!r}" for number, value in enumerate(camera["d"]))]
     lines += [f"R_{number}={value!r}" for number, value in enumerate(TURN.as_matrix().ravel().tolist())]

@@ -104,7 +104,8 @@ def test_text_that_opencv_cannot_read_is_refused(tmp_path: Path) -> None:
 
 
 def test_two_calibrations_of_opencv_are_not_mixed(tmp_path: Path) -> None:
-    first, second = written(tmp_path / "a.yml", opencv_values()), written(tmp_path / "b.yml", opencv_values())
+    first = written(tmp_path / "a.yml", opencv_values())
+    second = written(tmp_path / "b.yml", opencv_values())
     assert read_stereo([first, second], calibration_sigma_px=0.2).left.size_px == SENSOR
     written(second, opencv_values() | {"D2": DISTORTION * 0.5})
     with pytest.raises(ConfigError, match=r"b\.yml: the right distortion differs from that of .*a\.yml"):

@@ -61,7 +61,8 @@ def test_a_marker_that_cannot_be_detected_is_refused() -> None:
 
 def test_without_a_marker_the_noise_stays_the_same_and_there_is_no_truth() -> None:
     without = SimulatedSettings(marker=MarkerSettings(present=False))
-    silent, detected = rigs.simulated(seed=4, settings=without), rigs.simulated(seed=4)
+    silent = rigs.simulated(seed=4, settings=without)
+    detected = rigs.simulated(seed=4)
     assert silent.facts.truth_deg is None
     one, other = (rig.scanner.measure_dark().reading.noise_sigma for rig in (silent, detected))
     assert one == pytest.approx(other, rel=0.02)

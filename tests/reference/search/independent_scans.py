@@ -1,7 +1,7 @@
 """Scans by a forward model that shares nothing with the package's: point sources in closed form, in NumPy alone.
 
 Each source is a point that sends a Gaussian-modulated pulse; an element receives it after r/c, weakened by 1/r and by
-a weight of the angle between probe and source, a squared Lorentzian or a squared sinc. Tables of two humps are here
+a weight of the angle between probe and source, a squared Lorentzian or a squared sinc. Tables of two peaks are here
 too.
 """
 
@@ -13,8 +13,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-ELEMENTS, PITCH_M, SAMPLING_HZ, SAMPLES = 64, 0.3e-3, 40e6, 700
-SPEED_M_S, FACE_RADIUS_M = 1540.0, 10e-3
+ELEMENTS = 64
+PITCH_M = 0.3e-3
+SAMPLING_HZ = 40e6
+SAMPLES = 700
+SPEED_M_S = 1540.0
+FACE_RADIUS_M = 10e-3
 ANGLES_DEG = np.arange(-35.0, 36.0)
 FULL_SCALE = 2047
 
@@ -55,8 +59,10 @@ def scan_of(seed: int, *, clutter: int | None = None) -> Scan:
     depth_m = np.array([rng.uniform(10e-3, 20e-3), *rng.uniform(7e-3, 23e-3, count)])
     width_deg = rng.uniform(4.0, 10.0, count + 1)
     lorentzian = rng.random(count + 1) < 0.5
-    centre_hz, cycles = rng.uniform(6e6, 7.5e6), rng.uniform(1.0, 2.0)
-    noise, peak = rng.uniform(0.7, 3.0), rng.uniform(800.0, 1900.0)
+    centre_hz = rng.uniform(6e6, 7.5e6)
+    cycles = rng.uniform(1.0, 2.0)
+    noise = rng.uniform(0.7, 3.0)
+    peak = rng.uniform(800.0, 1900.0)
 
     element_m = (np.arange(ELEMENTS) - (ELEMENTS - 1) / 2) * PITCH_M
     # Twice as long as is kept, so that no pulse ends beyond it.
@@ -91,31 +97,32 @@ def elevation(away_deg: Floats, *, fwhm_deg: float, lorentzian: bool) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Humps:
-    """A table of intensities with two humps."""
+class TwoPeaks:
+    """A table of intensities with two peaks."""
 
-    louder_deg: float
+    stronger_deg: float
     weaker_deg: float
     intensities: Floats
 
     def write(self, path: Path) -> None:
         """Write it as a table for ``markerseek replay``."""
-        rows = np.column_stack([HUMPS_ANGLES_DEG, self.intensities])
+        rows = np.column_stack([TWO_PEAKS_ANGLES_DEG, self.intensities])
         np.savetxt(path, rows, delimiter=",", header="angle_deg,intensity", comments="", fmt="%.6f")
 
 
-HUMPS_ANGLES_DEG = np.linspace(-35.0, 35.0, 141)
+TWO_PEAKS_ANGLES_DEG = np.linspace(-35.0, 35.0, 141)
 
 
-def humps_of(seed: int, *, apart_deg: float | None = None, relative: float | None = None) -> Humps:
-    """Two Gaussian humps of σ 2°, 6 to 12° apart, the weaker 0.8 to 1 times as high, with noise of 0.8 %."""
+def two_peaks_of(seed: int, *, apart_deg: float | None = None, relative: float | None = None) -> TwoPeaks:
+    """Two Gaussian peaks of σ 2°, 6 to 12° apart, the weaker 0.8 to 1 times as high, with noise of 0.8 %."""
     rng = np.random.default_rng([46, seed])
     apart_deg = rng.uniform(6.0, 12.0) if apart_deg is None else apart_deg
     relative = rng.uniform(0.8, 1.0) if relative is None else relative
     middle_deg = rng.uniform(-22.0, 22.0)
     side = rng.choice([-1.0, 1.0])
-    louder_deg, weaker_deg = middle_deg - side * apart_deg / 2, middle_deg + side * apart_deg / 2
-    height = np.exp(-0.5 * ((HUMPS_ANGLES_DEG - louder_deg) / 2) ** 2)
-    height += relative * np.exp(-0.5 * ((HUMPS_ANGLES_DEG - weaker_deg) / 2) ** 2)
+    stronger_deg = middle_deg - side * apart_deg / 2
+    weaker_deg = middle_deg + side * apart_deg / 2
+    height = np.exp(-0.5 * ((TWO_PEAKS_ANGLES_DEG - stronger_deg) / 2) ** 2)
+    height += relative * np.exp(-0.5 * ((TWO_PEAKS_ANGLES_DEG - weaker_deg) / 2) ** 2)
     intensities = np.abs(height + 0.008 * rng.normal(size=height.size))
-    return Humps(louder_deg=float(louder_deg), weaker_deg=float(weaker_deg), intensities=100 * intensities)
+    return TwoPeaks(stronger_deg=float(stronger_deg), weaker_deg=float(weaker_deg), intensities=100 * intensities)

@@ -25,12 +25,15 @@ def curve(distance_deg):
 
 def replay(intensity, *, ratio, acquisitions, markers):
     """Angles asked, shape (acquisitions, markers), and answers of the paper's search; intensity(angle, markers)."""
-    low, high = np.full(markers.shape, -35.0), np.full(markers.shape, 35.0)
+    low = np.full(markers.shape, -35.0)
+    high = np.full(markers.shape, 35.0)
     asked = []
     for _ in range(acquisitions // 2):
-        left, right = ratio * low + (1 - ratio) * high, (1 - ratio) * low + ratio * high
+        left = ratio * low + (1 - ratio) * high
+        right = (1 - ratio) * low + ratio * high
         goes_left = intensity(left, markers) >= intensity(right, markers)
-        low, high = np.where(goes_left, low, left), np.where(goes_left, right, high)
+        low = np.where(goes_left, low, left)
+        high = np.where(goes_left, right, high)
         asked += [left, right]
     return np.array(asked), (low + high) / 2
 
@@ -128,7 +131,8 @@ def test_weighted_average_is_exact_where_samples_pair_up(marker_deg):
 
 def test_early_end_spares_a_quarter_of_the_scan(markers):
     """From −35° in 5° steps as in Table 2 (8.7 acquisitions, 0.53°, on nine markers that are not public)."""
-    counts, errors = [], []
+    counts = []
+    errors = []
     for marker in markers[:1000]:
         if abs(marker) > 25:
             continue

@@ -12,8 +12,8 @@ from markerseek import replayed
 from markerseek.core import Ambiguous, Estimate, Found, Reading, Sample, SearchPlan, Unsure
 from markerseek.search import build
 from markerseek.show import answer_reason
-from tests.reference.search.independent_scans import ANGLES_DEG, HUMPS_ANGLES_DEG, humps_of, scan_of
-from tests.reference.search.whole_scans import bank_of, counted_humps, counted_scans, whole
+from tests.reference.search.independent_scans import ANGLES_DEG, TWO_PEAKS_ANGLES_DEG, scan_of, two_peaks_of
+from tests.reference.search.whole_scans import bank_of, counted_scans, counted_two_peaks, whole
 
 
 @pytest.mark.long
@@ -31,21 +31,21 @@ def test_with_little_clutter_too(tmp_path: Path) -> None:
     assert answer.interval95_deg.low_deg < scan.marker_deg < answer.interval95_deg.high_deg
 
 
-def test_two_humps_are_ambiguous_from_all_angles(tmp_path: Path) -> None:
-    count = counted_humps(range(8), tmp_path)
+def test_two_peaks_are_ambiguous_from_all_angles(tmp_path: Path) -> None:
+    count = counted_two_peaks(range(8), tmp_path)
     assert dict(count.names) == {"ambiguous": 8}
     assert count.covered == 8
 
 
 @pytest.mark.parametrize(("apart_deg", "relative"), [(6.0, 0.8), (8.0, 1.0), (12.0, 0.8), (25.0, 0.9)])
-def test_the_answer_names_both_humps_and_how_loud_the_weaker_is(
+def test_the_answer_names_both_peaks_and_how_strong_the_weaker_is(
     tmp_path: Path, apart_deg: float, relative: float
 ) -> None:
-    humps = humps_of(7, apart_deg=apart_deg, relative=relative)
-    humps.write(tmp_path / "humps.csv")
-    answer = whole(tmp_path / "humps.csv")
+    two_peaks = two_peaks_of(7, apart_deg=apart_deg, relative=relative)
+    two_peaks.write(tmp_path / "two-peaks.csv")
+    answer = whole(tmp_path / "two-peaks.csv")
     assert isinstance(answer, Ambiguous)
-    assert sorted(answer.modes_deg) == pytest.approx(sorted([humps.louder_deg, humps.weaker_deg]), abs=0.4)
+    assert sorted(answer.modes_deg) == pytest.approx(sorted([two_peaks.stronger_deg, two_peaks.weaker_deg]), abs=0.4)
     (db,) = (each.relative_db for each in answer.others if each.angle_deg in answer.modes_deg)
     assert db == pytest.approx(20 * np.log10(relative), abs=0.5)
     reason = answer_reason(answer)
@@ -54,12 +54,12 @@ def test_the_answer_names_both_humps_and_how_loud_the_weaker_is(
     assert "equally" not in reason
 
 
-def test_a_single_source_is_the_louder_hump_and_never_ambiguous(tmp_path: Path) -> None:
-    humps = humps_of(3, apart_deg=11.0, relative=0.8)
-    humps.write(tmp_path / "humps.csv")
-    answer = whole(tmp_path / "humps.csv", others=0.0)
+def test_a_single_source_is_the_stronger_peak_and_never_ambiguous(tmp_path: Path) -> None:
+    two_peaks = two_peaks_of(3, apart_deg=11.0, relative=0.8)
+    two_peaks.write(tmp_path / "two-peaks.csv")
+    answer = whole(tmp_path / "two-peaks.csv", others=0.0)
     assert isinstance(answer, (Found, Unsure))
-    assert answer.mean_deg == pytest.approx(humps.louder_deg, abs=0.3)
+    assert answer.mean_deg == pytest.approx(two_peaks.stronger_deg, abs=0.3)
 
 
 def _searched(at: dict[float, Sample], *, others: float | None) -> Iterator[tuple[list[float], Estimate]]:
@@ -100,11 +100,11 @@ def test_a_search_among_clutter_names_what_it_has_measured_and_finds_the_loudest
 
 
 @pytest.mark.parametrize("others", [0.0, None])
-def test_a_search_of_two_humps_names_what_it_has_measured(others: float | None) -> None:
-    humps = humps_of(5)
+def test_a_search_of_two_peaks_names_what_it_has_measured(others: float | None) -> None:
+    two_peaks = two_peaks_of(5)
     at = {
         float(angle_deg): Sample(angle_deg=float(angle_deg), reading=Reading(intensity=float(height)))
-        for angle_deg, height in zip(HUMPS_ANGLES_DEG, humps.intensities, strict=True)
+        for angle_deg, height in zip(TWO_PEAKS_ANGLES_DEG, two_peaks.intensities, strict=True)
     }
     for taken, answer in _searched(at, others=others):
         _require_measured(taken, answer)

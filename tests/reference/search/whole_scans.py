@@ -1,7 +1,7 @@
 """Answers from all angles of recordings that the package did not simulate, counted.
 
-``python -m tests.reference.search.whole_scans --scans 200 --humps 200`` prints how often one marker among clutter is
-found, and two humps are ambiguous. `independent_scans` makes both.
+``python -m tests.reference.search.whole_scans --scans 200 --two-peaks 200`` prints how often one marker among clutter
+is found, and two peaks are ambiguous. `independent_scans` makes both.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from markerseek.cli import main
 from markerseek.core import Estimate, Found, NotFound, SearchPlan
 from markerseek.runs import answer_from_all
 from markerseek.show import answer_name
-from tests.reference.search.independent_scans import Scan, humps_of, scan_of
+from tests.reference.search.independent_scans import Scan, scan_of, two_peaks_of
 
 WRONG_DEG = 1.0
 """Farther off than this, an answer is of another place."""
@@ -52,7 +52,8 @@ class Count:
 
 def bank_of(scan: Scan, folder: Path) -> Path:
     """The scan as ``markerseek bank import`` makes a bank of it."""
-    arrays, bank = folder / "scan.npz", folder / "scan.hdf5"
+    arrays = folder / "scan.npz"
+    bank = folder / "scan.hdf5"
     scan.write(arrays)
     bank.unlink(missing_ok=True)
     with mock.patch("sys.argv", ["markerseek", "bank", "import", str(arrays), str(bank)]):
@@ -73,7 +74,8 @@ def whole(path: Path, *, others: float | None = None) -> Estimate:
 
 def counted_scans(seeds: range, folder: Path) -> tuple[Count, Count]:
     """Answers of scans of one marker among clutter, without and with the statement that there is a single source."""
-    usual, single = Count(), Count()
+    usual = Count()
+    single = Count()
     for seed in seeds:
         scan = scan_of(seed)
         bank = bank_of(scan, folder)
@@ -82,13 +84,14 @@ def counted_scans(seeds: range, folder: Path) -> tuple[Count, Count]:
     return usual, single
 
 
-def counted_humps(seeds: range, folder: Path) -> Count:
-    """Answers of tables of two humps; wrong is the weaker one found."""
+def counted_two_peaks(seeds: range, folder: Path) -> Count:
+    """Answers of tables of two peaks; wrong is the weaker one found."""
     count = Count()
     for seed in seeds:
-        humps, table = humps_of(seed), folder / "humps.csv"
-        humps.write(table)
-        count.add(whole(table), humps.louder_deg)
+        two_peaks = two_peaks_of(seed)
+        table = folder / "two-peaks.csv"
+        two_peaks.write(table)
+        count.add(whole(table), two_peaks.stronger_deg)
     return count
 
 
@@ -96,7 +99,7 @@ def run(words: list[str]) -> None:
     """Print the counts."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scans", type=int, default=0)
-    parser.add_argument("--humps", type=int, default=0)
+    parser.add_argument("--two-peaks", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     asked = parser.parse_args(words)
     with TemporaryDirectory() as name:
@@ -104,9 +107,9 @@ def run(words: list[str]) -> None:
         if asked.scans:
             usual, single = counted_scans(range(asked.first, asked.first + asked.scans), folder)
             sys.stdout.write(f"one marker among clutter: {usual}\nthe same, single: {single}\n")
-        if asked.humps:
-            count = counted_humps(range(asked.first, asked.first + asked.humps), folder)
-            sys.stdout.write(f"two humps: {count}\n")
+        if asked.two_peaks:
+            count = counted_two_peaks(range(asked.first, asked.first + asked.two_peaks), folder)
+            sys.stdout.write(f"two peaks: {count}\n")
 
 
 if __name__ == "__main__":

@@ -71,8 +71,14 @@ def test_agrees_with_pymust(f_number, elements, pitch_m):
     depth = np.linspace(3e-3, 30e-3, 80)
     grid = image_grid(preset, samples=SAMPLES, depth_m=depth)
     param = pymust.utils.Param()
-    param.fs, param.pitch, param.c, param.fc = 40e6, pitch_m, 1540.0, 7e6
-    param.fnumber, param.passive, param.radius, param.Nelements = f_number, True, np.inf, elements
+    param.fs = 40e6
+    param.pitch = pitch_m
+    param.c = 1540.0
+    param.fc = 7e6
+    param.fnumber = f_number
+    param.passive = True
+    param.radius = np.inf
+    param.Nelements = elements
     x, z = np.meshgrid(grid.lateral_m, depth)
     matrix = pymust.dasmtx(np.array(plain.shape), x, z, np.zeros((1, elements)), param)
     theirs = (matrix @ plain.flatten(order="F")).reshape(x.shape, order="F")

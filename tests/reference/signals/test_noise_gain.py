@@ -65,7 +65,9 @@ def test_noise_alone_is_found_no_more_often_than_promised(name):
     preset = probe_preset(name)
     reader = ImageReader(preset)
     rng = np.random.default_rng(13)
-    heights, cells, found = [], 0, 0
+    heights = []
+    cells = 0
+    found = 0
     for _ in range(300):
         frame = frame_of(np.rint(rng.normal(0, 10, (128, SAMPLES))).astype(np.int16))
         reading = reader.read(frame)

@@ -71,7 +71,8 @@ def test_noise_alone_has_none() -> None:
 @pytest.mark.parametrize("name", ["BPL9-5/55", "L3-8"])
 def test_pixels_of_a_cell_are_those_by_which_white_noise_scatters(name: str) -> None:
     preset = probe_preset(name)
-    reader, rng = ImageReader(preset), np.random.default_rng(7)
+    reader = ImageReader(preset)
+    rng = np.random.default_rng(7)
     sums = []
     for _ in range(8):
         counts = (100 * rng.standard_normal((128, 2080))).astype(np.int16)

@@ -31,9 +31,11 @@ class ImpoliteServer:
     angle_deg = 12.5
 
     def __init__(self, *, highest: int = 2, status: str | None = "OK", streams: bool = True) -> None:
-        self.status, self.version = status, 1
+        self.status = status
+        self.version = 1
         self.sent = threading.Event()
-        self._highest, self._streams = highest, streams
+        self._highest = highest
+        self._streams = streams
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port: int = self._listening.getsockname()[1]
         self._client: socket.socket | None = None
@@ -68,7 +70,8 @@ class ImpoliteServer:
                 if self._client is not None:
                     self._client.close()
                 self._client, _ = self._listening.accept()
-                self.version, self._said = 1, b""
+                self.version = 1
+                self._said = b""
             if self._client is None:
                 continue
             with contextlib.suppress(OSError):
@@ -90,5 +93,6 @@ class ImpoliteServer:
 
     def _send(self, message: pyigtl.MessageBase, fields: dict[str, str]) -> None:
         assert self._client is not None
-        message.header_version, message.metadata = self.version, fields if self.version == 2 else {}
+        message.header_version = self.version
+        message.metadata = fields if self.version == 2 else {}
         self._client.sendall(message.pack())

@@ -20,9 +20,14 @@ class Held:
     """Files of a folder that cannot be opened, and a folder that cannot be listed, for a while of virtual time."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, clock: Clock, folder: Path) -> None:
-        self._clock, self._folder = clock, str(folder)
-        self.number, self.until_s, self.files, self.times = errno.EACCES, -1.0, "CH", 0
-        self._opened, self._listed = os.open, os.scandir
+        self._clock = clock
+        self._folder = str(folder)
+        self.number = errno.EACCES
+        self.until_s = -1.0
+        self.files = "CH"
+        self.times = 0
+        self._opened = os.open
+        self._listed = os.scandir
         monkeypatch.setattr(os, "open", self._open)
         monkeypatch.setattr(os, "scandir", self._scandir)
 
@@ -64,7 +69,8 @@ def test_files_that_are_held_for_a_moment_are_not_complete_yet(
 ) -> None:
     daq = SonixDaqBench(tmp_path / "daq")
     held = Held(monkeypatch, daq.clock, tmp_path / "daq")
-    held.number, held.files = number, files
+    held.number = number
+    held.files = files
     # Also where the folder is looked at before the trigger.
     for token, begins_s in (("a", 1.0), ("b", 0.0)):
         held.until_s = daq.clock.now_s() + 0.2 + begins_s + for_s
@@ -80,7 +86,9 @@ def test_files_that_stay_held_are_named_at_the_time_limit(
     daq = SonixDaqBench(tmp_path / "daq")
     held = Held(monkeypatch, daq.clock, tmp_path / "daq")
     daq.receiver.arm(permit(pulses=4))
-    held.number, held.files, held.until_s = number, files, math.inf
+    held.number = number
+    held.files = files
+    held.until_s = math.inf
     daq.daq.trigger(4)
     name = errno.errorcode[number]
     with pytest.raises(DeviceTimeoutError, match=rf"after 5 s .*{said} cannot be read \({name}: .*; check trigger"):

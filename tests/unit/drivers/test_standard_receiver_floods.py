@@ -101,7 +101,8 @@ def test_a_flood_ends_an_acquisition_in_seconds_with_a_sentence(flood: str) -> N
     receiver = make(line)
     receiver.arm(permit(pulses=3))
     line.start()
-    began_s, said = time.monotonic(), []
+    began_s = time.monotonic()
+    said = []
     for act in (receiver.acquire, receiver.arm, receiver.acquire):
         try:
             act(permit(pulses=3))

@@ -28,7 +28,8 @@ class Altered:
     """A device whose answers reach the host altered."""
 
     def __init__(self, device: ByteDevice, alter: Callable[[bytes], bytes]) -> None:
-        self._device, self._alter = device, alter
+        self._device = device
+        self._alter = alter
 
     def advance(self, now_s: float) -> bytes:
         return self._alter(self._device.advance(now_s))

@@ -67,11 +67,11 @@ class Bench:
         settings: SimulatedSettings = SETTINGS,
         readout_s: float = 0.3,
     ) -> None:
-        self.settings = settings = structs.replace(
-            settings, receiver=structs.replace(settings.receiver, readout_s=readout_s)
-        )
+        settings = structs.replace(settings, receiver=structs.replace(settings.receiver, readout_s=readout_s))
+        self.settings = settings
         self.emulated = EmulatedBench(settings=settings, rng=np.random.default_rng(3), folder=folder)
-        self.clock = clock = BenchClock(tick_s=2e-3)
+        clock = BenchClock(tick_s=2e-3)
+        self.clock = clock
         self.stage_port = DirectPort(device=self.emulated.stage, clock=clock)
         port = DirectPort(device=self.emulated.laser_box, clock=clock)
         self.stage = self.connect()

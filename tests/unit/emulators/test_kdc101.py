@@ -37,7 +37,8 @@ def test_a_motor_that_is_sent_elsewhere_keeps_its_speed_and_acceleration(
     whole = Motor(angle_deg=0.0, target_deg=0.0)
     sliced = Motor(angle_deg=0.0, target_deg=0.0)
     for target_deg, duration_s in targets:
-        whole.target_deg = sliced.target_deg = target_deg
+        whole.target_deg = target_deg
+        sliced.target_deg = target_deg
         whole.advance(duration_s)
         for _ in range(slices):
             before = sliced.speed_deg_s

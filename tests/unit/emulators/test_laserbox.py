@@ -159,7 +159,8 @@ class Pair:
         return self.stray_pulses + sum(laser for _, laser in self.pulls)
 
     def pass_ms(self, duration_ms: int) -> tuple[bytes, bytes]:
-        theirs = ours = b""
+        theirs = b""
+        ours = b""
         for _ in range(duration_ms):
             self.now_ms += 1
             answers = self.turn()

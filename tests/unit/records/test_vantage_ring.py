@@ -16,7 +16,8 @@ from tests.unit.records.vantage_workspaces import write_workspace
 FRAMES = np.random.default_rng(7).integers(-2000, 2000, (12, 8, 40)).astype(np.int16)
 
 
-FIRST_DEG, STEP_DEG = -35.0, 2.5
+FIRST_DEG = -35.0
+STEP_DEG = 2.5
 
 
 def with_gaps(*places: int) -> np.ndarray:

@@ -93,10 +93,8 @@ def test_markers_are_carried_over_two_moves_to_the_last() -> None:
 def test_the_errors_of_a_motion_displace_carried_markers_as_the_motion_itself_would() -> None:
     rng = np.random.default_rng(1)
     exact = motion(TRUE["2"], since="1")
-    (seen, _), (turns_deg, shifts_mm) = (
-        carry([marker("1"), marker("2", exact)]).seen,
-        np.split(rng.multivariate_normal(np.zeros(6), COVARIANCE, size=20_000).T, 2),
-    )
+    (seen, _) = carry([marker("1"), marker("2", exact)]).seen
+    (turns_deg, shifts_mm) = np.split(rng.multivariate_normal(np.zeros(6), COVARIANCE, size=20_000).T, 2)
     middle_m = np.array([0.0, 0.0, 0.09])
     turned = Rotation.from_rotvec(turns_deg.T, degrees=True).apply(TRUE["2"].apply(SPOT_M) - middle_m)
     drawn_m = turned + middle_m + 1e-3 * shifts_mm.T

@@ -112,7 +112,8 @@ def closing(behind: bool, *, stay: bool = False) -> tuple[rigs.Rig, Iterator[Eve
     rig = rigs.of_intensities(seed=3, curve=GaussianCurve(fwhm_deg=12.0), marker_deg=6.3)
     made = rig.scanner
     made.guard = Guard(limits=Limits(), firing=FiringLimits(), admission=Admission(dark_alarm=1e-6))
-    made._faulting._guard = made._refusable._guard = made.guard
+    made._faulting._guard = made.guard
+    made._refusable._guard = made._faulting._guard
     receiver = rig.receiver
     last = []
     acquire = rig.receiver.acquire

@@ -179,7 +179,7 @@ def test_a_tissue_and_its_clutter_are_in_the_frames_with_everything_drawn() -> N
     assert elsewhere[1] > 5
 
 
-def test_two_humps_are_two_peaks_and_their_csv_states_no_noise() -> None:
+def test_two_sources_are_two_peaks_and_their_csv_states_no_noise() -> None:
     study = Study(
         name="humps",
         policies=(TERNARY,),

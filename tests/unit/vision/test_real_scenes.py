@@ -73,7 +73,8 @@ def pair(number: str) -> StereoPair:
 
 def pose(number: str, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Rotation and translation of the board by its corners."""
-    (fx, fy), (cx, cy) = camera.focal_px, camera.centre_px
+    (fx, fy) = camera.focal_px
+    (cx, cy) = camera.centre_px
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
     _, turn, shift = cv2.solvePnP(board_m(), corners("left", number), matrix, np.array(camera.distortion))
     return cv2.Rodrigues(turn)[0], shift.ravel()

@@ -128,7 +128,9 @@ def image_to_probe(geometry: ScanGeometry, *, face_radius_m: float) -> Float64[n
     """
     matrix = np.zeros((4, 4))
     matrix[0, 2] = matrix[3, 3] = 1.0
-    matrix[1, 0], matrix[1, 3] = 1e3 * geometry.lateral_step_m, 1e3 * geometry.first_lateral_m
+    matrix[1, 0] = 1e3 * geometry.lateral_step_m
+    matrix[1, 3] = 1e3 * geometry.first_lateral_m
     # Depth counts from the face, which is the face radius away from the axis of rotation.
-    matrix[2, 1], matrix[2, 3] = 1e3 * geometry.depth_step_m, 1e3 * geometry.first_depth_m + 1e3 * face_radius_m
+    matrix[2, 1] = 1e3 * geometry.depth_step_m
+    matrix[2, 3] = 1e3 * geometry.first_depth_m + 1e3 * face_radius_m
     return matrix

@@ -73,26 +73,20 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
     columns = _columns(path, rows, names, table)
     energies = [names.index(name) for plain, name in _plain(names).items() if _ENERGY.fullmatch(plain)]
     columns = replace(columns, energy=next((each for each in energies if each not in columns.indices), None))
-    indices = columns.indices
     db = decibels(table.db, names[columns.intensity] if names else "")
-    # A factor of 1000 is harmless in amplitudes, but not in decibels, which are below 1000.
-    most = {columns.intensity: 999.0 if db else None}
-    if columns.angle is not None:
-        most[columns.angle] = table.largest(path, names[columns.angle] if names else "")
-    texts = rows.numbers(path, indices, most=[most.get(each) for each in indices])
-    cells = {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
+    cells = _numbers(path, rows, names, columns, table, db=db)
     kept = [line for line, row in cells.items() if None not in row]
     warn_skipped(path, "line", [str(line) for line in cells if line not in set(kept)])
-    values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, len(indices))
-    column = dict(zip(indices, values.T, strict=True))
-    read = amplitudes(column[columns.intensity], db=db, where=lambda index: f"{path}, line {kept[index]}")
+    values = np.array([cells[line] for line in kept], dtype=np.float64).reshape(-1, len(columns.indices))
+    column = dict(zip(columns.indices, values.T, strict=True))
+    intensities = amplitudes(column[columns.intensity], db=db, where=lambda index: f"{path}, line {kept[index]}")
     if columns.energy is not None:
         energy = column[columns.energy]
         name = rows.names[columns.energy]
         for index in np.flatnonzero(energy <= 0)[:1]:
             raise RecordError(f"{path}, line {kept[index]}: {name} is {energy[index]:g}, it must be positive")
         note(path, f"the intensities are divided by {name} over its mean")
-        read = read * energy.mean() / energy
+        intensities = intensities * energy.mean() / energy
     if columns.angle is None:
         # A row that is left out has its place in the scan.
         degrees = table.stated_deg(path, len(cells), what="rows")[np.isin(list(cells), kept)]
@@ -104,8 +98,20 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
                 "its first column counts in steps of 1, and is taken as degrees; if it only counts, state the angles: "
                 "`columns=2` `first_and_step_deg=(-35, 0.5)`",
             )
-    scan = merged(path, degrees, lambda: read)
-    return IntensityBank(angles_deg=scan.angles_deg, intensities=tuple(scan.mean(read).tolist()))
+    scan = merged(path, degrees, lambda: intensities)
+    return IntensityBank(angles_deg=scan.angles_deg, intensities=tuple(scan.mean(intensities).tolist()))
+
+
+def _numbers(
+    path: Path, rows: CsvRows, names: Sequence[str], columns: _Columns, table: TableFormat, *, db: bool
+) -> dict[int, list[float | None]]:
+    """Return the numbers of each line in the columns that are read, as `_row`."""
+    # A factor of 1000 is harmless in amplitudes, but not in decibels, which are below 1000.
+    largest = {columns.intensity: 999.0 if db else None}
+    if columns.angle is not None:
+        largest[columns.angle] = table.largest(path, names[columns.angle] if names else "")
+    texts = rows.numbers(path, columns.indices, most=[largest.get(each) for each in columns.indices])
+    return {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +124,7 @@ class _Columns:
 
     @property
     def indices(self) -> list[int]:
-        """Those that there are."""
+        """The columns that the table has."""
         return [each for each in (self.angle, self.intensity, self.energy) if each is not None]
 
 
@@ -220,7 +226,7 @@ def _intensity_column(names: Sequence[str], angle: int | None, table: TableForma
 
 
 def _perhaps(names: Sequence[str], written: Sequence[str]) -> str:
-    """Return a proposal for ``--columns`` where the table has two columns of which one may be the angle."""
+    """Return a proposal for `columns` where the table has two columns, of which one may be the angle."""
     if len(names) != 2 or sum(map(len, written)) >= _MOST_QUOTED:
         return ""
     named = [unit_in(name) for name in names]

@@ -175,7 +175,8 @@ def write_zea(
             if value is not None:
                 scan[name] = np.asarray(value, np.float32)
         probe = file.create_group("probe")
-        probe["name"], probe["type"] = series.facts.probe or "generic", "linear"
+        probe["name"] = series.facts.probe or "generic"
+        probe["type"] = "linear"
         probe["probe_geometry"] = np.column_stack([array.lateral_m, np.zeros((array.elements, 2))]).astype(np.float32)
         probe["probe_center_frequency"] = np.float32(centre_hz)
         _write_poses(file, series)

@@ -347,13 +347,13 @@ class Analysis:
         """Return the next angle to test the curve of a source that has no places, in degrees; None if none is left."""
         if source.has_positions:
             return None
-        hump = asymmetric_sample(
+        found = asymmetric_sample(
             source.samples,
             centre_deg=source.posterior.mean_deg,
             sigma=self.noise.sigma_or_zero,
             level=self.noise.level_or_zero,
         )
-        return None if hump is None else gap_angle_deg(hump.angle_deg, self.measured_deg)
+        return None if found is None else gap_angle_deg(found.angle_deg, self.measured_deg)
 
 
 def _amplitude_mm(displacements: Sequence[Displacement]) -> float:

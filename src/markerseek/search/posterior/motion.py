@@ -44,7 +44,7 @@ MOVES = 0.1
 """Prior probability that the marker moves, where nothing is stated of it: phantoms rest, a patient breathes."""
 
 _JUST_ALONG_TURN = 0.2
-"""Part of the motions that are just along the turn, where frames show nothing of them."""
+"""Part of the motions that are only along the turn, where frames show nothing of them."""
 
 STATED_FACTOR = 1.5
 """By which factor, as a standard deviation of ln σ, a motion that the rig states may be larger or smaller."""
@@ -80,7 +80,7 @@ POSITION_M = 8e-6
 POSITION_NOISE_M = 0.55e-3
 """Standard deviation of the lateral position by noise, times the SNR: of the samples of `POSITION_M`."""
 
-EDGE_M = 0.05e-3, 0.15e-3
+EDGE_M = (0.05e-3, 0.15e-3)
 """Standard deviations of lateral position and depth where the edges of the element are stronger than its face: of the
 samples of `POSITION_M`."""
 
@@ -91,8 +91,11 @@ each angle."""
 UNKNOWN_COHERENCE = 0.97
 """Coherence at the best focus that is assumed where no frame tells it."""
 
-_LEAST_PERIOD_S, _MOST_PERIOD_S = 2.0, 10.0
-"""Periods of a motion that are considered."""
+_LEAST_PERIOD_S = 2.0
+"""Shortest period of a motion that is considered."""
+
+_MOST_PERIOD_S = 10.0
+"""Longest period of a motion that is considered."""
 
 _FALSE_PERIOD = 0.01
 """Probability, of noise alone, from which a period is none."""
@@ -112,8 +115,8 @@ class TurnMotion:
     """Probability of each of `SIGMAS_M`, before the intensities say more."""
     lateral_m: float | None
     depth_m: float | None
-    """``lateral_m`` and ``depth_m``: amplitude of the motion along the array and in depth; None: it was not to be seen,
-    because the frames give no places, or too few."""
+    """``lateral_m`` and ``depth_m``: amplitude of the motion along the array and in depth; None: it cannot be
+    seen, because the frames give no places, or too few."""
     relative_displacement: Float64[np.ndarray, " samples"]
     """Displacement at each sample in the other two directions, over its standard deviation; 0 where it is not known."""
     relative_sigma: Float64[np.ndarray, " samples"]
@@ -263,7 +266,7 @@ def _scatter(moments: Sequence[_Moment]) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Moment:
-    """Where the marker was at a sample at rest, or during a pass of a sweep."""
+    """Place of the marker at a sample at rest, or during a pass of a sweep."""
 
     samples: tuple[int, ...]
     """Numbers of its samples."""
@@ -438,12 +441,12 @@ def _moment(
     noise_m = np.hypot(np.hypot(POSITION_M, POSITION_NOISE_M / snr)[:, None], np.array(EDGE_M) * edges)
     weight = noise_m**-2.0
     lateral, depth = ((weight * places_m).sum(axis=0) / weight.sum(axis=0)).tolist()
+    # The motion that cameras saw is taken out already; their error is not.
+    camera_errors = [displacement_sigmas(sample) for _, sample, _ in counted]
+    camera_m = np.mean([(each.lateral_m, each.depth_m) for each in camera_errors], axis=0)
     # What two pulses beside one another have in common does not shrink with their number.
-    # What cameras saw of the motion is taken out already; what they may be off by is not.
-    left = [displacement_sigmas(sample) for _, sample, _ in counted]
-    left_m = np.mean([(each.lateral_m, each.depth_m) for each in left], axis=0)
     own_m = np.hypot(weight.sum(axis=0) ** -0.5, math.hypot(POSITION_M, grains_m))
-    lateral_noise, depth_noise = np.hypot(own_m, left_m).tolist()
+    lateral_noise, depth_noise = np.hypot(own_m, camera_m).tolist()
     return _Moment(
         samples=tuple(number for number, _, _ in together),
         place_m=(lateral, depth),

@@ -260,7 +260,9 @@ def _variance_left(
 ) -> float:
     """Return the mean of (11), each marker in turn being the true one, by whose sample the others are weighted."""
     count = theta_deg.size
-    sums[0], sums[1], sums[2] = 1.0, 0.0, 0.0
+    sums[0] = 1.0
+    sums[1] = 0.0
+    sums[2] = 0.0
     mass = sums[0]
     mean = sums[1]
     square = sums[2]
@@ -376,7 +378,8 @@ def belief_of(posterior: AnglePosterior, *, limits: Interval, floor: float, dete
 
     ``floor``: intensity that noise usually reaches by itself, over σ. ``detected``: whether anything is detected yet.
     """
-    choice_deg = choice_sigma_deg = np.empty(0)
+    choice_deg = np.empty(0)
+    choice_sigma_deg = choice_deg
     if detected:
         choice_deg, choice_sigma_deg = expected_sigmas_deg(posterior, limits=limits, floor=floor)
     ends_deg = np.linspace(limits.low_deg, limits.high_deg, BINS + 1)

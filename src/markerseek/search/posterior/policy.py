@@ -178,7 +178,8 @@ class Posterior(SearchPolicy):
         if angles_deg and not self._left_deg:
             raise ConfigError(f"posterior: none of the {len(angles_deg)} angles_deg lies in {limits}")
         self._by_hand = by_hand
-        self._asked = self._before = 0
+        self._asked = 0
+        self._before = 0
         self._range_swept = False
         self._delay_s = 0.0
         self._confirmation_taken = False
@@ -215,7 +216,8 @@ class Posterior(SearchPolicy):
         self._lit.append(sample)
         self._confirmation_taken = False
         self._confirmation_failure = None
-        self._next = self._cached = None
+        self._next = None
+        self._cached = None
 
     def tell_recorded(self, samples: Iterable[Sample]) -> None:
         """Take all samples of a recording, none of which was asked for; the search is then over.
@@ -230,7 +232,8 @@ class Posterior(SearchPolicy):
             (self._dark if sample.dark else self._lit).append(sample)
         self._asked = self._budget
         self._left_deg = []
-        self._next = self._cached = None
+        self._next = None
+        self._cached = None
 
     @property
     def lit(self) -> list[Sample]:
@@ -244,7 +247,8 @@ class Posterior(SearchPolicy):
         """
         self._delay_s = delay_s
         self._inference.order_sigma_deg = order_sigma_deg
-        self._next = self._cached = None
+        self._next = None
+        self._cached = None
 
     @property
     def moved_deg(self) -> float:
@@ -298,10 +302,12 @@ class Posterior(SearchPolicy):
 
     def widen(self) -> None:
         """Give up the prior over the angle: search the whole range, keep all samples, count the acquisitions from 0."""
-        self.is_narrowed = self._range_swept = False
+        self.is_narrowed = False
+        self._range_swept = False
         self._asked = 0
         self._before = len(self._lit)
-        self._next = self._cached = None
+        self._next = None
+        self._cached = None
 
     def confirm(self, sample: Sample) -> None:
         """Take the acquisition at the angle found, as one more sample.
@@ -327,7 +333,8 @@ class Posterior(SearchPolicy):
         self._confirmation_taken = True
         self._confirmation_failure = weaker_than_predicted(first, above)
         self._lit.append(sample)
-        self._next = self._cached = None
+        self._next = None
+        self._cached = None
 
     def estimate(self) -> Estimate:
         """Return the answer as far as the samples prove it; `NotFound` before the first."""

@@ -49,8 +49,10 @@ STEP_DEG = 0.05
 """Step of the tabulated curves, in degrees."""
 
 LOG_WIDTH_SIGMA = 0.25
+"""Standard deviation of ln F between two markers on one rig."""
+
 LOG_PEAK_SIGMA = 0.5
-"""Standard deviations of ln F and ln A between two markers on one rig."""
+"""Standard deviation of ln A between two markers on one rig."""
 
 UNLIKE_SHARE = 0.1
 """Prior probability of a marker whose width has nothing in common with that of the former marker."""
@@ -71,20 +73,20 @@ class Shapes:
     """ln of the prior probability of each."""
 
 
-def log_humps(
+def log_near_field(
     distance_deg: Float64[np.ndarray, " distances"], *, fwhm_deg: float, fresnel_number: float
 ) -> Float64[np.ndarray, " distances"]:
     """Return ln S of (2) at distances from the marker, for a marker in the near field of an element.
 
     ``distance_deg``: distances t, of either sign. ``fwhm_deg``: distance between the outermost angles at which S is
-    half of S(0). ``fresnel_number``: fresnel number n at the centre of the band.
+    half of S(0). ``fresnel_number``: Fresnel number n at the centre of the band.
     """
-    across, log, half = _humps(fresnel_number)
+    across, log, half = _near_field(fresnel_number)
     return np.asarray(np.interp(2 * np.abs(distance_deg) / fwhm_deg * half, across, log))
 
 
 @lru_cache(maxsize=8)
-def _humps(fresnel_number: float) -> tuple[Float64[np.ndarray, " across"], Float64[np.ndarray, " across"], float]:
+def _near_field(fresnel_number: float) -> tuple[Float64[np.ndarray, " across"], Float64[np.ndarray, " across"], float]:
     """Return distances in half heights of the element, ln S of (2) there, and the outermost one with half of S(0)."""
     # Fine where the peaks are, geometric in the tails.
     across = np.concatenate([np.linspace(0.0, 4.0, 801), np.geomspace(4.0, 130.0, 400)[1:]])
@@ -113,7 +115,7 @@ def family() -> Shapes:
     usual = np.exp(-((np.log(WIDTHS_DEG / 5.5) / 0.6) ** 2) / 2)
     width_share = 0.8 * usual / usual.sum() + 0.2 / WIDTHS_DEG.size
     kinds = [(partial(log_curve, tail=tail, knee=knee), share) for tail, knee, share in KNEES]
-    kinds += [(partial(log_humps, fresnel_number=number), share) for number, share in FRESNEL_NUMBERS]
+    kinds += [(partial(log_near_field, fresnel_number=number), share) for number, share in FRESNEL_NUMBERS]
     curves = []
     widths = []
     priors = []
@@ -128,10 +130,7 @@ def family() -> Shapes:
 
 
 def shapes_with(shapes: Shapes, prior: MarkerCurve) -> Shapes:
-    """Return the family of curves with the prior that a former marker gives.
-
-    ``shapes``: the family, with its usual prior.
-    """
+    """Return the family of curves with the prior that a former marker gives, instead of its usual one."""
     usual = np.exp(shapes.log_prior)
     alike = usual * np.exp(-((np.log(shapes.fwhm_deg / prior.fwhm_deg) / LOG_WIDTH_SIGMA) ** 2) / 2)
     share = (1 - UNLIKE_SHARE) * alike / alike.sum() + UNLIKE_SHARE * usual / usual.sum()

@@ -453,7 +453,7 @@ NEAR_FIELD_DIP = 0.35
 ALIKE_DEG = 1.0
 """Samples nearer than this are alike on any curve: a burst or a misfire among them is neither peak nor dip."""
 
-HUMPS_APART_DEG = 5.0
+PEAKS_APART_DEG = 5.0
 """Least distance of two peaks, in degrees: nearer ones are absorbers of one stained spot, which interfere."""
 
 ASYMMETRY_SHARE = 0.2
@@ -477,9 +477,9 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = 
     order = sorted(at, key=lambda sample: sample.angle_deg)
     angle_deg = np.array([sample.angle_deg for sample in order])
     height, error = _heights(order)
-    hump, bottom = _without_bursts(angle_deg, height)
+    top, bottom = _without_bursts(angle_deg, height)
     has_positions = all(sample.reading.local_maxima is not None for sample in at)
-    lower = np.minimum(np.maximum.accumulate(hump)[:-2], np.maximum.accumulate(hump[::-1])[::-1][2:])
+    lower = np.minimum(np.maximum.accumulate(top)[:-2], np.maximum.accumulate(top[::-1])[::-1][2:])
     drop = lower - bottom[1:-1]
     least = np.maximum(
         DIP_SIGMAS * np.hypot(1.5 * sigma, error[1:-1] * lower),
@@ -488,11 +488,11 @@ def dip_deg(at: Sequence[Sample], *, sigma: float, level: float, single: bool = 
     # Distance of the two peaks around each sample.
     inner = np.arange(1, len(order) - 1)
     apart_deg = np.array(
-        [angle_deg[k + 1 + np.argmax(hump[k + 1 :])] - angle_deg[np.argmax(hump[:k])] for k in inner.tolist()]
+        [angle_deg[k + 1 + np.argmax(top[k + 1 :])] - angle_deg[np.argmax(top[:k])] for k in inner.tolist()]
     )
     # An angle measured twice lies between no others where it is the first or the last: the marker has moved.
     between = (angle_deg[1:-1] > angle_deg[0]) & (angle_deg[1:-1] < angle_deg[-1])
-    deep = np.where((drop > least) & (lower > level) & (apart_deg >= HUMPS_APART_DEG) & between, drop, 0.0)
+    deep = np.where((drop > least) & (lower > level) & (apart_deg >= PEAKS_APART_DEG) & between, drop, 0.0)
     return float(angle_deg[1:-1][np.argmax(deep)]) if deep.any() else None
 
 
@@ -515,13 +515,13 @@ def _without_bursts(
     """Return the intensities for peaks and for dips, so that a burst makes no peak and a misfire no dip."""
     near = np.abs(angle_deg[:, None] - angle_deg) <= ALIKE_DEG
     np.fill_diagonal(near, False)
-    hump = height.copy()
+    top = height.copy()
     bottom = height.copy()
     for k in np.flatnonzero(near.any(axis=1)).tolist():
         # Within a degree no curve changes by more than to a half.
-        hump[k] = min(height[k], 2.0 * height[near[k]].max())
+        top[k] = min(height[k], 2.0 * height[near[k]].max())
         bottom[k] = max(height[k], 0.5 * height[near[k]].min())
-    return hump, bottom
+    return top, bottom
 
 
 def top_deg(posterior: AnglePosterior, measured_deg: Sequence[float]) -> float | None:
@@ -545,10 +545,10 @@ def asymmetric_sample(at: Sequence[Sample], *, centre_deg: float, sigma: float, 
     order = sorted(at, key=lambda sample: abs(sample.angle_deg - centre_deg))
     angle_deg = np.array([sample.angle_deg for sample in order])
     height, error = _heights(order)
-    hump, bottom = _without_bursts(angle_deg, height)
-    drop = hump - np.minimum.accumulate(bottom)
-    least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, error * hump), ASYMMETRY_SHARE * hump)
-    excess = np.where((drop > least) & (hump > level), drop, 0.0)
+    top, bottom = _without_bursts(angle_deg, height)
+    drop = top - np.minimum.accumulate(bottom)
+    least = np.maximum(DOUBTFUL_DIP_SIGMAS * np.hypot(1.5 * sigma, error * top), ASYMMETRY_SHARE * top)
+    excess = np.where((drop > least) & (top > level), drop, 0.0)
     return order[int(np.argmax(excess))] if excess.any() else None
 
 

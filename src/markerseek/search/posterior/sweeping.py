@@ -347,7 +347,8 @@ class SweepPosterior:
         self.sweeps = self._first(start_deg)
         self._back = 0
         self._sigma_deg = math.inf
-        self._range_swept = self._known = False
+        self._range_swept = False
+        self._known = False
         self._judged_deg: float | None = None
         self._next: tuple[float | Sweep | None] | None = None
 
@@ -427,7 +428,8 @@ class SweepPosterior:
 
     def end_sweep(self) -> None:
         """Choose what follows a sweep, and judge the order of its frames (`disorder`)."""
-        self._next = self._judged_deg = None
+        self._next = None
+        self._judged_deg = None
         last_deg = self._lit[-1].angle_deg if self._lit else None
         known = self._known or (self._posterior.single and self._is_known(last_deg))
         self.sweeps = [] if known else self.sweeps[1:]

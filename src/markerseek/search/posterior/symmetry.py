@@ -665,7 +665,8 @@ def _fill_in(
                 # ln y of a strong sample is normal with the standard deviation σ/y.
                 by_angle = steepness[group[i]] * angle_sigma_deg[i]
                 variance = noise[i] ** 2 + (energy_share[i] * sample_error[j]) ** 2 + by_angle**2
-                weight[i], apart[i] = 1 / variance, 1 / (variance + beside[i])
+                weight[i] = 1 / variance
+                apart[i] = 1 / (variance + beside[i])
                 precision[group[i]] += weight[i]
                 mean[group[i]] += weight[i] * value[i]
             matrix[:] = shared

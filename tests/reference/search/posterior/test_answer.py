@@ -29,7 +29,11 @@ from markerseek.core import (
 )
 from markerseek.search.posterior import Posterior
 
-COLUMNS, ROWS, CELLS, SIGMA, LEVEL = 28, 40, 100_000, 1.0, 6.5
+COLUMNS = 28
+ROWS = 40
+CELLS = 100_000
+SIGMA = 1.0
+LEVEL = 6.5
 BLOCK_CELLS = CELLS / (COLUMNS * ROWS)
 
 
@@ -37,7 +41,9 @@ class World:
     """Sources at (angle in degrees, height over σ, width in degrees, lateral in mm, depth in mm), and noise."""
 
     def __init__(self, sources, *, seed=1, fading=1.0):
-        self.sources, self.rng, self.fading = sources, np.random.default_rng(seed), fading
+        self.sources = sources
+        self.rng = np.random.default_rng(seed)
+        self.fading = fading
 
     def sample(self, angle_deg, *, dark=False, energy=1.0):
         noise = SIGMA * np.sqrt(-2 * np.log(-np.expm1(np.log(self.rng.random(COLUMNS * ROWS)) / BLOCK_CELLS)))
@@ -133,7 +139,8 @@ def test_the_other_source_is_described():
 
 def test_a_source_beyond_an_end_is_at_bound_alone_and_ambiguous_beside_one_inside():
     """How strong it would be with the probe on it is not known: the other may be the marker as well."""
-    beyond, inside = (35.8, 100.0, 8.0, 5.0, 40.0), (0.0, 60.0, 6.0, -12.0, 33.0)
+    beyond = (35.8, 100.0, 8.0, 5.0, 40.0)
+    inside = (0.0, 60.0, 6.0, -12.0, 33.0)
     for seed in range(3):
         alone = search(World([beyond], seed=seed)).estimate()
         assert isinstance(alone, AtBound)
@@ -261,7 +268,8 @@ def test_an_angle_of_a_recording_beyond_the_range_is_not_asked_for():
 
 def test_the_belief_is_the_posterior_over_the_range_and_asking_for_it_changes_nothing():
     world = World([(-10.0, 100.0, 6.0, 5.0, 40.0)])
-    watched, alone = Posterior(), Posterior()
+    watched = Posterior()
+    alone = Posterior()
     assert watched.belief is None
     for _ in range(3):
         dark = world.sample(0.0, dark=True)

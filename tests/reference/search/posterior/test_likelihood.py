@@ -44,7 +44,7 @@ from markerseek.search.posterior.shapes import (
     STEP_DEG,
     WIDTHS_DEG,
     family,
-    log_humps,
+    log_near_field,
 )
 
 
@@ -86,7 +86,7 @@ def test_width_and_tail_of_the_family(tail, knee, fwhm_deg):
 
 
 @pytest.mark.parametrize("fresnel_number", [number for number, _ in FRESNEL_NUMBERS])
-def test_humps_against_quadrature(fresnel_number):
+def test_the_near_field_against_quadrature(fresnel_number):
     """The field of a slit, exp(iπn(η − u)²) summed over −1 < η < 1, its square averaged over the band."""
     away = np.linspace(-1.5, 1.5, 13)
     numbers = fresnel_number * (1 + 0.2 * away)
@@ -95,7 +95,7 @@ def test_humps_against_quadrature(fresnel_number):
         field = quad_vec(lambda place: np.exp(1j * np.pi * numbers * (place - across) ** 2), -1.0, 1.0)[0]
         return float(np.sqrt(np.exp(-(away**2) / 2) @ (numbers * np.abs(field) ** 2)))
 
-    log = log_humps(np.array([0.0, 2.0, 3.0, 5.0, 7.0, 10.0]), fwhm_deg=10.0, fresnel_number=fresnel_number)
+    log = log_near_field(np.array([0.0, 2.0, 3.0, 5.0, 7.0, 10.0]), fwhm_deg=10.0, fresnel_number=fresnel_number)
     half = brentq(lambda across: envelope(across) - envelope(0.0) / 2, 0.8, 2.0)
     expected = [envelope(half * share) / envelope(0.0) for share in (0.0, 0.4, 0.6, 1.0, 1.4, 2.0)]
     np.testing.assert_allclose(np.exp(log), expected, rtol=2e-3)
@@ -142,7 +142,10 @@ def one_shape(angles_deg, *, samples, lowest, phases=1, amplitudes=300, member=4
 
 def test_marginal_likelihood_against_brute_force():
     """The marginal over ln amplitude of three samples, each angle integrated by SciPy with SciPy's Rice."""
-    shapes, member, sigma, cells = family(), 40, 0.02, 12_800
+    shapes = family()
+    member = 40
+    sigma = 0.02
+    cells = 12_800
     measured = [(-4.0, 0.30), (1.0, 0.9), (4.5, 0.33)]
     samples = [
         Observation(angle_deg=angle, log_intensity=math.log(y), noise=sigma / y, cells=cells, lateral_ratio=1.0)
@@ -174,7 +177,8 @@ def test_marginal_likelihood_against_brute_force():
 
 def test_standard_deviation_against_cramer_rao():
     """Samples on both flanks of a known shape: the posterior is as wide as the bound, amplitude unknown."""
-    shapes, member = family(), int(np.argmin(np.abs(WIDTHS_DEG - 8))) + WIDTHS_DEG.size * 3
+    shapes = family()
+    member = int(np.argmin(np.abs(WIDTHS_DEG - 8))) + WIDTHS_DEG.size * 3
     distances = np.arange(shapes.log_curve.shape[1]) * STEP_DEG
     places = np.array([-3.0, -2.5, -2.0, -1.5, 0.5, 1.5, 2.0, 2.5, 3.0])
     level = np.interp(np.abs(places), distances, shapes.log_curve[member])
@@ -197,7 +201,8 @@ def test_standard_deviation_against_cramer_rao():
 
 def test_range_is_linear_in_cosine_and_sine():
     """r² = A − C cos θ − S sin θ, fitted by least squares to the delays, gives the angle back."""
-    theta, depth_m = 12.0, 50e-3
+    theta = 12.0
+    depth_m = 50e-3
     probe_deg = np.linspace(-35, 35, 15)
     range_m = off_plane(probe_deg - theta, face_radius_m=10e-3, depth_m=depth_m)[0] * USUAL_SOUND_SPEED_M_S + depth_m
     turned = np.radians(probe_deg)
@@ -214,7 +219,8 @@ def moments_of(theta, measured_deg, *, height_m=5e-3, radius_m=11e-3):
 
 def test_exact_moments_point_at_the_marker():
     """With one outlier among the arrivals, and unknown offset, face radius and element height."""
-    theta, measured_deg = -8.0, np.array([-34.0, -20.0, -8.0, 5.0, 20.0, 34.0])
+    theta = -8.0
+    measured_deg = np.array([-34.0, -20.0, -8.0, 5.0, 20.0, 34.0])
     moments_s = moments_of(theta, measured_deg)
     moments_s[4, 0] += 9e-6
     angles_deg = np.arange(-35.0, 36.0)
@@ -314,7 +320,9 @@ def test_the_shift_of_an_asymmetric_marker():
 
 
 def test_the_shift_grows_as_less_of_the_sound_is_in_phase_as_that_differs_and_with_the_width():
-    point, spot, uneven = coherence_of(1.0, 1.0), coherence_of(0.5, 0.5), coherence_of(0.4, 0.6)
+    point = coherence_of(1.0, 1.0)
+    spot = coherence_of(0.5, 0.5)
+    uneven = coherence_of(0.4, 0.6)
     assert uneven.scatter == pytest.approx(0.1)
     assert shift_scale_m(point, width_m=5e-3) == pytest.approx(SHIFT_M)
     assert shift_scale_m(spot, width_m=5e-3) == pytest.approx(0.13e-3)

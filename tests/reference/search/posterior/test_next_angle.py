@@ -30,7 +30,9 @@ LEVEL = 6.3
 
 def posterior(theta_deg, log_snr, member, **known):
     """A posterior of which only the drawn markers count, and what else is known."""
-    nothing, ends_deg, halves = np.zeros(0), np.array([0.0, 1.0]), np.array([0.5, 0.5])
+    nothing = np.zeros(0)
+    ends_deg = np.array([0.0, 1.0])
+    halves = np.array([0.5, 0.5])
     usual = {
         "angle_deg": ends_deg,
         "probability": halves,
@@ -51,11 +53,14 @@ def posterior(theta_deg, log_snr, member, **known):
 def test_the_angle_has_the_largest_probability_of_detection():
     """Each marker's height over the noise by NumPy's interpolation, its probability by SciPy's normal distribution."""
     rng = np.random.default_rng(8)
-    theta_deg, log_snr, member = rng.uniform(-38, 38, 90), rng.normal(2.5, 1.0, 90), rng.choice([5, 20, 40], 90)
+    theta_deg = rng.uniform(-38, 38, 90)
+    log_snr = rng.normal(2.5, 1.0, 90)
+    member = rng.choice([5, 20, 40], 90)
     measured_deg = [-23.3, 0.0, 23.3]
     found = most_detectable_deg(posterior(theta_deg, log_snr, member), measured_deg, limits=LIMITS, level=LEVEL)
     steps = np.arange(SHAPES.log_curve.shape[1]) * STEP_DEG
-    best, largest = 0.0, 0.0
+    best = 0.0
+    largest = 0.0
     for angle_deg in np.arange(-35.0, 35.1, 1.0):
         if min(abs(angle_deg - other) for other in measured_deg) < MIN_APART_DEG:
             continue
@@ -65,7 +70,8 @@ def test_the_angle_has_the_largest_probability_of_detection():
         ]
         worth = norm.cdf(heights, loc=LEVEL).mean() / (1 + abs(angle_deg - measured_deg[-1]) / DETECTION_TRAVEL_DEG)
         if worth > largest:
-            best, largest = angle_deg, worth
+            best = angle_deg
+            largest = worth
     assert found == pytest.approx(best)
 
 
@@ -103,7 +109,8 @@ def test_eight_planned_angles_are_the_middles_of_equal_parts():
     np.testing.assert_allclose(np.sort(up), np.arange(-30.625, 31, 8.75))
     np.testing.assert_allclose(planned(descending=True), -up)
     rng = np.random.default_rng(1)
-    markers_deg, fwhm_deg = rng.uniform(-35, 35, 4000), np.exp(rng.uniform(np.log(3), np.log(17), 4000))
+    markers_deg = rng.uniform(-35, 35, 4000)
+    fwhm_deg = np.exp(rng.uniform(np.log(3), np.log(17), 4000))
     height = 10 ** (rng.choice([20, 30, 40], 4000) / 20)
     away = 2 * np.abs(np.sort(up)[:, None] - markers_deg) / fwhm_deg
     shown = height * (1 + 3 * away**2.4) ** -0.5 > LEVEL

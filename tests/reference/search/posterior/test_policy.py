@@ -28,7 +28,8 @@ def search(policy, *, rng, sigma, markers, fwhm_deg=6.0, tail=1.3, outlier=None)
         largest = float(noise_maximum(rng, sigma))
         envelope = abs(signal + sigma * complex(*rng.standard_normal(2)))
         if envelope < largest:
-            envelope, lateral_m = largest, float(rng.uniform(-27e-3, 27e-3))
+            envelope = largest
+            lateral_m = float(rng.uniform(-27e-3, 27e-3))
         return Reading(intensity=envelope, noise_sigma=sigma, cells=CELLS, lateral_m=lateral_m, depth_m=40e-3)
 
     for _ in range(3):
@@ -117,7 +118,8 @@ def test_two_markers_are_never_one():
 @pytest.mark.parametrize("peak", [10.0, 31.6])
 def test_the_number_that_would_do(peak):
     """With it no marker of that height lies where all samples are below the level; with two fewer some do."""
-    limits, level = Interval(low_deg=-35.0, high_deg=35.0), 6.4
+    limits = Interval(low_deg=-35.0, high_deg=35.0)
+    level = 6.4
     needed = acquisitions_needed(limits, level=level, peak=peak, fwhm_deg=3.0)
     markers_deg = np.linspace(-35, 35, 1401)
 
@@ -180,7 +182,9 @@ class Marker:
         rng = np.random.default_rng([77, number])
         self.angle_deg = float(rng.uniform(-33, 33))
         self._fwhm_deg = math.exp(rng.uniform(math.log(2.5), math.log(12)))
-        self._curve, self._peak, self._rng = CURVES[number % 3], 10 ** (snr_db / 20), rng
+        self._curve = CURVES[number % 3]
+        self._peak = 10 ** (snr_db / 20)
+        self._rng = rng
 
     def sample(self, angle_deg: float, *, dark: bool = False) -> Sample:
         height = 0.0 if dark else self._peak * self._curve((angle_deg - self.angle_deg) / self._fwhm_deg)

@@ -35,7 +35,9 @@ def candidate(angles_deg, *, peak=50.0, fwhm_deg=6.0, marker_deg=0.0):
 def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
     source, _ = candidate([-6.0, -3.0, 0.0, 3.0, 6.0])
     rng = np.random.default_rng(1)
-    at_deg, angles_deg, needed = np.array([-20.0, 4.0]), np.linspace(-35, 35, 15), np.array([6.4, 9.0])
+    at_deg = np.array([-20.0, 4.0])
+    angles_deg = np.linspace(-35, 35, 15)
+    needed = np.array([6.4, 9.0])
     noise = np.array([1.0, 0.25])
     chance = undetected(source.posterior, at_deg, needed, angles_deg, noise=noise)
     drawn = np.linspace(0, 47, len(HIDDEN_STEPS)).astype(int)
@@ -55,7 +57,9 @@ def test_the_probability_of_staying_undetected_is_that_of_drawn_samples():
 
 def test_a_source_beside_a_wide_one_may_be_narrow():
     source, _ = candidate([-12.0, -6.0, 0.0, 6.0, 12.0], fwhm_deg=14.0)
-    at_deg, angles_deg, needed = np.array([-20.0]), np.array([-29.0]), np.array([6.4])
+    at_deg = np.array([-20.0])
+    angles_deg = np.array([-29.0])
+    needed = np.array([6.4])
     chance = undetected(source.posterior, at_deg, needed, angles_deg, noise=np.ones(needed.size))[:, 0, 0]
     steps = np.array(HIDDEN_STEPS)
     # A source of about 50 σ, nine degrees off: seen at 12 to 14 degrees of width, at 6 often not.

@@ -75,7 +75,8 @@ def of_samples(samples):
 
 def covariance(member, offset_deg, noise, error, blur_deg=0.0):
     """Of ln y, written out: template, width, and an angle that is known to its step only."""
-    distance_deg, step = np.abs(offset_deg), math.exp(LOG_WIDTH_STEP / 2)
+    distance_deg = np.abs(offset_deg)
+    step = math.exp(LOG_WIDTH_STEP / 2)
     s = template_sigma(log_levels(member, distance_deg))
     length_deg = CORRELATION_LENGTH * SHAPES.fwhm_deg[member]
 
@@ -219,7 +220,8 @@ def test_weak_samples_beside_one_another_in_a_sweep_count_as_one():
     """The template is off by the same in all of them: a fast laser must not count that error a hundred times."""
     strong = [swept(t, number=1) for t in (-2.0, 0.0, 2.5)]
     weak = replace(swept(12.0, number=1), log_intensity=-3.0, noise=0.24, cells=10_000)
-    hypotheses, places = hypotheses_of(SHAPES, MEMBERS), np.array([-0.2, 0.1])
+    hypotheses = hypotheses_of(SHAPES, MEMBERS)
+    places = np.array([-0.2, 0.1])
 
     def log_likelihood(others):
         return symmetric_log_likelihood(SHAPES, hypotheses, grouped([*strong, *others], fwhm_deg=6.0), places)[0]
@@ -323,9 +325,12 @@ def test_how_samples_are_grouped():
 def test_the_variance_expected_of_a_sample_is_the_sum_over_all_pairs(strong_deg):
     """Against the double sum written out in NumPy, for markers of two shapes, with strong samples and without."""
     rng = np.random.default_rng(4)
-    floor, error = 4.2, 0.04
-    theta_deg, member = rng.normal(3.0, 2.0, 40), rng.choice(MEMBERS, 40)
-    log_snr, candidates_deg = rng.normal(4.0, 0.3, 40), np.array([-20.0, 0.0, 2.5, 8.0])
+    floor = 4.2
+    error = 0.04
+    theta_deg = rng.normal(3.0, 2.0, 40)
+    member = rng.choice(MEMBERS, 40)
+    log_snr = rng.normal(4.0, 0.3, 40)
+    candidates_deg = np.array([-20.0, 0.0, 2.5, 8.0])
     strong_log = np.array([3.6, 3.9])[: len(strong_deg)]
     length_deg = CORRELATION_LENGTH * SHAPES.fwhm_deg
     out = np.empty(candidates_deg.size)
@@ -346,11 +351,13 @@ def test_the_variance_expected_of_a_sample_is_the_sum_over_all_pairs(strong_deg)
         out,
     )
     for candidate_deg, found in zip(candidates_deg, out, strict=True):
-        height, spread = np.empty(40), np.empty(40)
+        height = np.empty(40)
+        spread = np.empty(40)
         for p in range(40):
             distance_deg = abs(candidate_deg - theta_deg[p])
             level = float(log_levels(member[p], distance_deg))
-            shift, left = 0.0, template_sigma(level) ** 2
+            shift = 0.0
+            left = template_sigma(level) ** 2
             if strong_deg:
                 there_deg = np.abs(np.array(strong_deg) - theta_deg[p])
                 twin = int(np.argmin(np.abs(there_deg - distance_deg)))
@@ -364,7 +371,8 @@ def test_the_variance_expected_of_a_sample_is_the_sum_over_all_pairs(strong_deg)
                 )
                 left *= 1 - alike**2
             strong = math.exp(2 * (log_snr[p] + level + shift)) + floor**2
-            height[p], spread[p] = 0.5 * math.log(strong), left + error**2 + 1 / strong
+            height[p] = 0.5 * math.log(strong)
+            spread[p] = left + error**2 + 1 / strong
         apart = (height[:, None] - height) ** 2 / (spread[:, None] + spread)
         weight = (1 + apart / 8) ** -4
         weight /= weight.sum(axis=1, keepdims=True)

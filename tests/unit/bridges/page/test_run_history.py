@@ -425,7 +425,8 @@ def test_image_keeps_its_peak_and_noise_looks_like_noise():
 
 def centre_mm(drawn, row, column):
     """Lateral position and depth of a pixel's centre, from the edges between which the browser draws it."""
-    (left, right), (top, bottom) = drawn["lateral_mm"], drawn["depth_mm"]
+    (left, right) = drawn["lateral_mm"]
+    (top, bottom) = drawn["depth_mm"]
     return (
         left + (right - left) * (column + 0.5) / drawn["columns"],
         top + (bottom - top) * (row + 0.5) / drawn["rows"],

@@ -329,12 +329,14 @@ def test_angles_in_any_order_and_repeated_ones_are_averaged_with_a_word(tmp_path
 @pytest.mark.parametrize("kind", ["RF_IQ_LINE", "RF_I_LINE_Q_LINE"])
 def test_iq_data_are_read_by_their_envelope(tmp_path, kind):
     inphase, quadrature = np.zeros((2, 5, 6, 50), np.int16)
-    inphase[:, 2, 20], quadrature[:, 2, 20] = 3000, 4000
+    inphase[:, 2, 20] = 3000
+    quadrature[:, 2, 20] = 4000
     pixels = np.zeros((5, 6, 100), np.int16) if kind == "RF_IQ_LINE" else np.zeros((5, 12, 50), np.int16)
     places = np.s_[..., ::2], np.s_[..., 1::2]
     if kind == "RF_I_LINE_Q_LINE":
         places = np.s_[:, ::2], np.s_[:, 1::2]
-    pixels[places[0]], pixels[places[1]] = inphase, quadrature
+    pixels[places[0]] = inphase
+    pixels[places[1]] = quadrature
     path = write_mha(tmp_path / "a.mha", pixels, fields(), kind=kind, orientation="FM")
     assert read_bank(path).intensities == pytest.approx([5000] * 5)
 

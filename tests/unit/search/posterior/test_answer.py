@@ -146,7 +146,8 @@ def test_further_sources_are_named_the_strongest_first():
     assert sources == [first, weak, vague]
     noise = SearchNoise(floor=Floor(level=1.0, source="dark frames"), sigma=1.0)
     known = Mock(spec=Analysis, noise=noise, sources=sources, survey=None, unresolved_rival=None, outliers=[])
-    known.misfit = known.inconsistency = None
+    known.misfit = None
+    known.inconsistency = None
     known.motion = MarkerMotion()
     known.measured_deg = [-20.0]
     known.limits = PAPER_RANGE

@@ -89,7 +89,8 @@ def test_the_same_samples_give_the_same_angle_sigma_and_interval_with_any_prior(
 
 @pytest.mark.parametrize(("off_deg", "sigma_deg"), [(0.0, 1.0), (1.5, 1.0), (-4.0, 3.0)])
 def test_with_a_right_prior_a_search_takes_at_most_two_thirds(off_deg: float, sigma_deg: float) -> None:
-    usual = guided = 0
+    usual = 0
+    guided = 0
     for seed in range(5):
         marker_deg = -24.0 + 11.0 * seed
         near = AnglePrior(mean_deg=marker_deg + off_deg, sigma_deg=sigma_deg)

@@ -1,4 +1,4 @@
-"""A dip between two humps, and the angles at which one would show."""
+"""A dip between two peaks, and the angles at which one would show."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from msgspec import structs
 from markerseek.core import Ambiguous, Found, LocalMaxima, Reading, Sample, SweepTiming
 from markerseek.search.curve import log_curve
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.shapes import log_humps
+from markerseek.search.posterior.shapes import log_near_field
 from markerseek.search.posterior.sources import asymmetric_sample, dip_deg, gap_angle_deg
 from tests.sizes import examples
 
@@ -33,7 +33,7 @@ def samples(angles_deg, intensities, *, frames=False):
     ]
 
 
-def test_a_dip_divides_two_humps():
+def test_a_dip_divides_two_peaks():
     at = samples([0.0, 3.0, 6.0, 9.0, 12.0], [50.0, 100.0, 40.0, 80.0, 30.0])
     assert dip_deg(at, sigma=1.0, level=6.0) == 6.0
     assert dip_deg(at[::-1], sigma=1.0, level=6.0) == 6.0
@@ -96,7 +96,7 @@ def test_no_curve_of_the_family_has_one(middle_deg, fwhm_deg, tail, knee, angles
 
 
 def test_a_sample_stronger_than_one_nearer_to_the_centre_on_the_other_side_is_of_another_curve():
-    """Nothing dips: the second hump, at -11°, lies between the samples."""
+    """Nothing dips: the second peak, at -11°, lies between the samples."""
     at = samples([-12.0, -4.0, -2.0, 0.0, 2.0, 5.0], [30.0, 32.0, 60.0, 100.0, 58.0, 20.0])
     assert dip_deg(at, sigma=1.0, level=6.0) is None
     assert asymmetric_sample(at, centre_deg=0.0, sigma=1.0, level=6.0) is at[0]
@@ -113,13 +113,13 @@ def test_the_wider_gap_beside_a_sample_is_halved_until_both_are_narrow():
 
 def test_in_the_near_field_of_an_element_a_frame_has_one_source_and_intensities_may_have_two():
     angles = np.linspace(-15, 15, 25)
-    heights = (100 * np.exp(log_humps(angles, fwhm_deg=20.0, fresnel_number=1.5))).tolist()
+    heights = (100 * np.exp(log_near_field(angles, fwhm_deg=20.0, fresnel_number=1.5))).tolist()
     assert dip_deg(samples(angles.tolist(), heights, frames=True), sigma=1.0, level=6.0) is None
     assert dip_deg(samples(angles.tolist(), heights), sigma=1.0, level=6.0) == pytest.approx(0.0, abs=1.3)
 
 
 @pytest.mark.parametrize("apart_deg", [6.0, pytest.param(9.0, marks=pytest.mark.long)])
-def test_two_humps_in_a_file_of_intensities_are_ambiguous(apart_deg):
+def test_two_peaks_in_a_file_of_intensities_are_ambiguous(apart_deg):
     """Before, every second of these was Found between the two."""
     answers = []
     rng = np.random.default_rng(7)
