@@ -58,6 +58,7 @@ def served(folder: str) -> Iterator[str]:
 
 
 ASKS = "document.querySelectorAll('.ms-table tbody tr').length > 2 && !!document.querySelector('.ms-mark-place')"
+BEGINS = "document.querySelector('.ms-badge').innerText.startsWith('LIGHT')"
 OVER = "document.querySelector('.ms-badge').innerText.startsWith('REGISTERED')"
 
 
@@ -66,6 +67,7 @@ def register(tab: Page, link: str) -> list[bytes]:
     tab.goto(f"{link}&seed={SESSION_SEED}&pace=0")
     tab.wait_for_function("window.markerseekBeat > 0")
     tab.get_by_role("button", name="Start", exact=True).click()
+    tab.wait_for_function(BEGINS)
     seen: list[bytes] = []
     is_drawn = False
     for _ in range(MOST_LOOKS):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 PICTURE = Path(__file__).with_name("situation.svg")
 
-WIDTH, HEIGHT = 900, 430
+WIDTH, HEIGHT, ABOVE = 900, 430, 14
 INK, QUIET, SOUND, LIGHT, TISSUE, PLANE = "#1b2430", "#6a7480", "#1f5fa8", "#138a4b", "#f3d9d0", "#2a88c8"
 MARKER = "#c8501e"
 
@@ -78,8 +78,8 @@ def from_the_side() -> list[str]:
         text(112, 278, "tissue", colour="#8a5a48"),
         # The image plane stands on the array.
         area([(190, 312), (350, 312), (350, 118), (190, 118)], PLANE, opacity=0.14, edge=PLANE),
-        text(344, 186, "image", colour=PLANE, anchor="end"),
-        text(344, 203, "plane", colour=PLANE, anchor="end"),
+        text(344, 286, "image", colour=PLANE, anchor="end"),
+        text(344, 302, "plane", colour=PLANE, anchor="end"),
         # Probe, array, stage and axis.
         f'<rect x="96" y="306" width="330" height="60" rx="28" fill="#dfe4ea" stroke="{QUIET}"/>',
         f'<rect x="190" y="305" width="160" height="9" fill="{INK}"/>',
@@ -150,10 +150,10 @@ def main() -> None:
     """Write the picture."""
     title = "A probe turns about its axis below tissue; a laser lights a marker, which both cameras of an endoscope see"
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{title}" '
-        f'font-family="system-ui, Helvetica, Arial, sans-serif">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 {-ABOVE} {WIDTH} {HEIGHT}" role="img" '
+        f'aria-label="{title}" font-family="system-ui, Helvetica, Arial, sans-serif">'
     )
-    ground = f'<rect width="{WIDTH}" height="{HEIGHT}" rx="10" fill="white"/>'
+    ground = f'<rect y="{-ABOVE}" width="{WIDTH}" height="{HEIGHT}" rx="10" fill="white"/>'
     parts = [head, ground, *from_the_side(), *from_the_end(), "</svg>"]
     PICTURE.write_text("\n".join(parts) + "\n", encoding="utf-8")
 
