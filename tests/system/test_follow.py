@@ -118,6 +118,8 @@ def test_a_permit_that_is_over_needs_a_person(shell: Shell) -> None:
         (("--simulate", "--tip", "topic:/x"), "with --simulate there is a simulated tip"),
         (("--simulate", "--point", 1, 2, 3), "--point is for a rig of devices"),
         (("--simulate", "--tool-offset-mm", 1, 2, 3), "--tool-offset-mm is of a robot's tip"),
+        (("--simulate", "--tip-sigma-mm", 1), "--tip-sigma-mm is of a robot's tip"),
+        (("--simulate", "--tip", "simulated", "--tip-sigma-mm", 30), "--tip-sigma-mm is 30.0 mm, it must lie in"),
         (("--simulate", "--within-deg", 0.1), "--within-deg is 0.1 deg, it must lie in [0.2, 20] deg"),
         (("--simulate", "--speed-deg-s", 30), "speed_deg_s is 30 deg/s, this stage turns with at most 25 deg/s"),
         (("--registration", "x", "--rig", "examples/rigs/bench.toml"), "nothing to follow: name it by --spot, --tip"),

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 
+from markerseek.registration import SessionRecord
+from markerseek.rigs import read_rig_file
+from markerseek.rigs.rig import fingerprint
 from tests.emulated import emulation, ran
 from tests.faults.followed_runs import CAMERA_TO_TRUS, registration
+from tests.registration_sessions import BEGUN, registered
 from tests.unit.drivers.openigtlink_server import ImpoliteServer
 
 pytestmark = [pytest.mark.real_time, pytest.mark.long]
@@ -52,3 +58,33 @@ def test_a_tip_and_a_point_are_followed_in_the_dark(tmp_path: Path) -> None:
     assert high_deg == pytest.approx(TIP_DEG, abs=0.3)
     assert low_deg == pytest.approx(POINT_DEG, abs=0.3)
     assert pulses == 0
+
+
+def test_a_registration_whose_stage_was_turned_since_asks_for_a_spot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    plain = tmp_path / "registration.json"
+    report = registration(CAMERA_TO_TRUS).report
+    plain.write_bytes(msgspec.json.encode(report))
+    with emulation(tmp_path) as devices:
+        given = ["follow", "--rig", devices.rig, "--still-valid", "--arm", "--json", "--point", *camera_mm(POINT_DEG)]
+        first = ran(*given, "--registration", plain, "--seconds", 5)
+        assert first.returncode == 0, first.stderr
+        (place,) = (tmp_path / "data" / "markerseek" / "stages").glob("*.json")
+        since = json.loads(place.read_bytes())["since"]
+        title = next(line for line in first.stderr.splitlines() if "KDC101" in line)
+        done = {}
+        for name, stage_since in (("same", since), ("other", "2026-01-01T00:00:00.000+00:00")):
+            begun = structs.replace(
+                BEGUN, rig=fingerprint(read_rig_file(devices.rig)), description=title.strip(), stage_since=stage_since
+            )
+            with closing(SessionRecord.create(tmp_path / name, begun)) as record:
+                record.add(structs.replace(registered(4), report=report))
+            done[name] = ran(*given, "--registration", tmp_path / name, "--seconds", 3)
+        devices.end()
+    assert done["same"].returncode == 0, done["same"].stderr
+    assert done["other"].returncode == 2
+    said = " ".join(done["other"].stderr.split())
+    assert "does not hold until a spot has confirmed it: the stage did not stand where it was left" in said
+    assert "--spot" in said

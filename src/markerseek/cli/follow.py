@@ -192,6 +192,8 @@ def _report(run: FollowRun, ended: str) -> Report:
     ]
     if last is not None and last.confirmed:
         rows.append(("probe's image", last.confirmed))
+    if last is not None and last.not_counted:
+        rows.append(("errors that are not counted", "; ".join(last.not_counted)))
     if off:
         mean_deg = sum(off) / len(off)
         inside = sum(each <= last.within_deg for each in off) / len(off) if last is not None else 0.0

@@ -15,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import drivers, following, registration, rigs
+from markerseek.cli.follow_devices import held_registration, named_registration, say_errors
 from markerseek.cli.open_rig import arm_rig, open_rig, person, require_no_trace, simulated_settings
 from markerseek.cli.options import Arm, Trace
 from markerseek.cli.registering import SpotIsSet
@@ -48,6 +49,14 @@ class Followed:
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y Z", help="From the frame that the robot reports to the tip, in that frame."),
     ] = None
+    tip_sigma_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SIGMA",
+            help="What the tip is off by along each direction, the same in all messages, as a standard deviation in "
+            "mm: joints and links of the arm, its base frame, the tool's offset. Without it these are not counted.",
+        ),
+    ] = None
     point: Annotated[
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y Z", help="Turn to this point of the left camera's frame, in mm."),
@@ -65,6 +74,10 @@ class Followed:
             raise ConfigError("--spot, --tip, --point and --pixel each name what is followed; leave all but one out")
         if self.tool_offset_mm is not None and self.tip is None:
             raise ConfigError("--tool-offset-mm is of a robot's tip; add --tip, or leave it out")
+        if self.tip_sigma_mm is not None:
+            require_range("--tip-sigma-mm", self.tip_sigma_mm, low=0, high=following.LARGEST_SIGMA_MM, unit="mm")
+            if self.tip is None:
+                raise ConfigError("--tip-sigma-mm is of a robot's tip; add --tip, or leave it out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -352,7 +365,9 @@ def _simulated_session(place: FollowPlace, simulation: SceneOptions) -> _Simulat
         raise ConfigError(
             f"--error-mm is of a simulated registration, and {place.registration} names one; leave it out"
         )
-    known, folder = _known(place.registration)
+    named = named_registration(place.registration)
+    known = named.known
+    folder = named.session
     if folder is None or not known.simulated:
         raise ConfigError(
             f"--simulate: {place.registration} is no folder of a simulated session; name one, or leave it out"
@@ -423,7 +438,8 @@ def run_on_rig(
         raise ConfigError(f"options of a simulation, and {place.rig} is a rig; add --simulate, or leave them out")
     if not isinstance(rigs.read_rig_file(place.rig), drivers.BenchSettings):
         raise ConfigError(f"{place.rig} is a simulated rig; --simulate follows in a simulated room")
-    known, session = _known(place.registration)
+    named = named_registration(place.registration)
+    session = named.session
     _require_confirmed(followed, place)
     for name, needs_it in (("--spot", followed.spot), ("--pixel", followed.pixel is not None)):
         if needs_it and place.images is None:
@@ -435,30 +451,38 @@ def run_on_rig(
         if place.images is not None:
             seen = _seen(followed, place, rig, session, opened)
         source = seen.source
+        links = None
         if followed.tip is not None:
             offset_mm = followed.tool_offset_mm or (0.0, 0.0, 0.0)
             poses = drivers.open_poses(followed.tip, clock)
-            source = opened.enter_context(closing(following.RobotTip(poses, clock, offset_mm=offset_mm, on_note=note)))
+            tip = following.RobotTip(poses, clock, offset_mm=offset_mm, sigma_mm=followed.tip_sigma_mm, on_note=note)
+            source = opened.enter_context(closing(tip))
+            links = tip.links
+            say_errors(named.known, links)
         elif followed.point is not None:
             source = following.FixedPoint(clock, camera_mm=followed.point)
         assert source is not None  # noqa: S101  one of them is followed
+        held = opened.enter_context(
+            held_registration(named, rig, stereo=seen.stereo, lit=followed.spot, still_valid=place.still_valid)
+        )
         arm_rig(rig, file=place.rig, arm=place.arm, what="follow", as_json=as_json, asked_by=place.asked_by)
         follower = following.Follower(
             rig,
-            following.HeldRegistration(known, confirmed=place.still_valid),
+            held,
             source,
             plan=plan,
             by=person(),
             reach=following.probe_reach(rig),
             endoscope=seen.endoscope,
             is_set=SpotIsSet(session) if followed.spot else None,
+            links=links,
         )
         yield FollowRun(
             follower=follower,
             title=f"{rig.facts.description}: follows {source.name}",
             what=source.name,
             rig=rig.facts.description,
-            simulated=known.simulated,
+            simulated=named.known.simulated,
             look_on=_looking_on(session, seen.newest, clock.now_s),
             ends_s=None if place.seconds is None else clock.now_s() + place.seconds,
             hints={**_HINTS, **_DARK} if followed.spot and not plan.light_while_waiting else _HINTS,
@@ -471,7 +495,9 @@ class _Seen:
 
     source: following.TargetSource | following.LitSource | None = None
     """What is followed; None: the cameras do not show it."""
-    endoscope: Callable[[], registration.SeenEndoscope | None] | None = None
+    stereo: registration.StereoSettings | None = None
+    """Calibration of the cameras."""
+    endoscope: Callable[[], registration.SeenEndoscope | following.GoingOn | None] | None = None
     """Looks whether the endoscope has moved; None: it is held."""
     newest: Callable[[], StereoPair | None] = lambda: None
     """Newest pair, for those who look on."""
@@ -499,8 +525,10 @@ def _seen(followed: Followed, place: FollowPlace, rig: rigs.Rig, session: Path |
             left_px=followed.pixel,
             pointed=None if session is None else PointedAt(session),
         )
-    check = None if place.endoscope_held else following.EndoscopeCheck(stereo, dark, session).look
-    return _Seen(source=source, endoscope=check, newest=dark.newest)
+    check = None
+    if not place.endoscope_held:
+        check = opened.enter_context(following.EndoscopeCheck(stereo, dark, session)).glance
+    return _Seen(source=source, stereo=stereo, endoscope=check, newest=dark.newest)
 
 
 _HINTS: Mapping[following.Word, str] = MappingProxyType(
@@ -510,14 +538,3 @@ _DARK: Mapping[following.Word, str] = MappingProxyType(
     dict.fromkeys(following.BY_ITSELF, "press Enter once the spot is set; the laser is dark until then")
 )
 """What a person may do in a state, and what besides where a spot is looked for only when a person says so."""
-
-
-def _known(path: Path) -> tuple[registration.KnownRegistration, Path | None]:
-    """Return the registration at a path, and the folder of its session."""
-    folder = registration.session_folder(path)
-    if folder is None:
-        return registration.read_registration(path), None
-    view = registration.read_view(folder)
-    if view.registration is None:
-        raise ConfigError(f"{folder}: no registration holds: {view.reason}")
-    return view.registration, folder

@@ -18,6 +18,7 @@ from rich.markup import escape
 
 from markerseek import drivers, rigs
 from markerseek.cli.hung import watch_stop
+from markerseek.cli.stage_track import tracked
 from markerseek.cli.terminal import one_line, print_json, print_warning, printable, stderr
 from markerseek.core import USUAL_SEED, AnyPolicy, ConfigError, MarkerseekError, SceneOptions, SimulationOptions
 
@@ -62,7 +63,7 @@ def open_rig(
         settings = with_trace(settings, trace)
         # Before a run handles signals: a driver may hang while it is made, or while a person is asked.
         watch_stop()
-        with naming_trace(settings), rigs.bench(settings) as rig:
+        with naming_trace(settings), rigs.bench(settings) as opened, tracked(opened, settings) as rig:
             yield rig, rig.scanner.angle_deg
         return
     require_no_trace(trace)

@@ -313,6 +313,7 @@ def _begun(room: registration.Room, plan: registration.SessionPlan, *, seed: int
         target_trus_m=plan.target_trus_m,
         begun=datetime.now(UTC).isoformat(timespec="seconds"),
         seed=seed if isinstance(room, registration.SimulatedRoom) else None,
+        stage_since=room.rig.stage_since,
     )
 
 

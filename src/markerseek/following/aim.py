@@ -21,7 +21,7 @@ class Aim:
     at_s: float
     trus_m: Float64[np.ndarray, " 3"]
     covariance_m2: Float64[np.ndarray, "3 3"]
-    """Of the registration and of the target."""
+    """Of the registration and of the target, with what is the same at all times."""
     noise_m2: Float64[np.ndarray, "3 3"]
     """Of the target alone: what differs from one time to the next."""
     named: int | None = None
@@ -125,10 +125,11 @@ class HeldRegistration:
         camera_m = target.camera_m * (1 + depth_m / max(away_m, 1e-9))
         transform = self.transform
         noise_m2 = transform.rotation @ target.covariance_m2 @ transform.rotation.T
+        shared_m2 = np.zeros((3, 3)) if target.shared_m2 is None else target.shared_m2
         aim = Aim(
             at_s=target.at_s,
             trus_m=transform.apply(camera_m),
-            covariance_m2=noise_m2 + self.error_m2(camera_m),
+            covariance_m2=noise_m2 + transform.rotation @ shared_m2 @ transform.rotation.T + self.error_m2(camera_m),
             noise_m2=noise_m2,
             named=target.named,
         )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol, TypeAlias
 
+from markerseek._closing import Closing
 from markerseek.core import StereoImages, StereoPair
 from markerseek.registration import (
     EndoscopeNotKnown,
@@ -15,6 +17,9 @@ from markerseek.registration import (
     read_view,
     station_names,
 )
+
+GoingOn: TypeAlias = Literal["going on"]
+"""A look of which nothing is known yet."""
 
 
 class DarkPairs(Protocol):
@@ -53,7 +58,7 @@ class NewestPairs:
         return self._newest
 
 
-class EndoscopeCheck:
+class EndoscopeCheck(Closing):
     """Compares the newest pair without light with that of the last place where the endoscope stood in the session.
 
     ``session``: its folder; None: the pair of the first look, so that a move before it is not seen: the spot that
@@ -64,6 +69,8 @@ class EndoscopeCheck:
         self._watch = EndoscopeWatch(stereo.cameras)
         self._pairs = pairs
         self._since = ""
+        self._beside = ThreadPoolExecutor(max_workers=1, thread_name_prefix="endoscope")
+        self._going_on: Future[SeenEndoscope | None] | None = None
         if session is not None:
             stations = station_names(read_view(session).markers)
             name = next(reversed(stations.values()))
@@ -74,7 +81,27 @@ class EndoscopeCheck:
 
     def look(self) -> SeenEndoscope | None:
         """Return how the endoscope has moved; None if there is nothing to compare yet."""
-        pair = self._pairs.newest_dark()
+        return self._compare(self._pairs.newest_dark())
+
+    def glance(self) -> SeenEndoscope | GoingOn | None:
+        """Return what `look` does, once it is known: it is computed beside, so that a probe that turns is read in time.
+
+        Image pairs are taken here, in the thread that follows. To be closed then.
+        """
+        if self._going_on is None:
+            self._going_on = self._beside.submit(self._compare, self._pairs.newest_dark())
+        if not self._going_on.done():
+            return "going on"
+        seen = self._going_on.result()
+        self._going_on = None
+        return seen
+
+    def close(self) -> None:
+        """End the thread of `glance`; allowed twice."""
+        self._beside.shutdown(wait=True, cancel_futures=True)
+
+    def _compare(self, pair: StereoPair | None) -> SeenEndoscope | None:
+        """Compare a pair; None: no new one came."""
         if pair is None:
             if not self._since:
                 return None

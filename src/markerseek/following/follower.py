@@ -21,9 +21,10 @@ from markerseek.core import (
 )
 from markerseek.following.aim import Aim, HeldRegistration, ProbeReach
 from markerseek.following.confirmation import ASIDE_DEG, NotConfirmed, compare, confirm
+from markerseek.following.endoscope_check import GoingOn
 from markerseek.following.machine import STEP_DEG, Decision, FollowMachine
 from markerseek.following.plan import FollowPlan
-from markerseek.following.target import LitSource, Look, Target, TargetSource
+from markerseek.following.target import ErrorLinks, LitSource, Look, Target, TargetSource
 from markerseek.following.words import BY_A_PERSON, BY_ITSELF, Word
 from markerseek.registration import EndoscopeMotion, SeenEndoscope
 from markerseek.rigs import Rig
@@ -74,6 +75,10 @@ class FollowStep(msgspec.Struct, frozen=True, kw_only=True, tag="follow"):
     """The target in the frame of the left camera as it stands now; None: as of ``target_deg``."""
     refused: str = ""
     """Why the place that a person has named last is not followed; empty if it is."""
+    counted: tuple[str, ...] = ()
+    not_counted: tuple[str, ...] = ()
+    """``counted``, ``not_counted``: errors that ``sigma_deg`` holds beside that of the registration, and those that it
+    does not hold."""
 
 
 class Follower:
@@ -94,11 +99,14 @@ class Follower:
     reach
         What the probe can see; None: its search range, whatever the depth.
     endoscope
-        Looks whether the endoscope has moved since the registration; None: it is held.
+        Looks whether the endoscope has moved since the registration, also while the probe turns: it must not take long
+        then, and says "going on" until it knows; None: the endoscope is held.
     is_set
         Whether the person has said, since this was called last, that the spot is set; None: nobody says so.
     alive
         Whether the program that watches over this one is alive.
+    links
+        Errors that the targets of the source hold, for the steps.
     """
 
     def __init__(
@@ -110,9 +118,10 @@ class Follower:
         plan: FollowPlan,
         by: str,
         reach: ProbeReach,
-        endoscope: Callable[[], SeenEndoscope | None] | None = None,
+        endoscope: Callable[[], SeenEndoscope | GoingOn | None] | None = None,
         is_set: Callable[[], bool] | None = None,
         alive: Callable[[], bool] = lambda: True,
+        links: ErrorLinks | None = None,
     ) -> None:
         self._rig = rig
         self._scanner: Scanner = rig.scanner
@@ -125,6 +134,7 @@ class Follower:
         self._endoscope = endoscope
         self._is_set = is_set
         self._alive = alive
+        self._links = ErrorLinks(counted=()) if links is None else links
         self._machine = FollowMachine(
             plan,
             reach,
@@ -209,6 +219,7 @@ class Follower:
             except StopIteration as end:
                 self._angle_deg = float(end.value)
                 break
+            self._watch()
             self._listen()
             decision = self._decide(turning=True)
             try:
@@ -244,8 +255,10 @@ class Follower:
         now_s = self._clock.now_s()
         if self._endoscope is None or now_s - self._watched_s < WATCH_S:
             return
-        self._watched_s = now_s
         seen = self._endoscope()
+        if seen == "going on":
+            return
+        self._watched_s = now_s
         if seen is None:
             self._not_known = 0
             self._machine.doubt("")
@@ -365,4 +378,6 @@ class Follower:
             confirmed=self._confirmed,
             target_camera_m=None if aim is None else registration.transform.inverse().apply(aim.trus_m).tolist(),
             refused="" if self._target is None else getattr(self._target, "refused", ""),
+            counted=self._links.counted,
+            not_counted=self._links.not_counted,
         )

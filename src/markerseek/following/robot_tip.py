@@ -7,13 +7,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from markerseek.core import Clock, ConfigError, Float64, is_finite
+from markerseek.core import Clock, ConfigError, Float64, is_finite, require_range
 from markerseek.drivers import PoseReader
-from markerseek.following.target import Target
+from markerseek.following.target import ErrorLinks, Target
 
 TIP_SIGMA_M = 0.2e-3
-"""Standard deviation of a reported tip from one message to the next, along each direction. What its links are off by is
-the same in all messages, and not known here."""
+"""Standard deviation of a reported tip from one message to the next, along each direction. What the links of the arm
+are off by is the same in all messages, and known only where somebody states it."""
+
+LARGEST_SIGMA_MM = 20.0
+"""Largest standard deviation of an arm that is accepted: with more it points nowhere."""
 
 
 class RobotTip:
@@ -22,7 +25,9 @@ class RobotTip:
     A pose whose time stamp does not advance was sent again, and is not heard. The clocks may differ: a stamp counts
     from the message that came soonest after its own.
 
-    ``offset_mm``: from the frame that it reports to the tip, in that frame. ``on_note``: receives sentences for people.
+    ``offset_mm``: from the frame that it reports to the tip, in that frame. ``sigma_mm``: standard deviation of the tip
+    along each direction by what is the same in all messages: links of the arm, its base frame, the offset; None: nobody
+    states it. ``on_note``: receives sentences for people.
     """
 
     def __init__(
@@ -31,14 +36,18 @@ class RobotTip:
         clock: Clock,
         *,
         offset_mm: tuple[float, float, float],
+        sigma_mm: float | None = None,
         on_note: Callable[[str], None],
     ) -> None:
+        if sigma_mm is not None:
+            require_range("sigma_mm", sigma_mm, low=0, high=LARGEST_SIGMA_MM, unit="mm")
         if not all(is_finite(each) for each in offset_mm):
             raise ConfigError(f"tool_offset_mm is {offset_mm}, its coordinates must be finite")
         self.name = f"the tip by {poses.name}"
         self._poses = poses
         self._clock = clock
         self._offset_mm = np.array(offset_mm)
+        self._sigma_mm = sigma_mm
         self._on_note = on_note
         self._noted = False
         self._heard_s = clock.now_s()
@@ -57,7 +66,22 @@ class RobotTip:
         if pose.matrix is None:
             return None
         place_mm = pose.matrix[:3, :3] @ self._offset_mm + pose.matrix[:3, 3]
-        return Target(at_s=self._heard_s, camera_m=1e-3 * place_mm, covariance_m2=np.eye(3) * TIP_SIGMA_M**2)
+        sigma_m = 1e-3 * (self._sigma_mm or 0.0)
+        return Target(
+            at_s=self._heard_s,
+            camera_m=1e-3 * place_mm,
+            covariance_m2=np.eye(3) * TIP_SIGMA_M**2,
+            shared_m2=np.eye(3) * sigma_m**2,
+        )
+
+    @property
+    def links(self) -> ErrorLinks:
+        """Which links between the camera and the tip are in the uncertainty of a target."""
+        noise = f"the pose from one message to the next, ± {1e3 * TIP_SIGMA_M:g} mm"
+        arm = "the joints and links of the arm, its base frame, and the offset of the tool"
+        if self._sigma_mm is None:
+            return ErrorLinks(counted=(noise,), not_counted=(arm,))
+        return ErrorLinks(counted=(noise, f"{arm}: ± {self._sigma_mm:g} mm together, as it was stated"))
 
     def _is_new(self, stamp_s: float | None) -> bool:
         """Take the time of a pose; whether it is later than that of all before."""

@@ -26,14 +26,25 @@ class Target:
     named: int | None = None
     """Number of the place that a person named: it rests on the tissue, and another number is another place, no jump.
     None: a target that moves."""
+    shared_m2: Float64[np.ndarray, "3 3"] | None = None
+    """Its covariance there by errors that are the same at all times, as those of an arm; None: none are stated."""
 
     def __post_init__(self) -> None:
-        numbers = [self.at_s, *self.camera_m.tolist(), *self.covariance_m2.ravel().tolist()]
-        if not np.isfinite(numbers).all() or np.linalg.eigvalsh(self.covariance_m2)[0] < 0:
+        covariances_m2 = [self.covariance_m2, *([] if self.shared_m2 is None else [self.shared_m2])]
+        numbers = np.concatenate([[self.at_s], self.camera_m, *(each.ravel() for each in covariances_m2)])
+        if not np.isfinite(numbers).all() or min(np.linalg.eigvalsh(each)[0] for each in covariances_m2) < 0:
             raise ConfigError(
                 f"target: {self.camera_m.tolist()} m with covariance {self.covariance_m2.tolist()} m² at {self.at_s} s,"
                 " these must be finite numbers, and the covariance positive"
             )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorLinks:
+    """Which errors are in the uncertainty of a target, and which are not, in words with their numbers."""
+
+    counted: tuple[str, ...]
+    not_counted: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from scipy.optimize import brentq
@@ -36,7 +35,7 @@ class ErrorLength:
         covariances_m2: Float64[np.ndarray, "parts n n"],
         *,
         mean_m: Float64[np.ndarray, " n"] | None = None,
-    ) -> Self:
+    ) -> ErrorLength:
         """Return the distribution for parts with these covariances and one mean; None: a mean of zero.
 
         For a Gaussian vector of mean m and covariance C the mean of its squared length is m·m + tr C, and the variance

@@ -56,6 +56,8 @@ class Begun(msgspec.Struct, frozen=True, kw_only=True, tag="begun"):
     begun: str
     """When it began, UTC."""
     seed: int | None = None
+    stage_since: str = ""
+    """Since when its stage had always stood where it was left, UTC; empty: nobody kept it."""
     version: str = __version__
 
 

@@ -67,6 +67,8 @@ class Rig(Closing):
     """Settings of a rig of devices, as its rig file has them; None of any other rig."""
     checks: Mapping[str, tuple[RuleCheck, ...]] = field(default_factory=dict)
     """Rules that foreign drivers were tried by when they were opened, by part and driver."""
+    stage_since: str = ""
+    """Since when its stage has always stood where it was left, UTC; empty: nobody keeps it."""
     notes: tuple[str, ...] = ()
     """What was assumed, changed or left out when a recording was read, in sentences."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
 from markerseek.core import StereoPair
@@ -66,3 +68,25 @@ def test_cameras_that_send_nothing_more_show_nothing() -> None:
     seen = check.look()
     assert isinstance(seen, EndoscopeNotKnown)
     assert seen.reason == "no images come"
+
+
+def test_a_glance_is_computed_beside_and_says_the_same() -> None:
+    room = SimulatedRoom(SimulatedRoomSettings(textured=True, places_m=PLACES_M, moves=(MOVE,)), seed=3)
+    images = Given()
+    first, second = pairs_of(room, "1"), pairs_of(room, "2")
+    with EndoscopeCheck(room.stereo, NewestPairs(images), None) as check:
+        images.pairs = first
+        assert _awaited(check) is None
+        # A pair that comes while one is compared waits for the next glance.
+        images.pairs = second
+        seen = _awaited(check)
+        assert isinstance(seen, EndoscopeMotion)
+        assert seen.state == "moved"
+    check.close()
+
+
+def _awaited(check: EndoscopeCheck) -> object:
+    """Return what a glance says in the end."""
+    while (seen := check.glance()) == "going on":
+        threading.Event().wait(0.005)
+    return seen

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from markerseek.core import Clock, Float64
 from markerseek.following import Follower, FollowPlan, FollowStep, HeldRegistration, Look, ProbeReach, Target
+from markerseek.guard import State
+from markerseek.registration import EndoscopeNotKnown, SeenEndoscope
 from tests.faults.followed_runs import CAMERA_TO_TRUS, LIMITS, Room, draw_plan, open_room, registration
 
 ANGLE_DEG = 8.28
@@ -54,15 +58,23 @@ def room() -> Room:
     return made
 
 
-def steps(made: Room, source: Point | SlowSpot, *, until_s: float) -> list[FollowStep]:
+def steps(
+    made: Room,
+    source: Point | SlowSpot,
+    *,
+    until_s: float,
+    plan: FollowPlan | None = None,
+    endoscope: Callable[[], SeenEndoscope | Literal["going on"] | None] | None = None,
+) -> list[FollowStep]:
     """Steps of a run that follows for some seconds."""
     follower = Follower(
         made.rig,
         HeldRegistration(registration(CAMERA_TO_TRUS), confirmed=True),
         source,
-        plan=FollowPlan(),
+        plan=plan or FollowPlan(),
         by="a test",
         reach=ProbeReach(angles=LIMITS.search, lateral_m=20e-3, radius_m=(10e-3, 90e-3)),
+        endoscope=endoscope,
     )
     came: list[FollowStep] = []
     running = follower.steps()
@@ -100,3 +112,33 @@ def test_a_spot_whose_looks_take_long_is_not_lost() -> None:
     # Its source lies below it, along the sight.
     assert target_deg == pytest.approx(ANGLE_DEG, abs=0.2)
     assert came[-1].probe_deg == pytest.approx(target_deg, abs=0.05)
+
+
+def test_an_endoscope_that_is_not_known_while_the_probe_turns_ends_the_turn() -> None:
+    made = room()
+    states = []
+
+    def hidden() -> EndoscopeNotKnown | None:
+        states.append(made.rig.scanner.guard.state)
+        return EndoscopeNotKnown(after="4", reason="the scene is hidden") if made.clock.now_s() > 0.6 else None
+
+    came = steps(made, Point(made.clock, camera_m()), until_s=6.0, plan=FollowPlan(speed_deg_s=2.0), endoscope=hidden)
+    assert State.TURNING in states
+    assert came[-1].word == "endoscope"
+    assert came[-1].davinci_to_trus is None
+    # The first turn alone is of 4.5 deg, and takes 2.3 s: two looks, half a second apart, have broken it off.
+    assert 0.5 < came[-1].probe_deg < 3.0
+
+
+def test_a_look_that_goes_on_is_asked_for_again_soon() -> None:
+    made = room()
+    asked = []
+
+    def slow() -> Literal["going on"] | None:
+        asked.append(made.clock.now_s())
+        return None if len(asked) % 4 == 0 else "going on"
+
+    steps(made, Point(made.clock, camera_m()), until_s=3.0, endoscope=slow)
+    apart_s = np.diff(asked)
+    assert apart_s[:2].max() < 0.2
+    assert apart_s[3] >= 0.5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,9 +14,18 @@ from scipy.spatial.transform import Rotation
 from markerseek.core import ConfigError
 from markerseek.drivers import open_poses
 from markerseek.drivers.poses import Pose, pose_matrix
-from markerseek.following import FixedPoint, FollowedRoom, FollowPlan, RobotTip, SimulatedSpot, TargetPath
+from markerseek.following import (
+    FixedPoint,
+    FollowedRoom,
+    FollowPlan,
+    HeldRegistration,
+    RobotTip,
+    SimulatedSpot,
+    TargetPath,
+)
 from markerseek.registration import SimulatedRoomSettings
 from markerseek.sim import STREAMING, VirtualClock
+from tests.faults.followed_runs import CAMERA_TO_TRUS, registration
 
 
 class Poses:
@@ -55,6 +65,30 @@ def test_the_tip_is_the_offset_in_the_reported_frame() -> None:
     assert target is not None
     assert 1e3 * target.camera_m == pytest.approx([11.0, 2.0, 100.0])
     assert target.at_s == tip.heard_s == 3.0
+
+
+def test_what_the_arm_is_off_by_counts_where_it_is_stated_and_is_said_where_it_is_not() -> None:
+    poses = Poses()
+    clock = VirtualClock()
+    poses.next = Pose(matrix=np.eye(4), stamp_s=None)
+    plain, _ = tip_of(poses, clock)
+    stated = RobotTip(poses, clock, offset_mm=(0.0, 0.0, 0.0), sigma_mm=1.5, on_note=lambda _said: None)
+    (arm,) = plain.links.not_counted
+    assert "base frame" in arm
+    assert stated.links.not_counted == ()
+    assert "± 1.5 mm" in stated.links.counted[-1]
+    target = stated.newest()
+    assert target is not None
+    assert target.shared_m2 == pytest.approx(np.eye(3) * 1.5e-3**2)
+    held = HeldRegistration(registration(CAMERA_TO_TRUS), confirmed=True)
+    far = replace(target, camera_m=CAMERA_TO_TRUS.inverse().apply(np.array([0.0, 0.0, 0.06])))
+    with_arm, without = held.aim(far), held.aim(replace(far, shared_m2=None))
+    # An angle of 1.5 mm at 60 mm from the axis more; from one time to the next nothing more.
+    more_deg = math.degrees(1.5 / 60)
+    assert with_arm.sigma_deg == pytest.approx(math.hypot(without.sigma_deg, more_deg))
+    assert (with_arm.noise_m2 == without.noise_m2).all()
+    with pytest.raises(ConfigError, match=r"sigma_mm is 21 mm, it must lie in \[0, 20\] mm"):
+        RobotTip(poses, clock, offset_mm=(0.0, 0.0, 0.0), sigma_mm=21, on_note=lambda _said: None)
 
 
 def test_a_pose_that_is_not_valid_was_heard_and_a_silent_link_was_not() -> None:
