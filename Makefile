@@ -123,6 +123,7 @@ figures: .venv/dev  ## draw the pictures of README, map and gallery
 	$(BIN)/python docs/developers/draw_map.py
 	$(BIN)/python docs/figures/draw_situation.py
 	$(BIN)/python docs/figures/draw_page.py
+	$(BIN)/python docs/figures/draw_follow.py
 	$(BIN)/python docs/explanation/draw_steps.py
 	$(BIN)/python docs/gallery/draw.py
 

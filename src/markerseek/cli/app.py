@@ -164,7 +164,16 @@ PANELS = {
         *("--wait-s", "--idle-s", "--light-while-waiting", "--hold"),
     ),
     "Sessions that are kept": ("--list", "--report"),
-    "Target": ("--tip", "--tool-offset-mm", "--tip-sigma-mm", "--spot", "--pulses", "--looks-per-second", "--point"),
+    "Target": (
+        "--tip",
+        "--tool-offset-mm",
+        "--tip-sigma-mm",
+        "--spot",
+        "--pulses",
+        "--looks-per-second",
+        "--point",
+        "--pixel",
+    ),
     "Following": ("--within-deg", "--speed-deg-s", "--rest-s", "--minutes", "--still-valid", "--igtl-port"),
     "Points": ("--target-mm", "--without", "--spot-depth-mm"),
     "Arrays and sequences": (
