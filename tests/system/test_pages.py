@@ -172,6 +172,24 @@ def test_a_page_hides_nothing_of_the_site_in_braces() -> None:
         assert set(directives) <= ({"toctree"} if page.name == "index.md" else set()), page.name
 
 
+def test_the_messages_that_the_questions_quote_are_those_of_the_program() -> None:
+    text = (DOCS / "how-to" / "questions.md").read_text(encoding="utf-8")
+    sources = [path.read_text(encoding="utf-8") for path in sorted((ROOT / "src" / "markerseek").rglob("*.py"))]
+    # Strings over several lines are one, and what stands in braces may be anything.
+    said = re.sub(r"\{[^{}]*\}", "…", re.sub(r'"\s*\n\s*f?"', "", "\n".join(sources)))
+    tables = re.findall(r"^\| what you see \|.*\n\|---\|---\|\n((?:\|.*\n)+)", text, re.MULTILINE)
+    quoted = [row.split("|")[1].strip().replace("`", "") for table in tables for row in table.splitlines()]
+    assert len(quoted) > 15
+    for message in quoted:
+        if message in ("nothing of this", "FAULT") or "exit code" in message:
+            continue
+        words = [part.split() for part in re.split(r"…|\d[\d.]*(?: ± \d+)?(?: m?s\b)?", message)]
+        parts = [part for part in words if len(part) > 1]
+        assert parts, message
+        for part in parts:
+            assert any(" ".join(some) in said for some in (part, part[-4:], part[:4])), f"{message}: {part}"
+
+
 PRINTED = re.compile(
     r"± ?\d|\d (deg|mm|px|frames|acquisitions|pulses|searches|angles)\b"
     r"|^(answer|registered|not registered|truth|tip found|picture:|recording:|written:|summary:|scan:|states) ?"
