@@ -49,6 +49,9 @@ def test_every_link_of_a_page_leads_somewhere(page: Path) -> None:
         path, _, anchor = address.partition("#")
         target = (folder / path).resolve() if path else page
         assert target.exists(), address
+        # The site has no other pages than those of docs, and the README in the place of its index.
+        on_site = DOCS in target.parents or target.suffix != ".md" or page.name == "index.md"
+        assert on_site or DOCS not in page.parents, f"{address}: name this file without a link"
         assert not anchor or anchor in anchors(target), address
 
 
