@@ -78,6 +78,7 @@ def test_a_child_that_is_stopped_while_python_starts_is_no_fault_and_prints_no_t
     after_s: float, capfd: pytest.CaptureFixture[str]
 ) -> None:
     child = ChildRun(["search", "--seed", "1", "--no-journal"])
+    # At any moment of the start.
     time.sleep(after_s)
     child.stop()
     outcome = child.outcome()

@@ -271,6 +271,7 @@ def test_a_child_that_is_killed_at_any_moment_loses_nothing_and_is_continued_wit
         child = ChildRun([*SEARCH, "--journal", str(journal)], journal=journal)
         seen = with_images(child.items(), handed=child.images)
         shown = [each for _, each in zip(range(items), seen, strict=False)]
+        # At any moment.
         time.sleep(more_s)
         child.kill()
         shown += seen

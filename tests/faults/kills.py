@@ -75,6 +75,7 @@ def killed(events: Callable[[], Iterable[JournalEvent]], chance: random.Random, 
     with os.fdopen(read_fd, "rb", buffering=0) as pipe:
         while acknowledged < wanted and (byte := pipe.read(1)):
             acknowledged += len(byte)
+        # At any moment of the next event.
         time.sleep(chance.uniform(0, 0.03))
         os.kill(child, signal.SIGKILL)
         acknowledged += len(pipe.read())

@@ -64,6 +64,7 @@ def test_a_sweep_is_stopped_by_a_command(tmp_path) -> None:
                     # Since power-up; it sends no more triggers.
                     settings = LaserBoxSettings(port="", answer_s=5.0)
                     fired = LaserBox(port=laser, clock=SystemClock(), settings=settings)._seen
+                # It does not creep on.
                 time.sleep(0.5)
                 assert angle_deg(line) == rest_deg
             assert -35 < rest_deg < 20

@@ -48,6 +48,7 @@ def main(left: str, right: str, encoding: str, reliability: str, columns: str, o
         now_s = time.time()
         for publisher, later_s in zip(publishers, (float(offset_s), 0.0), strict=True):
             publisher.publish(message(encoding, number % 200 + 20, int(columns), now_s + later_s))
+        # The frame rate of a camera.
         time.sleep(1 / 30)
 
 

@@ -6,13 +6,13 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.ros2.ros_processes import MARKERSEEK, Start, answer_of, sockets_of
+from tests.waiting import wait_until
 
 pytest.importorskip("rclpy", reason="needs ROS 2; run by: make ros2")
 
@@ -90,9 +90,10 @@ def test_a_rig_whose_nodes_are_killed_ends_the_search_and_serves_the_next_when_s
         text=True,
         stdin=subprocess.DEVNULL,
     )
-    while not (events.exists() and b'"kind":"measured"' in events.read_bytes()):
-        assert search.poll() is None, search.communicate()[0]
-        time.sleep(0.05)
+    wait_until(
+        lambda: (events.exists() and b'"kind":"measured"' in events.read_bytes()) or search.poll() is not None,
+    )
+    assert search.poll() is None, search.communicate()[0]
     nodes.send_signal(signal.SIGKILL)
     answer = json.loads(search.communicate(timeout=200)[0])
     assert search.returncode == 1

@@ -131,7 +131,8 @@ def test_nothing_is_fired_unarmed_and_ctrl_c_stops_and_releases_everything(shell
         )
         last = devices.rig.parent / "daq" / "CH127.daq"
         wait_until(lambda: last.exists() or process.poll() is not None)
-        time.sleep(0.7)  # into the second move or acquisition
+        # Into the second move or acquisition.
+        time.sleep(0.7)
         process.send_signal(signal.SIGINT)
         _, printed = process.communicate(timeout=60)
         assert process.returncode == 130, printed

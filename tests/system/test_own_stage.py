@@ -106,6 +106,7 @@ def test_a_search_that_is_killed_leaves_the_stage_stopped_on_its_way(lab: Path) 
         )
         try:
             wait_until(lambda: "goes to" in printed.read_text())
+            # It turns for a second.
             time.sleep(1.0)
         finally:
             process.kill()

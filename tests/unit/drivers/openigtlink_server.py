@@ -59,7 +59,7 @@ class ImpoliteServer:
     def send_image(self, device: str, later_s: float, **fields: str) -> None:
         """Send an image of now, and its fields where its version has room for them."""
         wait_until(lambda: self._client is not None)
-        # The request of the client is on its way.
+        # The request of the client, which not each of them sends, may be on its way.
         time.sleep(2 * _PERIOD_S)
         image = pyigtl.ImageMessage(np.ones((1, 2, 2), np.int16), device_name=device, timestamp=time.time() + later_s)
         self._send(image, fields)

@@ -78,8 +78,7 @@ def test_every_pair_comes_once_in_order_and_whole(
         with written(folders, manner, 30) as process:
             found = pairs_of(source, until=lambda pairs: len(pairs) >= len(values), limit_s=30)
             times_s = [float(line) for line in process.stdout]
-        time.sleep(0.3)
-        assert source.newest() == []
+        assert pairs_of(source, until=bool, limit_s=0.3) == []
     # JPEG is not exact.
     lefts = [int(pair.left.min()) for pair in found]
     assert lefts == list(values)
@@ -125,6 +124,7 @@ def test_where_reading_is_too_slow_whole_pairs_are_left_out_and_the_rates_are_sa
     decoded = folder_images.decoded_image
 
     def slowly(data: bytes) -> np.ndarray | None:
+        # A slow decoder.
         time.sleep(takes_s)
         return decoded(data)
 
@@ -224,6 +224,7 @@ def test_a_folder_that_is_gone_is_an_error_and_one_that_comes_back_goes_on(
     folders[0].mkdir()
     for folder in folders:
         (folder / "1.png").write_bytes(encoded(3))
+    # The source looks at the folder again; until then it raises the error.
     time.sleep(0.3)
     assert len(pairs_of(source, until=bool, limit_s=5)) == 1
 
@@ -237,6 +238,7 @@ def test_images_of_before_stay_so_where_a_network_drive_was_away(folders: tuple[
         for folder in folders:
             folder.rename(tmp_path / f"drive {folder.name}")
             folder.mkdir()
+        # The source looks at the empty folders meanwhile.
         time.sleep(0.3)
         for folder in folders:
             folder.rmdir()

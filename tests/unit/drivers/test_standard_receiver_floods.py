@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
 import threading
@@ -44,7 +45,8 @@ class Flood:
 
     def start(self) -> None:
         self._thread.start()
-        time.sleep(0.05)
+        # Until the receiver has something to read.
+        assert select.select([self.connection], [], [], 10)[0]
 
     def _run(self) -> None:
         try:

@@ -93,6 +93,7 @@ def address() -> Iterator[str]:
 
 def test_a_camera_gives_new_images_and_its_silence_is_an_error(address: str) -> None:
     with open_stereo_images(f"{address}/left.mjpg {address}/right.mjpg", left=CAMERA, right=CAMERA) as source:
+        # Nobody asks for images meanwhile.
         time.sleep(1.0)
         first = source.newest()
         found, problem = until_it_ends(source, limit_s=15)

@@ -132,14 +132,6 @@ def test_an_open_permit_does_not_outlive_the_state(end: Callable[[Guard], None])
     assert made.state is State.FAULT
 
 
-@pytest.mark.parametrize("angle_deg", [35.1, -35.1, math.nan, math.inf])
-def test_an_angle_outside_the_search_moves_nothing(angle_deg: float) -> None:
-    made = guard()
-    with pytest.raises(LimitError, match="outside the search range"):
-        made.begin_move(angle_deg)
-    assert made.state is State.ARMED
-
-
 @pytest.mark.parametrize("readback_deg", [36.6, -36.6, math.nan])
 @pytest.mark.parametrize("read", [Guard.readback, Guard.end_move])
 def test_a_readback_outside_the_travel_is_a_fault(read: Callable[[Guard, float], object], readback_deg: float) -> None:

@@ -56,15 +56,6 @@ def not_open(token: str) -> str:
     return f"the permit {token!r} is not open: used, voided or never issued; nothing was fired"
 
 
-def test_a_permit_is_good_once() -> None:
-    permits = Permits(FiringLimits())
-    permit = permits.issue(angle_deg=0.0, pulses=16, now_s=0.0)
-    permits.redeem(permit, now_s=0.0)
-    with pytest.raises(LaserError) as refusal:
-        permits.redeem(permit, now_s=0.0)
-    assert str(refusal.value) == not_open("permit-1")
-
-
 def test_a_permit_that_was_replaced_voided_or_altered_is_void() -> None:
     permits = Permits(FiringLimits())
     first = permits.issue(angle_deg=0.0, pulses=16, now_s=0.0)

@@ -17,8 +17,7 @@ from markerseek.core import USUAL_SOUND_SPEED_M_S, Reading, Sample
 from markerseek.search.curve import KNEES, log_curve
 from markerseek.search.posterior.arrival import _bending, _spline, off_plane, student_log_likelihood
 from markerseek.search.posterior.arrival import log_likelihood as log_moments
-from markerseek.search.posterior.grid import Grid
-from markerseek.search.posterior.inference import (
+from markerseek.search.posterior.asymmetry import (
     NOISE_SIGMA,
     POINT_SIGMA,
     SHIFT_M,
@@ -28,6 +27,7 @@ from markerseek.search.posterior.inference import (
     shift_scale_m,
     shifted_density,
 )
+from markerseek.search.posterior.grid import Grid
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from markerseek.core import ByHand, Interval
-from markerseek.search.posterior.inference import AnglePosterior
+from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.next_angle import (
     DETECTION_TRAVEL_DEG,
     MIN_APART_DEG,

@@ -15,8 +15,9 @@ from scipy.stats import multivariate_normal
 from markerseek.core import PAPER_RANGE, Floor, Interval, Reading, Sample, SweepTiming
 from markerseek.search.floor import SearchNoise
 from markerseek.search.posterior import energy_spread
+from markerseek.search.posterior.centre import refine
 from markerseek.search.posterior.grid import ERRORS, LEVELS
-from markerseek.search.posterior.inference import Inference, refine
+from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.likelihood import (
     OUTLIER_RANGE,
     OUTLIER_SHARE,

@@ -27,7 +27,7 @@ from markerseek.core import (
 )
 from markerseek.search import build, most_acquisitions
 from markerseek.search.posterior import Posterior
-from markerseek.search.posterior.inference import AnglePosterior
+from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.survey import WRONG, ExpectedAngle, survey_angles_deg
 from tests.unit.search.posterior.test_sources import arrival, sample
 
