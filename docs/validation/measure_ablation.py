@@ -39,7 +39,7 @@ FUNCTIONS: dict[str, tuple[str, object]] = {
     "a source not resolved yet comes first (`unresolved_rival`)": ("answer.unresolved_rival", None),
     "a top hidden in a gap (`missed_peak_deg`)": ("answer.missed_peak_deg", None),
     "a sample stronger than one nearer to the answer (`asymmetric_sample`)": ("answer.asymmetric_sample", None),
-    "the dip between two humps (`dip_deg`)": ("answer.dip_deg", None),
+    "the dip between two peaks (`dip_deg`)": ("answer.dip_deg", None),
     "the predictive check (`predictive_check`)": ("answer.predictive_check", None),
     "bursts (`is_burst`)": ("answer.is_burst", False),
     "flat background (`is_background`)": ("answer.is_background", False),
@@ -95,7 +95,7 @@ HEIGHTS: dict[str, dict[str, object]] = {
     f"the energy in the image: {name}": {READER + "focused_coherence": by.coherence, READER + "spot_energy": by.energy}
     for name, by in (("that over the channels", Channels(1.0)), ("the mean of both", Channels(0.5)))
 }
-HEIGHTS["the energy of a spot: its peak"] = {HERE + "inference.with_energies": lambda samples: (samples, None)}
+HEIGHTS["the energy of a spot: its peak"] = {HERE + "centre.with_energies": lambda samples: (samples, None)}
 METER: dict[str, dict[str, object]] = {"the meter": {"markerseek.scan.scanner.per_energy": lambda reading, _: reading}}
 # By study: parts, how many times as many searches, every which cell: one energy of four is steady, and has a meter.
 GROUPS = {

@@ -49,7 +49,8 @@ from markerseek.search.evidence import (
     with_half_width,
 )
 from markerseek.search.floor import MAX_CELLS, SearchNoise, above_background, noise_above_background
-from markerseek.search.posterior.inference import AnglePosterior, Inference, modes_deg
+from markerseek.search.posterior.angle_posterior import AnglePosterior, modes_deg
+from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.likelihood import FAR_TAIL, FAR_TAIL_ERROR, displaced_sigma_deg, radius_m
 from markerseek.search.posterior.sources import (
     BESIDE_DEG,

@@ -18,7 +18,8 @@ from scipy.special import ndtr
 from markerseek._compiled import compiled
 from markerseek.core import PAPER_RANGE, ByHand, Float64, Int64, Interval, Reading, Sample
 from markerseek.search.floor import noise_of
-from markerseek.search.posterior.inference import AnglePosterior, Inference
+from markerseek.search.posterior.angle_posterior import AnglePosterior
+from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.likelihood import FAR_TAIL_ERROR
 from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (

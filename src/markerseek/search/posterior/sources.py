@@ -20,7 +20,7 @@ from markerseek.core import Arrival, Float64, Interval, OtherSource, Reading, Sa
 from markerseek.search.background import FLAT_SHARE
 from markerseek.search.evidence import KNOWN_SIGMA_DEG
 from markerseek.search.floor import FEWEST_CELLS, SearchNoise, noise_factor
-from markerseek.search.posterior.inference import AnglePosterior
+from markerseek.search.posterior.angle_posterior import AnglePosterior
 
 POINT_M = 1.5e-3
 """Largest distance between arrivals of one point along the array, in metres."""

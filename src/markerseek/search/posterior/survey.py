@@ -34,7 +34,7 @@ from scipy.special import ndtr
 
 from markerseek.core import AnglePrior, Float64, Interval, MarkerCurve, Sample
 from markerseek.search.floor import SearchNoise
-from markerseek.search.posterior.inference import AnglePosterior
+from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.shapes import STEP_DEG, WIDTHS_DEG, family
 from markerseek.search.posterior.sources import BESIDE_DEG, RIVAL_DB, Candidate, suspect_level
 
