@@ -65,7 +65,7 @@ class Outcome:
 
     @classmethod
     def of(cls, exit_code: int, text: bytes) -> Self:
-        """How a command ended that printed a text."""
+        """Return how a command ended that printed a text."""
         try:
             answer = msgspec.json.decode(text)
         except (msgspec.MsgspecError, ValueError, RecursionError):
@@ -166,14 +166,16 @@ class ChildRun:
             os.close(beats)
 
     def items(self) -> Iterator[JournalItem]:
-        """Configuration and entries, each as it is written; waits for the next, and sends the heartbeat meanwhile.
+        """Return the configuration and entries, as each is written.
+
+        Waits for the next, and sends the heartbeat meanwhile.
 
         Of a run that is continued, all its entries from the first. Raises `RecordError` if the file is damaged.
         """
         return self.beating(follow_journal(self._journal, is_over=lambda: not self.running, wait=self.wait))
 
     def beating(self, items: Iterable[_Item]) -> Iterator[_Item]:
-        """The items of what is followed by `wait`, with the heartbeat also where one comes after the other."""
+        """Yield the items of what is followed by `wait`, with the heartbeat also where one comes after the other."""
         for item in items:
             self._beat()
             yield item
@@ -226,7 +228,7 @@ class ChildRun:
         return self._process.pid
 
     def outcome(self) -> Outcome:
-        """How it ended; waits for its end, and sends the heartbeat meanwhile."""
+        """Return how it ended; waits for its end, and sends the heartbeat meanwhile."""
         code = self._process.poll()
         while code is None:
             self._beat()
@@ -339,12 +341,12 @@ class SearchOptions:
     """Real seconds per virtual second of a simulated rig."""
 
     def arguments(self) -> list[str]:
-        """Options of ``markerseek search``."""
+        """Return the options of ``markerseek search``."""
         options = [] if self.rig is None else [f"--rig={self.rig}"]
         return [*options, f"--pace={self.pace}"] if self.pace else options
 
     def new_journal(self, *, method: str) -> Path | None:
-        """Journal of a new search, in the data folder; None if that takes none, and the rig is simulated.
+        """Return the journal of a new search, in the data folder; None if that takes none, and the rig is simulated.
 
         Raises `SearchError` for a rig of devices: exposure of tissue without a record must be asked for.
         """

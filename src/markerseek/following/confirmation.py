@@ -104,12 +104,12 @@ def compare(sample: Sample, aim: Aim, *, face_radius_m: float, spot: SpotToSourc
 def _sigma(
     covariance_m2: Float64[np.ndarray, "3 3"], along: Float64[np.ndarray, " 3"], read_m: float, spot: SpotToSource
 ) -> float:
-    """Standard deviation of a difference along a direction; ``read_m``: of the reading."""
+    """Return the standard deviation of a difference along a direction; ``read_m``: of the reading."""
     return math.sqrt(float(along @ covariance_m2 @ along) + read_m**2 + spot.offset_sigma_m**2)
 
 
 def shows_source(reading: Reading) -> bool:
-    """Whether a frame shows more than noise alone."""
+    """Return whether a frame shows more than noise alone."""
     sigma = reading.noise_sigma
     if not sigma or not reading.cells:
         return reading.intensity > 0
@@ -177,7 +177,9 @@ def confirm(
 
 
 def intensity_vertex(samples: tuple[Sample, Sample, Sample]) -> tuple[float, float] | None:
-    """Angle of the largest intensity by (2), and its standard deviation; None if there is no maximum among the three.
+    """Return the angle of the largest intensity by (2), and its standard deviation.
+
+    None if there is no maximum among the three.
 
     A source farther off than the frames to both sides is none here.
     """

@@ -163,7 +163,7 @@ class FollowMachine:
         self._heard_s = now_s
 
     def decide(self, now_s: float, *, probe_deg: float, turning: bool = False) -> Decision:
-        """Decide what is to be done; ``turning``: the probe turns, so that a lit target cannot be seen."""
+        """Return the decide what is to be done; ``turning``: the probe turns, so that a lit target cannot be seen."""
         if not now_s <= self._ends_s:
             self.hold("expired", f"the permit of {self._plan.minutes:g} min is over; a person must renew it")
         if self._held is not None:
@@ -222,7 +222,7 @@ class FollowMachine:
         return None if objection is None else ("out of reach", objection)
 
     def _within(self, aim: Aim, now_s: float, *, probe_deg: float, turning: bool) -> Decision:
-        """Decide whether to turn to a target that is followed."""
+        """Return the decide whether to turn to a target that is followed."""
         off_deg = aim.angle_deg - probe_deg
         speed_deg_s = self._speed_deg_s
         band_deg = max(self._plan.within_deg, aim.sigma_deg)
@@ -253,7 +253,7 @@ class FollowMachine:
         return Decision(word="turning", said=f"turns, the target is {where}", turn_to_deg=probe_deg + way_deg)
 
     def _turn_s(self, way_deg: float) -> float:
-        """Time of a turn from rest to rest, which is known once it was read."""
+        """Return the time of a turn from rest to rest, which is known once it was read."""
         way_s = rest_to_rest_s(
             way_deg, speed_deg_s=self._plan.speed_deg_s, acceleration_deg_s2=self._acceleration_deg_s2
         )

@@ -99,7 +99,7 @@ class PointedPlace:
         """What is followed, in words."""
 
     def newest(self) -> Target:
-        """The place, also where nothing new was named."""
+        """Return the place, also where nothing new was named."""
         pixel = None if self._pointed is None else self._pointed()
         if pixel is not None:
             self._point_at(pixel)

@@ -54,7 +54,7 @@ class TargetPath:
         require_range("simulated target: speed_m_s", self.speed_m_s, low=1e-5, high=1.0, unit="m/s")
 
     def way_m(self, at_s: float) -> float | None:
-        """Way from the middle at a time; None while the target is gone."""
+        """Return the way from the middle at a time; None while the target is gone."""
         at_s = max(at_s - self.begins_s, 0.0)
         match self.motion:
             case "still":
@@ -84,14 +84,14 @@ class FollowedRoom(SimulatedRoom):
         self._shown_m: float | None = None
 
     def target_m(self, at_s: float) -> Float64[np.ndarray, " 3"] | None:
-        """True place of the target in the frame of the camera; None while it is gone."""
+        """Return the true place of the target in the frame of the camera; None while it is gone."""
         way_m = self.path.way_m(at_s)
         if way_m is None:
             return None
         return self.true.inverse().apply(self._on_tissue_m(way_m) + self._moved_m(at_s))
 
     def angle_deg(self, at_s: float) -> float | None:
-        """True angle of the probe whose image plane holds the target; None while it is gone."""
+        """Return the true angle of the probe whose image plane holds the target; None while it is gone."""
         way_m = self.path.way_m(at_s)
         if way_m is None:
             return None
@@ -99,12 +99,15 @@ class FollowedRoom(SimulatedRoom):
         return math.degrees(math.atan2(x, z))
 
     def angle_at_deg(self, left_px: tuple[float, float]) -> float:
-        """True angle of the probe whose image plane holds what the left image shows at a pixel; errors as below."""
+        """Return the true angle of the probe whose image plane holds what the left image shows at a pixel.
+
+        Errors as below.
+        """
         x, _, z = self.true.apply(self.place_at_m(left_px))
         return math.degrees(math.atan2(x, z))
 
     def place_at_m(self, left_px: tuple[float, float]) -> Float64[np.ndarray, " 3"]:
-        """True place, in the frame of the camera, of what the left image shows at a pixel (x, y).
+        """Return the true place, in the frame of the camera, of what the left image shows at a pixel (x, y).
 
         Raises `ConfigError` where the tissue has no texture.
         """
@@ -125,7 +128,7 @@ class FollowedRoom(SimulatedRoom):
         return np.array([x_m, 0.0, height_m])
 
     def _moved_m(self, at_s: float) -> Float64[np.ndarray, " 3"]:
-        """How far the tissue has moved."""
+        """Return how far the tissue has moved."""
         return np.asarray(self._movable.world.motion.displacement_m(np.array([at_s]))[0])
 
     def shine(self) -> None:
@@ -144,11 +147,11 @@ class FollowedRoom(SimulatedRoom):
         self.rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
 
     def tip(self) -> SimulatedTip:
-        """The target as the tip of an instrument, which a robot reports."""
+        """Return the target as the tip of an instrument, which a robot reports."""
         return SimulatedTip(self, self._noise)
 
     def registration(self, *, error_m: float = REGISTRATION_M) -> KnownRegistration:
-        """A registration of this room whose error is drawn; ``error_m``: its root mean square length."""
+        """Return a registration of this room whose error is drawn; ``error_m``: its root mean square length."""
         require_range("simulated registration: error_m", error_m, low=0, high=20e-3, unit="m")
         true = self.true
         places_m = np.array([self._on_tissue_m(way_m) for way_m in (-0.02, -0.01, 0.01, 0.02)])
@@ -184,7 +187,7 @@ class SimulatedTip:
         self._rng = rng
 
     def newest(self) -> Target | None:
-        """Where the robot reports it now."""
+        """Return where the robot reports it now."""
         now_s = self._room.rig.scanner.clock.now_s()
         place_m = self._room.target_m(now_s)
         if place_m is None:

@@ -61,11 +61,14 @@ class SpotSource:
         return Look(target=target, sample=sample)
 
     def newest_dark(self) -> StereoPair | None:
-        """Newest pair with the laser off; the same again until the next look."""
+        """Return the newest pair with the laser off; the same again until the next look."""
         return self._dark[-1] if self._dark else None
 
     def newest(self) -> StereoPair | None:
-        """Newest pair, for those who look on: the last with light while it looks for the spot; None: there was none."""
+        """Return the newest pair, for those who look on: the last with light while it looks for the spot.
+
+        None: there was none.
+        """
         if self._room.rig.scanner.clock.now_s() - self._looked_s > LATE_S and (pairs := self._room.images.newest()):
             _, unlit = lit_pairs(pairs, self._dark)
             self._dark = [*self._dark, *unlit][-DARK_PAIRS:]

@@ -1,4 +1,4 @@
-"""How a follower stands, a word each, and what ends what holds the probe."""
+"""The states of a follower, one word each, and what ends those in which the probe stays where it is."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Word: TypeAlias = Literal[
     "expired",
     "fault",
 ]
-"""How it stands: inside the range, or turning, resting between turns or waiting for a target that is back; else why the
-probe stays."""
+"""State of a follower: the target is in the range, or the probe turns, rests between turns or waits for a target that
+is back; else why the probe stays where it is."""
 
 BY_ITSELF: frozenset[Word] = frozenset({"out of reach", "lost", "jumped", "stale"})
-"""What ends by itself once the target is back."""
+"""States that end by themselves once the target is back."""
 
 BY_A_PERSON: frozenset[Word] = frozenset(
     {"endoscope", "tissue", "unconfirmed", "heartbeat", "stopped", "expired", "fault"}
 )
-"""What ends only when a person says so."""
+"""States that only a person ends."""

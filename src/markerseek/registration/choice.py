@@ -1,14 +1,15 @@
-"""Which source is the marker: the set of candidates, one for each marker, that fits one rigid transform.
+"""Chooses which source is the marker: the set of candidates, one for each marker, that fits one rigid transform.
 
 A search that answers `ambiguous` names several candidates, and even one that found may have found another source. The
 camera has seen where the spots are, so that a wrong candidate does not fit the others. Most sets are ruled out by the
 distances between their points, which no rigid transform changes; the others are registered, and compared by the product
 of the probabilities of their candidates and of the evidence of their points.
 
-A marker is left out only against evidence. Any three fit, so that four must remain, and four for each that is left
-out. The newest is never left out: if the endoscope has moved before it, it is the only one that is right, and the next
-marker tells the two apart. Sets that may not be taken compete all the same, and so does that all markers are displaced
-among themselves, as in tissue that moves: a registration is decided only if all of these are improbable beside it.
+A marker is left out only against evidence. Any three markers fit, so that four must remain for each that is left out.
+The newest is never left out: if the endoscope has moved before it, it is the only one that is right, and the next
+marker tells whether it has. Sets that may not be taken compete all the same. So does the explanation that all markers
+are displaced among themselves, as in moving tissue. A registration is decided only if all of these are improbable
+beside it.
 """
 
 from __future__ import annotations
@@ -44,9 +45,10 @@ MOVED = 0.05
 """Probability that the newest marker does not belong to the others because the endoscope has moved before it."""
 
 DISPLACED = 0.05
+"""Probability that all markers are displaced among themselves, because tissue or endoscope move."""
+
 DISPLACED_M = 2e-3
-"""Probability that all markers are displaced among themselves, because tissue or endoscope move, and the usual standard
-deviation of that along each direction."""
+"""Usual standard deviation of these displacements along each direction, in metres."""
 
 AGREEING = 4
 """Fewest markers that must agree if another one is left out, and for each that is: any three agree."""
@@ -58,10 +60,13 @@ MOST_CANDIDATES = 4
 """Most candidates of a marker that are tried, the likeliest."""
 
 _MOST_SETS = 40
+"""Most sets of all markers that are registered, the likeliest first."""
+
 _MOST_WITHOUT = 15
+"""Most sets that are registered for each number of markers that are left out."""
+
 _MOST_GROWN = 150
-"""Most sets that are registered, the likeliest first, with all markers and for each number of markers that are left
-out; and most that are grown by another marker."""
+"""Most sets that grow by another marker."""
 
 _MOST_APART = 1.5
 """Factor of the largest chi squared of a registration that is accepted, beyond which one distance rules a set out."""
@@ -82,7 +87,7 @@ class SeenMarker:
     """Displacements of the spot by the errors of the motions by which it was carried; None: by none."""
 
     def pair(self, candidate: int) -> PointPair:
-        """The point with one of the candidates."""
+        """Return the point with one of the candidates."""
         position = self.candidates[candidate].position
         return PointPair(
             name=self.name,
@@ -179,7 +184,7 @@ class _Fit:
 
 
 def _fits(markers: Sequence[SeenMarker], spot: SpotToSource, *, most_left_out: int) -> tuple[list[_Fit], str]:
-    """All sets whose distances fit, and why others determine no transform."""
+    """Return all sets whose distances fit, and why others determine no transform."""
     found = list[_Fit]()
     problem = ""
     apart = _distance_misfits(markers, spot)
@@ -193,7 +198,7 @@ def _fits(markers: Sequence[SeenMarker], spot: SpotToSource, *, most_left_out: i
 
 
 def _fit(markers: Sequence[SeenMarker], chosen: dict[str, int], spot: SpotToSource) -> _Fit:
-    """How well a set fits; `ConfigError` if it determines no transform."""
+    """Return how well a set fits; `ConfigError` if it determines no transform."""
     found = registered_pairs(chosen_pairs(markers, chosen), spot=spot)
     assert found.log_evidence is not None and found.offset_sigma_m is not None  # noqa: S101, PT018  all have sigmas
     return _Fit(
@@ -205,14 +210,14 @@ def _fit(markers: Sequence[SeenMarker], chosen: dict[str, int], spot: SpotToSour
 
 
 def _displaced(markers: Sequence[SeenMarker], chosen: Mapping[str, int], spot: SpotToSource) -> _Fit:
-    """How well all markers fit if each is displaced; those that were not chosen by their first candidate."""
+    """Return how well all markers fit if each is displaced; those that were not chosen by their first candidate."""
     all_of_them = {marker.name: chosen.get(marker.name, 0) for marker in markers}
     fit = _fit(markers, all_of_them, structs.replace(spot, offset_sigma_m=DISPLACED_M))
     return replace(fit, log_probability=fit.log_probability + math.log(DISPLACED))
 
 
 def _in_words(displaced: _Fit) -> str:
-    """How much markers disagree: the median length of their displacements."""
+    """Return how much markers disagree: the median length of their displacements."""
     return f"the markers disagree among themselves by {1e3 * MEDIAN_LENGTH * displaced.offset_sigma_m:.1f} mm"
 
 
@@ -247,18 +252,18 @@ def _unfit(
 def _sets(
     markers: Sequence[SeenMarker], apart: Float64[np.ndarray, "places places"], *, left_out: int
 ) -> list[dict[str, int]]:
-    """Sets of candidates that leave a number of markers out and whose distances fit, the likeliest of them.
+    """Return the sets of candidates that leave a number of markers out and whose distances fit, the likeliest of them.
 
     ``apart``: as of `_distance_misfits`.
     """
     used = len(markers) - left_out
     most = _MOST_APART * float(chdtri(3 * used - 6, MIN_PROBABILITY))
     misfits = apart.tolist()
+    # Name and number of each that is tried, by its place in `apart`.
     candidates: list[tuple[str, int]] = []
-    """Name and number of each that is tried, by its place in `apart`."""
-    # Grown marker by marker: a set whose distances do not fit has no other that holds it.
+    # Sets grow marker by marker: if the distances of a set do not fit, those of no larger one do. Of each there is the
+    # logarithm of its probability by its candidates and distances, and the places of its candidates.
     grown: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
-    """Logarithm of the probability of each set, by its candidates and its distances, and the candidates' places."""
     for number, marker in enumerate(markers):
         first = len(candidates)
         tried = marker.candidates[:MOST_CANDIDATES]
@@ -276,7 +281,7 @@ def _sets(
 
 
 def _distance_misfits(markers: Sequence[SeenMarker], spot: SpotToSource) -> Float64[np.ndarray, "places places"]:
-    """Chi squared of the distance between each two candidates, against that of their spots; markers in their order."""
+    """Return the chi squared of the distance between each two candidates, against that of their spots."""
     pairs = [
         marker.pair(number) for marker in markers for number in range(min(len(marker.candidates), MOST_CANDIDATES))
     ]
@@ -307,7 +312,7 @@ def _distances(
     covariances_m2: Float64[np.ndarray, "points 3 3"],
     shared_m: Float64[np.ndarray, "points 3 errors"],
 ) -> tuple[Float64[np.ndarray, "points points"], Float64[np.ndarray, "points points"]]:
-    """Distances between points, and their variances."""
+    """Return the distances between points, and their variances."""
     between_m = points_m[:, None] - points_m[None]
     distances_m = np.linalg.norm(between_m, axis=2)
     along = between_m / np.maximum(distances_m, 1e-9)[:, :, None]
@@ -321,12 +326,15 @@ _TINY_M2 = 1e-12
 
 
 def chosen_pairs(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> list[PointPair]:
-    """The points of the markers whose candidate was chosen."""
+    """Return the points of the markers whose candidate was chosen."""
     return [marker.pair(chosen[marker.name]) for marker in markers if marker.name in chosen]
 
 
 def _log_prior(markers: Sequence[SeenMarker], chosen: Mapping[str, int]) -> float:
-    """Logarithm of the probability of a set before the camera is asked; for a marker that is left out, a density."""
+    """Return the logarithm of the prior probability of a set.
+
+    A marker that is left out has a density.
+    """
     total = 0.0
     for marker in markers:
         wrong = MOVED if marker is markers[-1] else POINT_WRONG

@@ -41,7 +41,7 @@ _Row = tuple[str, dict[str, tuple[float, ...]]]
 def point_pairs(
     points: Path, *, searches: Sequence[Path] = (), stereo: StereoSettings | None = None
 ) -> list[PointPair]:
-    """Point pairs of a CSV, of the searches that take the place of its columns for the TRUS frame, and of pixels.
+    """Return the point pairs of a CSV; searches may take the place of its TRUS columns, and pixels of the others.
 
     ``points``: the CSV, with the columns of `_COLUMNS` and ``name``; others are ignored, unless their name contains
     sigma. ``searches``: journals or results, one for each row; none: the CSV has these columns. ``stereo``:
@@ -90,7 +90,7 @@ def _require_full_size(points: Path, rows: Sequence[_Row], pairs: Sequence[Point
 def _enlarged(
     pair: PointPair, name: str, numbers: dict[str, tuple[float, ...]], stereo: StereoSettings, factor: float
 ) -> PointPair:
-    """The pair with its pixels in an image that is larger by a factor."""
+    """Return the pair with its pixels in an image that is larger by a factor."""
     # The centre of a pixel has whole coordinates.
     scaled = {"pixels": tuple((each + 0.5) * factor - 0.5 for each in numbers["pixels"])}
     if "spot_sigma_px" in numbers:
@@ -104,7 +104,7 @@ DARK = "dark"
 
 
 def spot_pairs(left: Path, right: Path, *, searches: Sequence[Path], stereo: StereoSettings) -> list[PointPair]:
-    """Point pairs of searches and of the images of both cameras.
+    """Return the point pairs of searches and of the images of both cameras.
 
     ``left``, ``right``: folders with one of each marker, which holds the camera's images of its spot, and in `DARK`
     those with the laser off. ``searches``: their journals or results, each with the name of the marker. ``stereo``:
@@ -135,7 +135,7 @@ _MAX_IMAGES = 2000
 
 
 def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
-    """Images of a camera from the PNG files of a folder, in natural order: the brightest of the colours."""
+    """Return the images of a camera from the PNG files of a folder, in natural order: the brightest of the colours."""
     held = in_natural_order(folder.iterdir()) if folder.is_dir() else []
     files = [each for each in held if each.suffix.lower() == ".png" and not each.name.startswith(".")]
     if not 0 < len(files) <= _MAX_IMAGES:
@@ -158,7 +158,7 @@ def read_camera_images(folder: Path) -> list[UInt8[np.ndarray, "rows columns"]]:
 
 
 def _spot(folder: Path, camera: Camera) -> tuple[tuple[float, float], float]:
-    """Pixel of the spot in the images of a folder, and its standard deviation in pixels."""
+    """Return the pixel of the spot in the images of a folder, and its standard deviation in pixels."""
     frames = read_camera_images(folder)
     dark = read_camera_images(folder / DARK) if (folder / DARK).is_dir() else []
     if misfit := camera.size_problem(frames[0]):
@@ -198,7 +198,7 @@ def _require_columns(points: Path, kinds: Collection[str], *, searched: bool, st
 def _pair(
     name: str, numbers: dict[str, tuple[float, ...]], search: Path | None, stereo: StereoSettings | None
 ) -> PointPair:
-    """A point pair; its point in the TRUS frame is that of a search, or None: from the columns."""
+    """Return a point pair; its point in the TRUS frame is that of a search, or None: from the columns."""
     camera_m, camera_covariance_m2, shared_m = _camera_point(name, numbers, stereo)
     marker = None if search is None else read_marker(search)
     return PointPair(
@@ -214,7 +214,7 @@ def _pair(
 def _camera_point(
     name: str, numbers: dict[str, tuple[float, ...]], stereo: StereoSettings | None
 ) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"] | None, Float64[np.ndarray, "3 errors"] | None]:
-    """Camera point of a row with its covariance and shared errors, from the columns or triangulated from the pixels."""
+    """Return the camera point of a row with its covariance and shared errors, stated or triangulated."""
     if stereo is None:
         return np.array(numbers["camera_m"]), _covariance(numbers.get("camera_sigma_m")), None
     (spot_px,) = numbers.get("spot_sigma_px", (0.0,))
@@ -230,7 +230,7 @@ def _covariance(sigmas_m: Sequence[float] | None) -> Float64[np.ndarray, "3 3"] 
 
 
 def _table(path: Path) -> tuple[Collection[str], list[_Row]]:
-    """What the columns of a CSV hold, and its rows."""
+    """Return what the columns of a CSV hold, and its rows."""
     table = csv_rows(
         path,
         most_bytes=_LARGEST_BYTES,
@@ -276,7 +276,7 @@ def _require_known_sigmas(path: Path, heading: Sequence[str]) -> None:
 
 
 def _present(path: Path, heading: Sequence[str], names: Sequence[str]) -> bool:
-    """Whether the columns are there: all or none."""
+    """Return whether the columns are there: all or none."""
     missing = [name for name in names if name not in heading]
     if missing and len(missing) < len(names):
         those = f"column {missing[0]} is" if len(missing) == 1 else f"columns {' and '.join(missing)} are"

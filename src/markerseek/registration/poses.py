@@ -106,7 +106,7 @@ class Reach:
 
 
 def reach_of(rig: Rig) -> Reach:
-    """Reach of a rig's probe: its search range, and four fifths of its array."""
+    """Return the reach of a rig's probe: its search range, and four fifths of its array."""
     lateral_m = _USUAL_LATERAL_M
     if rig.imaging is not None:
         lateral_m = 0.8 * float(rig.imaging.preset.array.lateral_m[-1])
@@ -174,7 +174,7 @@ class Poses:
         spot: SpotToSource | None = None,
         rng: np.random.Generator,
     ) -> Poses | None:
-        """The poses that the markers allow; None before the first.
+        """Return the poses that the markers allow; None before the first.
 
         ``missed_m``: spots in the camera's frame whose markers were not found: they were probably out of reach.
         ``spot``: as of `register_pairs`.
@@ -228,13 +228,13 @@ class Poses:
         return cls(rotations=rotations, translations_m=moved_m, pairs=pairs, registration=found, spot=spot)
 
     def positions(self, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "poses 3"]:
-        """Where a point of the camera's frame is in that of the probe, for each pose."""
+        """Return where a point of the camera's frame is in that of the probe, for each pose."""
         return np.asarray(self.rotations @ camera_m + self.translations_m)
 
     def predict(
         self, camera_m: Float64[np.ndarray, " 3"], covariance_m2: Float64[np.ndarray, "3 3"], *, limits: Interval
     ) -> Prediction | None:
-        """Prediction for a spot from the poses; None if they leave most of the range open.
+        """Return the prediction for a spot from the poses; None if they leave most of the range open.
 
         ``camera_m``, ``covariance_m2``: the spot, as both cameras see it. ``limits``: angles that may be searched.
         """
@@ -279,7 +279,7 @@ class Poses:
         probe_deg: float,
         avoid_m: Sequence[Float64[np.ndarray, " 3"]] = (),
     ) -> Place | None:
-        """The place for the next spot; None if nothing is in reach.
+        """Return the place for the next spot; None if nothing is in reach.
 
         From the second marker on, a corner of what probe and cameras reach; once all are taken, the place that lowers
         the expected TRE at the target most. Before: a place that is far from the spot and probably in reach.
@@ -343,7 +343,7 @@ class Poses:
         )
 
     def _in_view(self, stereo: StereoSettings, reach: Reach, spots_m: Float64[np.ndarray, "spots 3"]) -> list[_InView]:
-        """Places of the tissue that both cameras see, on a grid."""
+        """Return the places of the tissue that both cameras see, on a grid."""
         found = []
         for left_px, ray in _lines_of_sight(stereo):
             points_m = self._on_tissue(ray, spots_m)
@@ -366,7 +366,7 @@ class Poses:
         return found
 
     def _corners(self, seen: Sequence[_InView], reach: Reach, taken_m: Float64[np.ndarray, "taken 3"]) -> list[_InView]:
-        """The places nearest to the corners of what probe and cameras reach, near which no spot was lit."""
+        """Return the places nearest to the corners of what probe and cameras reach, near which no spot was lit."""
         if len(self.pairs) < LEAST_CORNERS:
             return []
         sure = SURE if self.registration is not None else FAIRLY_SURE
@@ -386,7 +386,7 @@ class Poses:
     def _on_tissue(
         self, ray: Float64[np.ndarray, " 3"], spots_m: Float64[np.ndarray, "spots 3"]
     ) -> Float64[np.ndarray, "poses 3"]:
-        """Where a line of sight meets the tissue, by each pose.
+        """Return where a line of sight meets the tissue, by each pose.
 
         The tissue is taken for the plane through the spots; before there are three, for that which faces the probe.
         """
@@ -409,7 +409,7 @@ class Poses:
         calibration_px: float,
         target_trus_m: tuple[float, float, float] | None,
     ) -> float:
-        """Expected TRE at the target with one more marker, as well known as those before."""
+        """Return the expected TRE at the target with one more marker, as well known as those before."""
         found = self.registration
         assert found is not None  # noqa: S101  the caller asks for places of a registration only
         rotation = found.transform.rotation
@@ -454,7 +454,7 @@ _SPOT_PX = 0.1
 
 
 def _turning(from_m: Float64[np.ndarray, "poses 3"], to_m: Float64[np.ndarray, " 3"]) -> Rotation:
-    """The shortest rotations that turn vectors into the direction of another one."""
+    """Return the shortest rotations that turn vectors into the direction of another one."""
     start = from_m / np.linalg.norm(from_m, axis=1)[:, None]
     end = to_m / np.linalg.norm(to_m)
     axis = np.cross(start, end)
@@ -466,7 +466,7 @@ def _turning(from_m: Float64[np.ndarray, "poses 3"], to_m: Float64[np.ndarray, "
 def _polar(
     trus_m: Float64[np.ndarray, "points 3"],
 ) -> tuple[Float64[np.ndarray, " points"], Float64[np.ndarray, " points"], Float64[np.ndarray, " points"]]:
-    """Angle in degrees, position along the array and distance from the axis in metres."""
+    """Return the angle in degrees, position along the array and distance from the axis in metres."""
     x, y, z = trus_m.T
     return np.degrees(np.arctan2(x, z)), y, np.hypot(x, z)
 
@@ -474,7 +474,7 @@ def _polar(
 def _depth_ahead(
     rotations: Float64[np.ndarray, "poses 3 3"], spot_m: Float64[np.ndarray, " 3"], outwards: Float64[np.ndarray, " 3"]
 ) -> Float64[np.ndarray, " poses"]:
-    """Distance straight before the camera at which the tissue is, which faces the probe."""
+    """Return the distance straight before the camera at which the tissue is, which faces the probe."""
     normals = outwards @ rotations
     return np.asarray((normals @ spot_m) / normals[:, 2])
 
@@ -482,7 +482,7 @@ def _depth_ahead(
 def _lines_of_sight(
     stereo: StereoSettings,
 ) -> list[tuple[Float64[np.ndarray, " 2"], Float64[np.ndarray, " 3"]]]:
-    """Pixels of a grid over the left image, and their lines of sight."""
+    """Return the pixels of a grid over the left image, and their lines of sight."""
     width, height = stereo.left.size_px
     columns = np.linspace(EDGE_PX, width - 1 - EDGE_PX, _GRID[0])
     rows = np.linspace(EDGE_PX, height - 1 - EDGE_PX, _GRID[1])
@@ -498,7 +498,7 @@ def _lines_of_sight(
 
 
 def _seen_right(cameras: StereoCameras, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 2"] | None:
-    """Pixel of a point in the right image; None if it does not see it."""
+    """Return the pixel of a point in the right image; None if it does not see it."""
     there_m = cameras.left_to_right.apply(camera_m)
     if not (camera_m[2] > 0 and there_m[2] > 0):
         return None
@@ -508,7 +508,7 @@ def _seen_right(cameras: StereoCameras, camera_m: Float64[np.ndarray, " 3"]) -> 
 
 
 def _new_span(spots_m: Float64[np.ndarray, "spots 3"], camera_m: Float64[np.ndarray, " 3"]) -> float:
-    """How far a place is from the spot before, or the least height of its triangle with two; at most `FAR_M`."""
+    """Return how far a place is from the spot before, or the least height of its triangle with two; at most `FAR_M`."""
     apart_m = np.linalg.norm(spots_m - camera_m, axis=1)
     if len(spots_m) == 1:
         return min(float(apart_m[0]), FAR_M)

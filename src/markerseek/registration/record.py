@@ -169,7 +169,7 @@ class SessionRecord:
         return kept_pair(self.folder, name)
 
     def journal_path(self, name: str) -> Path:
-        """Path of a journal for the search of a marker; another one for each try."""
+        """Return the path of a journal for the search of a marker; another one for each try."""
         tries = 1
         while (path := self.folder / f"{name}{'' if tries == 1 else f'-{tries}'}.journal").exists():
             tries += 1
@@ -281,7 +281,7 @@ def session_folder(path: Path) -> Path | None:
 
 
 def is_running(folder: Path) -> bool:
-    """Whether a program runs the session: it has its record open for writing."""
+    """Return whether a program runs the session: it has its record open for writing."""
     path = folder / NAME
     with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
         return is_written(file.fileno())
@@ -358,7 +358,7 @@ class _FormerSteps:
 
 
 def _agrees(line: bytes) -> bool:
-    """Whether a line of version 1, without its end, agrees with its check sum."""
+    """Return whether a line of version 1, without its end, agrees with its check sum."""
     prefix, _, text = line.partition(b" ")
     return prefix == b"%08x" % zlib.crc32(text + b"\n")
 
@@ -438,7 +438,7 @@ def next_view(view: SessionView, step: RecordedStep) -> SessionView:
 def follow_session(
     folder: Path, *, is_over: Callable[[], bool] | None = None, wait: Callable[[], object]
 ) -> Iterator[RecordedStep]:
-    """The steps of a session, `Begun` first, each as soon as it is written, to the last one.
+    """Yield the steps of a session, `Begun` first, each as soon as it is written, to the last one.
 
     The writer is not delayed, and nothing is lost however slowly the steps are taken. A session that is continued
     while it is followed goes on here.
@@ -465,15 +465,15 @@ def follow_session(
 
 
 def sessions_folder() -> Path:
-    """Folder of sessions whose folder nobody named, in the user's data folder."""
+    """Return the folder of sessions whose folder nobody named, in the user's data folder."""
     return data_folder() / "registrations"
 
 
 def default_folder() -> Path:
-    """Folder of a new session in the user's data folder; its name begins with the time, UTC."""
+    """Return the folder of a new session in the user's data folder; its name begins with the time, UTC."""
     return sessions_folder() / f"{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
 
 
 def camera_text(stereo: StereoSettings) -> str:
-    """A calibration as text, by which two are compared."""
+    """Return a calibration as text, by which two are compared."""
     return msgspec.json.encode(stereo).decode()

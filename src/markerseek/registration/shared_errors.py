@@ -58,12 +58,12 @@ BASE_ERROR = SharedError("base", 100 * BASE_LENGTH, "%", "too long", "too short"
 
 
 def depth_error(spot: SpotToSource) -> SharedError:
-    """The error of the depth at which light is absorbed."""
+    """Return the error of the depth at which light is absorbed."""
     return SharedError("depth of the source", 1e3 * spot.depth_sigma_m, "mm", "too deep", "not deep enough", "")
 
 
 def vergence_error(depth_share: float) -> SharedError:
-    """The error of the angle between the cameras, by its effect on a distance from them, relative to it."""
+    """Return the error of the angle between the cameras, by its effect on a distance from them, relative to it."""
     return SharedError("vergence", 100 * depth_share, "% of depth", "too far", "too near", _CALIBRATE_CAMERAS)
 
 
@@ -72,7 +72,7 @@ def source_shared_m(
     camera_shared: Float64[np.ndarray, "points 3 errors"] | None,
     spot: SpotToSource,
 ) -> Float64[np.ndarray, "points 3 all_errors"]:
-    """Displacements, in the camera's frame, of the sources below spots: those of `camera_shared_m`, base, and depth.
+    """Return the displacements of the sources below spots: those of `camera_shared_m`, base, and depth.
 
     ``camera_shared``: as of `camera_shared_m`; None: of points without known pixels.
     """
@@ -84,7 +84,7 @@ def source_shared_m(
 
 
 def sources_m(camera_m: Float64[np.ndarray, "points 3"], spot: SpotToSource) -> Float64[np.ndarray, "points 3"]:
-    """Where the light of visible spots is absorbed: below them, along the line of sight."""
+    """Return where the light of visible spots is absorbed: below them, along the line of sight."""
     return np.asarray(camera_m + spot.depth_m * _along_sight(camera_m))
 
 
@@ -99,7 +99,7 @@ def shared_directions(
     *,
     motions: int = 0,
 ) -> list[tuple[SharedError, Float64[np.ndarray, " errors"]]]:
-    """The errors that a registration reports, and where each is among those of `source_shared_m` and `trus_shared_m`.
+    """Return the errors that a registration reports, and the place of each among all shared errors.
 
     ``motions``: number of errors of motions of the endoscope, which follow those of the camera. Each is a unit vector.
     Shifts of the images count by their vergence: the one combination that changes distances.
@@ -120,7 +120,7 @@ def shared_directions(
 
 
 def trus_shared_m(trus_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 3"]:
-    """Displacements of points in the TRUS frame, in metres, where a value of `TRUS_ERRORS` was assumed too large."""
+    """Return the displacement of points in the TRUS frame, in metres, per +1 sigma of each of `TRUS_ERRORS`."""
     x, _, z = trus_m.T
     radius_m = np.maximum(np.hypot(x, z), 1e-9)
     away = np.stack([x / radius_m, np.zeros_like(x), z / radius_m], axis=1)
@@ -137,7 +137,7 @@ def camera_shared_m(
     *,
     calibration_sigma_px: float,
 ) -> Float64[np.ndarray, "points 3 5"]:
-    """Displacements of triangulated points in the camera's frame, in metres.
+    """Return the displacements of triangulated points in the camera's frame, in metres.
 
     First where the focal length was assumed too large, then where left x, left y, right x, right y are shifted.
     """
@@ -155,7 +155,7 @@ def seen_point(
     spot_px: float,
     calibration_px: float,
 ) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3 5"]]:
-    """A point in the left camera's frame from its two pixels, its covariance, and its displacements by shared errors.
+    """Return a point from its two pixels, its covariance, and its displacements by shared errors.
 
     ``spot_px``, ``calibration_px``: standard deviations of the spot and of the calibration, in pixels.
     """
@@ -167,5 +167,5 @@ def seen_point(
 
 
 def focal_shared_m(camera_m: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3 1"]:
-    """The same for points without known pixels: the focal length alone, which stretches a stereo pair's depth."""
+    """Return the displacements without known pixels: the focal length alone, which stretches a pair's depth."""
     return np.asarray((FOCAL_LENGTH * camera_m * [0, 0, 1])[:, :, None])

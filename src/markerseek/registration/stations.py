@@ -73,7 +73,7 @@ def station_names(markers: Sequence[TakenMarker]) -> dict[str, str]:
 
 
 def stands_elsewhere(markers: Sequence[TakenMarker], now: SeenEndoscope | None) -> bool:
-    """Whether the endoscope has moved since the last marker, or may have; ``now``: as of `carry`."""
+    """Return whether the endoscope has moved since the last marker, or may have; ``now``: as of `carry`."""
     if now is None or not markers:
         return False
     if isinstance(now, EndoscopeNotKnown) or now.state == "moved":

@@ -78,7 +78,7 @@ class StereoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     @classmethod
     def of(cls, cameras: StereoCameras, *, calibration_sigma_px: float) -> Self:
-        """Settings of a pair of cameras."""
+        """Return the settings of a pair of cameras."""
         x, y, z = Rotation.from_matrix(cameras.left_to_right.rotation).as_rotvec().tolist()
         shift_x, shift_y, shift_z = cameras.left_to_right.translation_m.tolist()
         return cls(
@@ -97,7 +97,7 @@ class StereoSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 def read_stereo(paths: Sequence[Path], *, calibration_sigma_px: float | None = None) -> StereoSettings:
-    """Calibration of a stereo endoscope.
+    """Return the calibration of a stereo endoscope.
 
     ``paths``: a TOML file (``examples/stereo.toml`` shows all keys), an INI file of a dVRK, one or two files of OpenCV
     (``cv2.FileStorage``: YAML, XML or JSON), or the YAML files of ROS of the left and of the right camera.
@@ -145,7 +145,7 @@ def _naming(*paths: Path) -> Iterator[None]:
 
 
 def _text(path: Path) -> str:
-    """Text of a small file."""
+    """Return the text of a small file."""
     try:
         return read_text(
             path, most_bytes=_MAX_BYTES, what="the calibration of an endoscope", cure="save it as text in UTF-8"
@@ -155,7 +155,7 @@ def _text(path: Path) -> str:
 
 
 def _settings(cameras: StereoCameras, calibration_sigma_px: float | None) -> StereoSettings:
-    """Settings from a file that does not say how good its calibration is."""
+    """Return the settings from a file that does not say how good its calibration is."""
     if calibration_sigma_px is None:
         raise ConfigError(
             "the file does not say how good the calibration is; name the reprojection error of points that were not "
@@ -167,13 +167,13 @@ def _settings(cameras: StereoCameras, calibration_sigma_px: float | None) -> Ste
 def _pair(
     left: Camera, right: Camera, turn: Float64[np.ndarray, "3 3"], shift_m: Float64[np.ndarray, " 3"]
 ) -> StereoCameras:
-    """A pair of cameras; rotation and translation are from the left one's frame to the right one's."""
+    """Return a pair of cameras; rotation and translation are from the left one's frame to the right one's."""
     to_right = RigidTransform(source="Left", target="Right", rotation=turn, translation_m=shift_m)
     return StereoCameras(left=left, right=right, left_to_right=to_right)
 
 
 def _camera(of: str, matrix: Sequence[float], coefficients: Sequence[float], size: Sequence[float]) -> Camera:
-    """A camera from its matrix, row by row, its distortion k1, k2, p1, p2, k3, and the size of its images."""
+    """Return a camera from its matrix, row by row, its distortion k1, k2, p1, p2, k3, and the size of its images."""
     fx, skew, cx, second, fy, cy, *third = matrix
     if (second, *third) != (0, 0, 0, 1):
         rows = f"{second:g} {fy:g} {cy:g} and {' '.join(f'{each:g}' for each in third)}"
@@ -211,7 +211,7 @@ def _require_pinhole(stated: Iterable[tuple[str, str]]) -> None:
 
 
 def _rotation(name: str, values: Sequence[float]) -> Float64[np.ndarray, "3 3"]:
-    """The rotation nearest to nine numbers, row by row; `ConfigError` if they are none."""
+    """Return the rotation nearest to nine numbers, row by row; `ConfigError` if they are none."""
     matrix = np.array(values).reshape(3, 3)
     if not (np.abs(matrix.T @ matrix - np.eye(3)).max() < _MAX_SKEW and np.linalg.det(matrix) > 0):
         raise ConfigError(f"{name} is no rotation: {list(values)}; calibrate again, or correct the file")
@@ -220,7 +220,7 @@ def _rotation(name: str, values: Sequence[float]) -> Float64[np.ndarray, "3 3"]:
 
 
 def _in_metres(shift: Sequence[float]) -> Float64[np.ndarray, " 3"]:
-    """Translation between the cameras, from millimetres or metres; its length shows which."""
+    """Return the translation between the cameras, from millimetres or metres; its length shows which."""
     base = float(np.linalg.norm(shift))
     for unit_m in (1e-3, 1.0):
         if _BASE_MM[0] <= 1e3 * unit_m * base <= _BASE_MM[1]:
@@ -250,12 +250,14 @@ _OPENCV_NAMES: dict[str, tuple[str, ...]] = {
 
 
 def _is_of_opencv(path: Path, text: str) -> bool:
-    """Whether a text is that of ``cv2.FileStorage``; YAML may be of ROS."""
+    """Return whether a text is that of ``cv2.FileStorage``; YAML may be of ROS."""
     return path.suffix.lower() in {".xml", ".json"} or "opencv-matrix" in text or text.startswith("%YAML:1.0")
 
 
 def _read_opencv(paths: Sequence[Path], texts: Sequence[str]) -> _Numbers:
-    """Numbers by their names of `_OPENCV_NAMES`, from one file or from several that have a part each; row by row.
+    """Return the numbers by their names of `_OPENCV_NAMES`, from one file or from several that have a part each.
+
+    Matrices are read row by row.
 
     Raises `ConfigError` if a file cannot be read.
     """
@@ -291,13 +293,13 @@ def _read_opencv(paths: Sequence[Path], texts: Sequence[str]) -> _Numbers:
 
 
 def _depth(text: str) -> int:
-    """Most brackets that are open at once."""
+    """Return the most brackets that are open at once."""
     steps = ((each in "[{") - (each in "]}") for each in text)
     return max(accumulate(steps), default=0)
 
 
 def _numbers_of(found: _Numbers, what: str, *counts: int) -> list[float]:
-    """The numbers of one name; `ConfigError` if they are missing, or their count is another."""
+    """Return the numbers of one name; `ConfigError` if they are missing, or their count is another."""
     names = ", ".join(_OPENCV_NAMES[what])
     if what not in found:
         raise ConfigError(f"the {what} is missing; it is read as one of: {names}")
@@ -310,7 +312,7 @@ def _numbers_of(found: _Numbers, what: str, *counts: int) -> list[float]:
 
 
 def _numbers(node: Any) -> list[float]:
-    """The numbers of a matrix, or of lists of lists."""
+    """Return the numbers of a matrix, or of lists of lists."""
     if node.isSeq():
         return [number for index in range(node.size()) for number in _numbers(node.at(index))]
     if node.isMap():
@@ -319,14 +321,14 @@ def _numbers(node: Any) -> list[float]:
 
 
 def _text_of(node: Any) -> str:
-    """Text or number of a node; empty of any other."""
+    """Return the text or number of a node; empty of any other."""
     if node.isString():
         return str(node.string())
     return f"{node.real():g}" if node.isInt() or node.isReal() else ""
 
 
 def _of_opencv(found: _Numbers) -> StereoCameras:
-    """The pair of OpenCV's files, whose lengths have the unit of the calibration target."""
+    """Return the pair of OpenCV's files, whose lengths have the unit of the calibration target."""
     if "size of the images" not in found:
         raise ConfigError(
             "the size of the images is missing; add two lines to the file, image_width: 1280 and image_height: 1024, "
@@ -351,7 +353,7 @@ def _of_opencv(found: _Numbers) -> StereoCameras:
 
 
 def _width_and_height(size: list[float], matrices: Sequence[Sequence[float]]) -> list[float]:
-    """Size of the images in OpenCV's order, also if the file has rows and columns, as NumPy's ``shape``.
+    """Return the size of the images in OpenCV's order, also if the file has rows and columns, as NumPy's ``shape``.
 
     Images that are higher than wide are taken for rows and columns if their principal points are then nearer to the
     middle.
@@ -377,7 +379,7 @@ def _read_ini(path: Path) -> configparser.ConfigParser:
 
 
 def _of_ini(sections: configparser.ConfigParser) -> StereoCameras:
-    """The pair of the sections StereoLeft and StereoRight: lengths in millimetres, distortion k1, k2, p1, p2, k3."""
+    """Return the pair of the sections StereoLeft and StereoRight: lengths in mm, distortion k1, k2, p1, p2, k3."""
     for name in ("StereoLeft", "StereoRight"):
         if name not in sections:
             raise ConfigError(f"the section [{name}] is missing; a StereoCalibrationDVRK.ini has it")
@@ -465,7 +467,7 @@ def _camera_info(table: Mapping[str, Any]) -> _CameraInfo:
 
 
 def _part(table: Mapping[str, Any], axis: str, whole: str) -> tuple[int, int, int]:
-    """First pixel and number of pixels of the sensor's region along an axis, and how many are joined to one.
+    """Return the first pixel and number of pixels of the sensor's region along an axis, and how many are joined to one.
 
     The matrices of a camera_info are those of the whole sensor; a region without size is the whole.
     """
@@ -490,7 +492,7 @@ def _part(table: Mapping[str, Any], axis: str, whole: str) -> tuple[int, int, in
 
 
 def _of_camera_infos(left: _CameraInfo, right: _CameraInfo) -> StereoCameras:
-    """Both cameras are turned into one rectified frame, in which the right one is shifted along x."""
+    """Return both cameras are turned into one rectified frame, in which the right one is shifted along x."""
     if left.shift_m != 0 or not right.shift_m < 0:
         raise ConfigError(
             f"their projection matrices shift them by {left.shift_m:g} and {right.shift_m:g} m, a left camera has 0, "
@@ -501,7 +503,7 @@ def _of_camera_infos(left: _CameraInfo, right: _CameraInfo) -> StereoCameras:
 
 
 def _values(table: Mapping[str, Any], name: str, *counts: int) -> tuple[float, ...]:
-    """The numbers of a matrix, row by row, by any of its names."""
+    """Return the numbers of a matrix, row by row, by any of its names."""
     found = next((table[each] for each in _NAMES[name] if each in table), None)
     if isinstance(found, Mapping):
         found = found.get("data")
@@ -512,7 +514,7 @@ def _values(table: Mapping[str, Any], name: str, *counts: int) -> tuple[float, .
 
 
 def _number(name: str, value: object) -> float:
-    """A finite number from text."""
+    """Return a finite number from text."""
     if value is None:
         raise ConfigError(f"{name} is missing; add it, or save the calibration again")
     try:
@@ -525,7 +527,7 @@ def _number(name: str, value: object) -> float:
 
 
 def _shown(value: object) -> str:
-    """The beginning of a text; no list in full, whose aliases can make it larger than the memory."""
+    """Return the beginning of a text; no list in full, whose aliases can make it larger than the memory."""
     return repr(value[:40]) if isinstance(value, str) else "no text or number"
 
 

@@ -107,7 +107,7 @@ def _followed(
     rectangle: Rectangle,
     pixel_m: tuple[float, float],
 ) -> dict[int, Tip]:
-    """The tip in the images of one side, until it has disappeared."""
+    """Return the tip in the images of one side, until it has disappeared."""
     found: dict[int, Tip] = {}
     gone = 0
     for k in side:
@@ -135,7 +135,7 @@ def _remark(rivals_deg: Sequence[float]) -> str:
 def brightest_blob(
     image: UInt8[np.ndarray, "rows columns"], *, pixel_m: tuple[float, float], inside: Rectangle | None = None
 ) -> tuple[Rectangle, float]:
-    """The brightest region of an image in a rectangle grown by `GROWN_M`, and its grey value under a blur.
+    """Return the brightest region of an image in a rectangle grown by `GROWN_M`, and its grey value under a blur.
 
     ``pixel_m``: height and width of a pixel. ``inside``: None: everywhere.
     """
@@ -158,7 +158,7 @@ def brightest_blob(
 
 
 def find_tip(image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, *, pixel_m: tuple[float, float]) -> Tip:
-    """The tip in a rectangle of one image; equal arguments give equal results.
+    """Return the tip in a rectangle of one image; equal arguments give equal results.
 
     ``rectangle``: where it is looked for; the part inside of the image counts. ``pixel_m``: height and width of a
     pixel.
@@ -242,7 +242,7 @@ def _grab_cut(part: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle) -> 
 def _tissue(
     image: UInt8[np.ndarray, "rows columns"], rectangle: Rectangle, around: Rectangle, row: int, rows: int
 ) -> tuple[float, float]:
-    """Mean and standard deviation of the grey values beside the rectangle, at the depth of the rows given."""
+    """Return the mean and standard deviation of the grey values beside the rectangle, at the same depth."""
     # At the same depth, because pad and air above and below the tissue are dark and would widen the deviation.
     band = image[row : row + rows]
     beside: Float64[np.ndarray, " pixels"] = np.concatenate(

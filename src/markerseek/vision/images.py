@@ -27,7 +27,7 @@ _PURPOSE = "reading camera images"
 
 
 def opencv(purpose: str) -> ModuleType:
-    """The package ``cv2``.
+    """Return the package ``cv2``.
 
     ``purpose``: what it is needed for, for the message.
     """
@@ -37,7 +37,7 @@ def opencv(purpose: str) -> ModuleType:
 
 
 def brightness(image: np.ndarray) -> UInt8[np.ndarray, "rows columns"]:
-    """Of each pixel the brightest colour, without transparency, as `find_spot` has it.
+    """Return the of each pixel the brightest colour, without transparency, as `find_spot` has it.
 
     ``image``: shape (rows, columns), or (rows, columns, channels) with 1, 3 or 4 channels. Raises `ConfigError` if a
     pixel has more than 8 bits.
@@ -55,7 +55,7 @@ def brightness(image: np.ndarray) -> UInt8[np.ndarray, "rows columns"]:
 
 
 def says_its_end(data: bytes) -> bool:
-    """Whether a file ends with the mark of its format, so that it is whole although it may have been written just now.
+    """Return whether a file ends with the mark of its format, and so is whole although just written.
 
     False for a format without such a mark, and where something follows it: more of that may come.
     """
@@ -64,7 +64,7 @@ def says_its_end(data: bytes) -> bool:
 
 
 def decoded_image(data: bytes) -> UInt8[np.ndarray, "rows columns"] | None:
-    """Image of a PNG, JPEG, BMP, PGM, PPM or TIFF file; None if the file is not complete, or no image.
+    """Return the image of a PNG, JPEG, BMP, PGM, PPM or TIFF file; None if the file is not complete, or no image.
 
     It is turned as its EXIF orientation says, as OpenCV does unless it is told otherwise. What follows the end of a PNG
     or JPEG is ignored. Raises `ConfigError` if a pixel has more than 8 bits.
@@ -81,7 +81,7 @@ def decoded_image(data: bytes) -> UInt8[np.ndarray, "rows columns"] | None:
 
 
 def _may_be_whole(data: bytes) -> bool:
-    """Whether nothing shows that the end is missing; OpenCV fills up what is missing without saying so."""
+    """Return whether nothing shows that the end is missing; OpenCV fills up what is missing without saying so."""
     if data.startswith((_PNG, _JPEG)):
         return _end(data) is not None
     if data.startswith(b"BM"):
@@ -142,11 +142,11 @@ class Rectangle:
         require_fields(self, "rectangle")
 
     def centred(self, row: float, column: float) -> Rectangle:
-        """The same size, with its middle at a pixel."""
+        """Return the same size, with its middle at a pixel."""
         return replace(self, row=round(row - (self.rows - 1) / 2), column=round(column - (self.columns - 1) / 2))
 
     def grown(self, rows: int, columns: int, *, shape: tuple[int, int]) -> Rectangle:
-        """Larger by these numbers of pixels on each side, as far as the image reaches."""
+        """Return the larger by these numbers of pixels on each side, as far as the image reaches."""
         row = max(0, self.row - rows)
         column = max(0, self.column - columns)
         return Rectangle(
@@ -157,7 +157,7 @@ class Rectangle:
         )
 
     def within(self, shape: tuple[int, int]) -> Rectangle:
-        """The part of it inside of an image; `ConfigError` if less than 3 pixels are left."""
+        """Return the part of it inside of an image; `ConfigError` if less than 3 pixels are left."""
         try:
             return self.grown(0, 0, shape=shape)
         except ConfigError:
@@ -167,7 +167,7 @@ class Rectangle:
             ) from None
 
     def relative_to(self, other: Rectangle) -> Rectangle:
-        """The same part of the image, counted from the upper left pixel of another rectangle."""
+        """Return the same part of the image, counted from the upper left pixel of another rectangle."""
         return replace(self, row=self.row - other.row, column=self.column - other.column)
 
     @property

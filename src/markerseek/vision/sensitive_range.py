@@ -158,7 +158,7 @@ def sensitive_range(
 
 
 def no_tip(angles_deg: Sequence[float] | Float64[np.ndarray, " images"], remark: str) -> SensitiveRange:
-    """The answer where there is no tip."""
+    """Return the answer where there is no tip."""
     return SensitiveRange(
         frames=tuple(TipFrame(angle_deg=float(angle_deg), tip=None) for angle_deg in angles_deg),
         reference_deg=None,
@@ -167,7 +167,7 @@ def no_tip(angles_deg: Sequence[float] | Float64[np.ndarray, " images"], remark:
 
 
 def _speckle_deviation(stack: UInt8[np.ndarray, "images rows columns"], pixel_m: tuple[float, float]) -> float | None:
-    """Median standard deviation of the grey values in windows of 2.5 mm that are neither black nor white."""
+    """Return the median standard deviation of the grey values in windows of 2.5 mm that are neither black nor white."""
     cv2 = opencv(PURPOSE)
     window = (max(3, round(2.5e-3 / pixel_m[1])), max(3, round(2.5e-3 / pixel_m[0])))
     found = []
@@ -186,7 +186,7 @@ def _speckle_deviation(stack: UInt8[np.ndarray, "images rows columns"], pixel_m:
 def _contrast(
     stack: UInt8[np.ndarray, "images rows columns"], pixel_m: tuple[float, float], part: Rectangle | None
 ) -> Float64[np.ndarray, "images rows columns"]:
-    """Grey values over the brighter side of the surroundings and over the same place at other angles: the smaller."""
+    """Return the smaller excess of the grey values, over their brighter surroundings or over other angles."""
     cv2 = opencv(PURPOSE)
     down, along = (sigma / size for sigma, size in zip(_SMOOTH_M, pixel_m, strict=True))
     smooth = np.stack([cv2.GaussianBlur(each.astype(np.float32), (0, 0), sigmaX=along, sigmaY=down) for each in stack])
@@ -221,7 +221,7 @@ def _row_of_tip(
     column: int,
     part: Rectangle | None,
 ) -> int:
-    """Row in which the tip's columns are brightest, in the three strongest images in which it is not white."""
+    """Return the row where the tip's columns are brightest, in the three strongest images that are not white."""
     cv2 = opencv(PURPOSE)
     half = max(1, round(0.6e-3 / pixel_m[1]))
     columns = stack[:, :, max(0, column - half) : column + half + 1].mean(axis=2, dtype=np.float32)
@@ -247,7 +247,7 @@ def _levels(
     row: int,
     column: int,
 ) -> tuple[Float64[np.ndarray, " images"], Float64[np.ndarray, " images"]]:
-    """Level of the tip's place in each image, and the level that it must exceed; dB below white."""
+    """Return the level of the tip's place in each image, and the level that it must exceed; dB below white."""
     # Powers are averaged, as that is what the tip and its surroundings have in common.
     power = 10 ** ((stack.astype(np.float64) - _WHITE) * (SPECKLE_DB / speckle / 10))
     high, wide = (max(1, round(half / size)) for half, size in zip(_FACE_M, pixel_m, strict=True))
@@ -255,7 +255,7 @@ def _levels(
     uneven = round(_UNEVEN_M / pixel_m[0])
 
     def bands(columns: slice) -> list[Float64[np.ndarray, " images"]]:
-        """Mean power in bands as high as the face, at each depth that the surface may have."""
+        """Return the mean power in bands as high as the face, at each depth that the surface may have."""
         part = power[:, :, columns]
         rows = range(max(high, row - uneven), min(stack.shape[1] - high, row + uneven + 1))
         return [part[:, each - high : each + high + 1].mean(axis=(1, 2)) for each in rows]
@@ -282,7 +282,7 @@ def _measured(
     place: tuple[int, int],
     shape: tuple[int, int],
 ) -> SensitiveRange:
-    """The range between the angles at which the level falls to what it must exceed."""
+    """Return the range between the angles at which the level falls to what it must exceed."""
     excess = level_db - needed_db
     brightest = np.flatnonzero(level_db > level_db.max() - 0.5)
     start = int(brightest[len(brightest) // 2])
@@ -330,7 +330,7 @@ def _measured(
 
 
 def _side(centre_deg: float, lost_deg: float | None, end_deg: float, *, closed: bool) -> float | None:
-    """Half of the range on one side; None if the images end before, and the other side is known."""
+    """Return half of the range on one side; None if the images end before, and the other side is known."""
     if lost_deg is not None:
         return abs(lost_deg - centre_deg)
     return None if closed or end_deg == centre_deg else abs(end_deg - centre_deg)
@@ -339,7 +339,10 @@ def _side(centre_deg: float, lost_deg: float | None, end_deg: float, *, closed: 
 def _lost(
     angles: Float64[np.ndarray, " images"], excess: Float64[np.ndarray, " images"], start: int, step: int
 ) -> tuple[int, float | None]:
-    """Last image of one side that shows the tip, and the angle at which it is lost; None beyond the images."""
+    """Return the last image of one side that shows the tip, and the angle at which it is lost.
+
+    None beyond the images.
+    """
     last = start
     k = start + step
     gone = 0
@@ -353,7 +356,7 @@ def _lost(
 
 
 def _vertex(angles: Float64[np.ndarray, " images"], level_db: Float64[np.ndarray, " images"]) -> float:
-    """Angle at which a parabola through the levels is highest, within these angles."""
+    """Return the angle at which a parabola through the levels is highest, within these angles."""
     if len(angles) < 4:
         return float(angles[int(np.argmax(level_db))])
     square, slope, _ = np.polyfit(angles - angles[0], level_db, 2)
@@ -363,7 +366,7 @@ def _vertex(angles: Float64[np.ndarray, " images"], level_db: Float64[np.ndarray
 
 
 def angular_order(angles_deg: Sequence[float], images: Sequence[np.ndarray]) -> list[int]:
-    """Order of the images by angle."""
+    """Return the order of the images by angle."""
     if len(images) != len(angles_deg):
         raise ConfigError(f"sensitive range: {len(angles_deg)} angles for {len(images)} images; give one for each")
     if len(images) < 2:

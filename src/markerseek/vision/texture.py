@@ -308,14 +308,14 @@ def _coarse(levels: Levels, places: Float64[np.ndarray, "patches 2"]) -> Patches
 
 
 def between_depths(nearness_per_m: Float64[np.ndarray, " points"]) -> Bool[np.ndarray, " points"]:
-    """Whether inverse depths lie within the depths that are looked for."""
+    """Return whether inverse depths lie within the depths that are looked for."""
     return np.asarray((nearness_per_m > 1 / _FARTHEST_M) & (nearness_per_m < 1 / _NEAREST_M))
 
 
 def _parts(
     places: Float64[np.ndarray, "patches 2"], shape: tuple[int, ...], number: tuple[int, int]
 ) -> Int64[np.ndarray, " patches"]:
-    """Number the parts of an image, so many across and down, that places are in."""
+    """Return the number the parts of an image, so many across and down, that places are in."""
     column = np.floor(places[:, 0] / shape[1] * number[0]).astype(np.int64)
     row = np.floor(places[:, 1] / shape[0] * number[1]).astype(np.int64)
     return np.asarray(row * number[0] + column)

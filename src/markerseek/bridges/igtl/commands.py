@@ -41,14 +41,14 @@ class CommandAnswer:
 
 
 def is_command(message: igtl.Message) -> bool:
-    """Whether a message is a command in either form."""
+    """Return whether a message is a command in either form."""
     if isinstance(message.content, igtl.Text):
         return message.device.startswith(_PREFIX)
     return isinstance(message.content, igtl.Command) and not isinstance(message.content, igtl.Reply)
 
 
 def read_request(message: igtl.Message, *, client: str) -> Request:
-    """The command in a message of a client."""
+    """Return the command in a message of a client."""
     content = message.content
     named = content.name if isinstance(content, igtl.Command) else ""
     text = content.text if isinstance(content, igtl.Text | igtl.Command) else ""
@@ -70,7 +70,7 @@ def read_request(message: igtl.Message, *, client: str) -> Request:
 
 
 def answer_message(asked: igtl.Message, answer: CommandAnswer, *, time_s: float) -> igtl.Message:
-    """Answer to a command, in the command's own form and header version."""
+    """Return the answer to a command, in the command's own form and header version."""
     status = "SUCCESS" if answer.done else "FAIL"
     # The sentence may repeat what was sent, and the protocol limits the length.
     sentence = answer.sentence[:1000]
@@ -86,7 +86,7 @@ def answer_message(asked: igtl.Message, answer: CommandAnswer, *, time_s: float)
 
 
 def search_request(values: Mapping[str, str]) -> SearchRequest:
-    """The search that is asked for."""
+    """Return the search that is asked for."""
     asked: dict[str, Any] = {}
     for name, text in values.items():
         if name not in _NAMES:

@@ -28,7 +28,7 @@ LOOPBACK = ip_address("127.0.0.1")
 
 
 def plain_address(text: str) -> IPAddress:
-    """Normal form of a computer's address; ValueError if the text is not an address."""
+    """Return the normal form of a computer's address; ValueError if the text is not an address."""
     address = ip_address(text.partition("%")[0])
     address = getattr(address, "ipv4_mapped", None) or address
     return LOOPBACK if address.is_loopback else address

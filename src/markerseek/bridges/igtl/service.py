@@ -158,7 +158,7 @@ class IgtlServer:
         self._server: asyncio.Server | None = None
 
     async def open(self, host: str, port: int) -> int:
-        """Listen, and return the port, which port 0 leaves to the operating system."""
+        """Return the listen, and return the port, which port 0 leaves to the operating system."""
         loop = asyncio.get_running_loop()
         try:
             listening = self._listening(host, port)
@@ -174,7 +174,7 @@ class IgtlServer:
         return int(listening.getsockname()[1])
 
     def _listening(self, host: str, port: int) -> socket.socket:
-        """A socket at an address, which is judged as the system reads it: "0", "127.1" and a name are addresses too."""
+        """Return a socket at an address as the system reads it: "0", "127.1" and a name are addresses too."""
         try:
             # A name can have several: IPv4 first, which clients expect.
             family, _, _, _, place = min(socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))

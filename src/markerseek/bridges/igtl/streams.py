@@ -99,7 +99,7 @@ class Streams:
         return igtl.NOT_READY, "NOT_ARMED", outcome.message
 
     def idle(self) -> list[StreamMessage]:
-        """Before the first search; no angle is known, and TRANSFORM says so."""
+        """Return the before the first search; no angle is known, and TRANSFORM says so."""
         streams = [self.status, self._state_message(), _transform(0.0, known=False), *_marker(None)]
         if self.registration is not None:
             streams.append(_registration_status(self.registration, withdrawn=False))
@@ -108,7 +108,7 @@ class Streams:
         return streams
 
     def registered(self, view: SessionView) -> list[StreamMessage]:
-        """What changes with a new state of the registration: its transform only where it is another, or withdrawn."""
+        """Return what changes with a new state of the registration: its transform if it is another, or withdrawn."""
         before = self._known_registration
         self.registration = view
         now = view.registration
@@ -118,7 +118,7 @@ class Streams:
         return [*streams, _registration_status(view, withdrawn=self._withdrawn), self._state_message()]
 
     def started(self) -> list[StreamMessage]:
-        """A search begins: the marker of the one before is withdrawn."""
+        """Return a search begins: the marker of the one before is withdrawn."""
         self._begin("running")
         return [*_marker(None), self.status, self._state_message()]
 
@@ -141,7 +141,7 @@ class Streams:
         return [replace(each, time_s=time_s) for each in [*streams, self._state_message()]]
 
     def ended(self, outcome: Outcome) -> list[StreamMessage]:
-        """The search has ended."""
+        """Return the search has ended."""
         self._state = "ended"
         self._outcome = outcome
         answer = outcome.answer or {}
@@ -153,7 +153,7 @@ class Streams:
         return [self.status, *marker, self._state_message()]
 
     def _state_message(self) -> StreamMessage:
-        """STRING: the state as JSON."""
+        """Return the STRING: the state as JSON."""
         state: dict[str, Any] = {"state": self._state}
         if self.registration is not None:
             state["registration"] = self.registration.known
@@ -175,7 +175,7 @@ class Streams:
 
 
 def _known(view: RunView) -> dict[str, Any]:
-    """What a view says, as plain values."""
+    """Return what a view says, as plain values."""
     facts = view.facts
     return {
         "number": view.number,
@@ -212,7 +212,7 @@ def _transform(angle_deg: float, *, known: bool) -> StreamMessage:
 
 
 def _registration_transform(known: KnownRegistration | None) -> StreamMessage:
-    """The transform of the camera with its errors; None withdraws what clients have."""
+    """Return the transform of the camera with its errors; None withdraws what clients have."""
     if known is None:
         return camera_transform(None, errors={})
     return camera_transform(known.davinci_to_trus.matrix, errors=known.errors)
@@ -221,7 +221,7 @@ def _registration_transform(known: KnownRegistration | None) -> StreamMessage:
 def camera_transform(
     davinci_to_trus: Float64[np.ndarray, "4 4"] | None, *, errors: Mapping[str, float]
 ) -> StreamMessage:
-    """TRANSFORM from the camera to the probe; None: none holds.
+    """Return the TRANSFORM from the camera to the probe; None: none holds.
 
     ``davinci_to_trus``: in metres. ``errors``: what stands beside it in the metadata, by name.
     """
@@ -237,7 +237,7 @@ def camera_transform(
 
 
 def _registration_status(view: SessionView, *, withdrawn: bool) -> StreamMessage:
-    """STATUS of the registration: sent on each change."""
+    """Return the STATUS of the registration: sent on each change."""
     holds = view.registration is not None
     name = "REGISTERED" if holds else "WITHDRAWN" if withdrawn else "NOT_REGISTERED"
     status = igtl.Status(code=igtl.OK if holds else igtl.NOT_READY, name=name, message=view.sentence)
@@ -245,7 +245,7 @@ def _registration_status(view: SessionView, *, withdrawn: bool) -> StreamMessage
 
 
 def _marker(point: igtl.Point | None) -> list[StreamMessage]:
-    """The marker; None withdraws what clients have."""
+    """Return the marker; None withdraws what clients have."""
     place_mm = None if point is None else point.position_mm
     # POINT for people, who see it named; POSITION for controllers, which need no list.
     return [
@@ -259,5 +259,5 @@ def _marker(point: igtl.Point | None) -> list[StreamMessage]:
 
 
 def _validity(*, known: bool) -> dict[str, str]:
-    """What PLUS and 3D Slicer call the status of a transform."""
+    """Return what PLUS and 3D Slicer call the status of a transform."""
     return {"TransformStatus": "OK" if known else "INVALID"}

@@ -78,7 +78,7 @@ class Gate:
         await (answer or self.app)(scope, receive, send)
 
     def _below_prefix(self, scope: Scope) -> Scope:
-        """The request with the prefix in its path: some proxies pass it on, and others take it away."""
+        """Return the request with the prefix in its path: some proxies pass it on, and others take it away."""
         # Nobody but the user of the page says where it is: what is in this header would be written into it.
         headers = [each for each in scope["headers"] if each[0] != b"x-forwarded-prefix"]
         path = scope["path"]
@@ -89,7 +89,7 @@ class Gate:
         return {**scope, "headers": headers, "root_path": self._prefix, "path": path, "raw_path": raw}
 
     def _answered(self, asked: HTTPConnection) -> Response | None:
-        """The answer to a link or to a stranger; None for all others."""
+        """Return the answer to a link or to a stranger; None for all others."""
         query = asked.query_params
         hosts = asked.headers.getlist("host")
         origins = asked.headers.getlist("origin")
@@ -127,7 +127,7 @@ class Gate:
         return None
 
     def _admits(self, asked: HTTPConnection) -> bool:
-        """Whether there is room for a connection that has shown the token."""
+        """Return whether there is room for a connection that has shown the token."""
         client = asked.client
         return client is not None and self._connections.admit((client.host, client.port))
 
@@ -162,7 +162,7 @@ class UnreadableMessages(logging.Filter):
         self._said = False
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a record is printed; one of such a message is shortened first."""
+        """Return whether a record is printed; one of such a message is shortened first."""
         problem = record.exc_info[1] if record.exc_info else None
         if problem is None or not _passes_socket(problem):
             return True
@@ -175,7 +175,7 @@ class UnreadableMessages(logging.Filter):
 
 
 def _passes_socket(problem: BaseException) -> bool:
-    """Whether an error was raised where the libraries of the WebSocket read a message."""
+    """Return whether an error was raised where the libraries of the WebSocket read a message."""
     modules = (frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(problem.__traceback__))
     return any(name.partition(".")[0] in {"engineio", "socketio"} for name in modules)
 
@@ -185,7 +185,7 @@ def _viewers() -> int:
 
 
 def page_application(searches: PageSearches, *, connections: Listener, **gate: Any) -> FastAPI:
-    """The application with all pages; ``gate``: arguments of `Gate`."""
+    """Return the application with all pages; ``gate``: arguments of `Gate`."""
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -204,7 +204,7 @@ def page_application(searches: PageSearches, *, connections: Listener, **gate: A
 
     @application.get("/camera/{side}.jpg")
     def camera(side: Literal["left", "right"]) -> Response:
-        """The newest image of a camera in the session."""
+        """Return the newest image of a camera in the session."""
         live = searches.registration
         path = None if live is None else live.journal / f"{side}.jpg"
         if path is None or not path.is_file():
@@ -250,7 +250,7 @@ def _add_stop(application: FastAPI, searches: PageSearches) -> None:
 
     @application.post(STOP_PATH)
     async def stop() -> Response:
-        """STOP, by a plain request: it needs no connection of NiceGUI, and does not wait for a thread."""
+        """Return the STOP, by a plain request: it needs no connection of NiceGUI, and does not wait for a thread."""
         searches.stop()
         return Response(status_code=204)
 

@@ -56,13 +56,13 @@ class RunHistory:
         self.views.append(self.last.cut_off(reason, problem=problem))
 
     def picture(self, view: RunView) -> Picture | None:
-        """The newest image of the angle where the probe is; if there is none, the newest of another angle."""
+        """Return the newest image of the angle where the probe is; if there is none, the newest of another angle."""
         seen = [self.pictures[number] for number in sorted(self.pictures) if number <= view.number]
         here = [each for each in seen if is_image_of(each, view)]
         return next(reversed(here or seen), None)
 
     def lines(self, view: RunView, *, most: int) -> list[str]:
-        """The last lines of the log up to a view, the newest first."""
+        """Return the last lines of the log up to a view, the newest first."""
         # A move is a line until its acquisition replaces it, and a pulse of a sweep until the next.
         passing = {"dark", "moving", "turning", "sweeping"}
         known = [each for each in self.views[1 : view.number + 1] if each.phase not in passing or each is view]
@@ -70,7 +70,7 @@ class RunHistory:
 
 
 def is_image_of(picture: Picture, view: RunView) -> bool:
-    """Whether an image is of the angle where the probe is."""
+    """Return whether an image is of the angle where the probe is."""
     if view.probe_deg is None or view.target_deg is not None:
         return False
     return abs(picture.angle_deg - view.probe_deg) <= SAME_ANGLE_DEG
@@ -111,7 +111,7 @@ class Picture:
 
 
 def picture_of(sample: Sample, image: PaImage) -> Picture:
-    """The image of an acquisition as it is sent."""
+    """Return the image of an acquisition as it is sent."""
     reading = sample.reading
     brightest = max(float(image.envelope.max()), BRIGHT_SIGMAS * (reading.noise_sigma or 0.0))
     together = _rows_together(image)
@@ -140,7 +140,7 @@ def picture_of(sample: Sample, image: PaImage) -> Picture:
 
 
 def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "rows columns"]:
-    """Levels of an image; several rows become one that holds their largest value, so that peaks are kept.
+    """Return the levels of an image; several rows become one that holds their largest value, so that peaks are kept.
 
     ``brightest``: envelope of level 255, in the image's unit.
     """
@@ -149,7 +149,7 @@ def pooled_levels(image: PaImage, *, brightest: float) -> UInt8[np.ndarray, "row
 
 
 def _rows_together(image: PaImage) -> int:
-    """How many rows of an image become one."""
+    """Return how many rows of an image become one."""
     return int(-(-image.envelope.shape[0] // _MAX_ROWS))
 
 
@@ -172,7 +172,7 @@ def fan_model(view: RunView, curve: DrawnCurve) -> dict[str, Any]:
 
 
 def _fan_text(view: RunView, curve: DrawnCurve) -> str:
-    """The fan for those who do not see it."""
+    """Return the fan for those who do not see it."""
     if view.probe_deg is None:
         return "probe from its end: nothing is known yet"
     goes = "" if view.target_deg is None else f", on its way to {view.target_deg:.1f}°"
@@ -181,14 +181,14 @@ def _fan_text(view: RunView, curve: DrawnCurve) -> str:
 
 
 def _certainty(curve: DrawnCurve) -> float:
-    """How well the angle is known: 0 if the marker may be anywhere, 1 if it lies within a hundredth of the range."""
+    """Return the certainty of the angle: 0 if the marker may be anywhere, 1 within a hundredth of the range."""
     if curve.most_per_deg <= 0:
         return 0.0
     return min(1.0, max(0.0, math.log10(curve.most_per_deg * (curve.high_deg - curve.low_deg)) / 2))
 
 
 def probe_text(view: RunView) -> str:
-    """Where the probe is, and whether that was measured."""
+    """Return where the probe is, and whether that was measured."""
     if view.probe_deg is None:
         return ""
     if view.target_deg is not None:
@@ -199,7 +199,7 @@ def probe_text(view: RunView) -> str:
 
 
 def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, Any]:
-    """The image, if there is one; its peak is marked only above the detection threshold, if that is known."""
+    """Return the image, if there is one; its peak is marked only above the detection threshold, if that is known."""
     if picture is None:
         return {"pixels": ""}
     peak = picture.peak_mm if floor is None or picture.intensity > floor else None
@@ -207,7 +207,7 @@ def image_model(picture: Picture | None, *, floor: float | None) -> dict[str, An
 
 
 def image_texts(picture: Picture | None, *, elsewhere: bool) -> tuple[str, str]:
-    """Title and note of the image: the angle of the probe, and what is drawn."""
+    """Return the title and note of the image: the angle of the probe, and what is drawn."""
     if picture is None:
         return "photoacoustic image", ""
     title = with_minus(f"{'last image:' if elsewhere else 'image of'} {picture.angle_deg:.2f}°")

@@ -123,7 +123,7 @@ class Address:
         return "" if parts is None else parts.path.rstrip("/")
 
     def origins(self, port: int) -> set[str]:
-        """The origins of a page that is served at this port: scheme, name and port, as browsers send them."""
+        """Return the origins of a page that is served at this port: scheme, name and port, as browsers send them."""
         names = {self.host.lower().strip("[]"), str(self.ip)}
         if str(self.ip) in _LOOPBACK_NAMES:
             names.add("localhost")
@@ -131,7 +131,7 @@ class Address:
         return own | ({self.public} if self.public else set())
 
     def link(self, port: int, query: str) -> str:
-        """A link to the page that is served at this port, as a browser opens it."""
+        """Return a link to the page that is served at this port, as a browser opens it."""
         origin = self.public or _origin(self.scheme, self.host.strip("[]"), port)
         return f"{origin}{self.prefix}/?{query}"
 
@@ -141,7 +141,7 @@ class Address:
         return "http" if self.certificate is None else "https"
 
     def listening(self) -> socket.socket:
-        """A socket that listens there."""
+        """Return a socket that listens there."""
         try:
             family = socket.AF_INET6 if self.ip.version == 6 else socket.AF_INET
             return socket.create_server((str(self.ip), self.port), family=family)
@@ -154,7 +154,7 @@ class Address:
 
 
 def _resolved(host: str) -> IPv4Address | IPv6Address:
-    """The address that a host names: what is judged is what is listened on.
+    """Return the address that a host names: what is judged is what is listened on.
 
     "0" is all addresses, "0x7f.1" the loopback address, and "::ffff:127.0.0.1" an address of IPv4. Raises `OSError` or
     `ValueError` if there is none.
@@ -166,7 +166,7 @@ def _resolved(host: str) -> IPv4Address | IPv6Address:
 
 
 def _origin(scheme: str, name: str, port: int) -> str:
-    """An origin as browsers send it: an address of IPv6 in brackets, the usual port of the scheme left out."""
+    """Return an origin as browsers send it: an address of IPv6 in brackets, the usual port of the scheme left out."""
     shown = f"[{name}]" if ":" in name else name
     return f"{scheme}://{shown}" if port == _PORTS[scheme] else f"{scheme}://{shown}:{port}"
 

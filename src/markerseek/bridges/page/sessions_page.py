@@ -124,7 +124,7 @@ def build_sessions_page(searches: PageSearches, query: Mapping[str, str]) -> Non
 
 
 def _when(kept: KeptSession) -> str:
-    """When a session began, in the zone of this computer."""
+    """Return the when a session began, in the zone of this computer."""
     try:
         return f"{datetime.fromisoformat(kept.begun or ''):%Y-%m-%d %H:%M} UTC"
     except ValueError:
@@ -133,7 +133,7 @@ def _when(kept: KeptSession) -> str:
 
 
 def _facts(kept: KeptSession) -> str:
-    """Rig, markers, errors and size of a session."""
+    """Return the rig, markers, errors and size of a session."""
     parts = [kept.rig, counted(kept.markers, "marker")] if kept.begun is not None else []
     if kept.tre_m is not None and kept.tre95_m is not None:
         parts.append(f"expected error {1e3 * kept.tre_m:.2f} mm (95 %: {1e3 * kept.tre95_m:.2f} mm)")

@@ -93,7 +93,7 @@ class FollowNode(Closing):
         return messages.registered(transform, time_s=time_s, simulated=self._feed.simulated)
 
     def _registration_state(self, state: dict[str, object]) -> dict[str, object]:
-        """Whether the registration holds, in the words that a session has for it."""
+        """Return whether the registration holds, in the words that a session has for it."""
         errors = {"tre_m": state["tre_m"]} if state["holds"] else {}
         return {
             "simulated": state["simulated"],

@@ -66,7 +66,7 @@ class StageNode(Served):
         self._publish_state(is_busy=self._moving)
 
     def _refusal_of(self, angle_deg: float | None) -> str | None:
-        """Why the stage is not sent to an angle; None if it is."""
+        """Return why the stage is not sent to an angle; None if it is."""
         if angle_deg is None:
             return f"it is no position of the joint {messages.JOINT} alone"
         if self._guard.state in (State.FAULT, State.DISARMED):
