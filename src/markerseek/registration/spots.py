@@ -23,6 +23,9 @@ SPOT_PAIRS = 8
 DARK_PAIRS = 3
 """Image pairs with the laser off that are subtracted."""
 
+LEAST_TRAINS = 2
+"""Fewest trains of pulses of a look: light that comes once may be a highlight that moves there."""
+
 LOOK_S = 3.0
 """Longest time in which pairs with the laser off must come, and longest time for which it fires, in seconds."""
 
@@ -116,16 +119,19 @@ class SpotFinder:
         began_s = scanner.clock.now_s()
         lit: list[StereoPair] = []
         unlit: list[StereoPair] = []
+        trains = 0
         for pairs in self._coming(LOOK_S + (MOST_LATE_S if late_s is None else late_s)):
             came_s = scanner.clock.now_s() - began_s
-            if came_s < LOOK_S and len(lit) < SPOT_PAIRS:
+            if came_s < LOOK_S and (len(lit) < SPOT_PAIRS or trains < LEAST_TRAINS):
                 self._fire()
+                trains += 1
             lit, unlit = lit_pairs(pairs, dark)
             if lit and late_s is None:
                 late_s = lit[0].at_s - began_s
                 late_s = late_s if late_s > LATE_S else 0.0
             ends_dark = bool(lit and unlit) and unlit[-1].at_s > lit[-1].at_s
-            if (len(lit) >= SPOT_PAIRS and ends_dark) or (late_s is not None and came_s >= LOOK_S + late_s):
+            enough = len(lit) >= SPOT_PAIRS and trains >= LEAST_TRAINS and ends_dark
+            if enough or (late_s is not None and came_s >= LOOK_S + late_s):
                 break
         self._late_s = late_s
         return lit, unlit

@@ -77,5 +77,13 @@ class SceneWatch:
         return told_apart(sorted(self._moments, key=lambda moment: moment.at_s), gate_mm=gate_mm)
 
     def _tissue(self, seen: SceneSeen) -> Sighting | None:
+        """Return the displacement of the tissue around the spot; where it has too little texture, that of the scene."""
         found = seen.displacement_near(self._spot_m)
-        return None if found is None else Sighting(value_m=found[0], covariance_m2=found[1])
+        if found is not None:
+            return Sighting(value_m=found[0], covariance_m2=found[1])
+        if isinstance(seen.motion, NotKnown):
+            return None
+        point_m = self._spot_m[None]
+        return Sighting(
+            value_m=seen.motion.displacement_m(point_m)[0], covariance_m2=seen.motion.covariances_m2(point_m)[0]
+        )

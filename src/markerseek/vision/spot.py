@@ -460,6 +460,13 @@ def lit_pairs(pairs: Sequence[StereoPair], dark: Sequence[StereoPair]) -> tuple[
     return lit, [pair for pair, counts in zip(pairs, light, strict=True) if counts < least]
 
 
+_MIN_CHANGES = 3
+"""Fewest changes between bright and dark of a pixel that blinks: a highlight that passes by makes two."""
+
+_BLINK_SHARE = 0.25
+"""Least gap of such a pixel over the widest one: highlights are brighter than the spot of a laser, but not by more."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Blinking:
     """The place of one camera's images that blinks most."""
@@ -473,21 +480,31 @@ class _Blinking:
 def _blinking(
     images: Sequence[UInt8[np.ndarray, "rows columns"]], dark: Sequence[UInt8[np.ndarray, "rows columns"]]
 ) -> _Blinking:
-    """Find where images blink: the widest gap between the counts of one pixel in all of them."""
+    """Find where images blink: the widest gap between the counts of one pixel in all of them.
+
+    The laser goes on and off; a highlight that moves comes to a pixel, or leaves it, or both. So a pixel that changes
+    more often goes before one with a wider gap, if its own is no small part of that.
+    """
     off = np.max([_halved(image) for image in dark], axis=0)
     light = np.stack([_halved(image) - off for image in images])
     rows, columns = np.nonzero(light.max(axis=0) >= MIN_LIGHT_COUNTS)
     if not rows.size:
         return _Blinking(step=0.0, light=light.max(axis=(1, 2)))
-    counts = np.sort(np.maximum(light[:, rows, columns], 0.0), axis=0)
-    steps = np.diff(counts, axis=0, prepend=0.0).max(axis=0)
-    most = int(np.argmax(steps))
+    counts = np.maximum(light[:, rows, columns], 0.0)
+    ordered = np.sort(counts, axis=0)
+    gaps = np.diff(ordered, axis=0, prepend=0.0)
+    widest = gaps.argmax(axis=0)
+    pixels = np.arange(rows.size)
+    steps = gaps[widest, pixels]
+    changes = np.count_nonzero(np.diff(counts >= ordered[widest, pixels], axis=0), axis=0)
+    blinking = (changes >= _MIN_CHANGES) & (steps >= max(MIN_LIGHT_COUNTS, _BLINK_SHARE * float(steps.max())))
+    if not blinking.any():
+        blinking = np.ones(rows.size, dtype=bool)
+    most = int(np.argmax(np.where(blinking, steps, 0.0)))
     # Half of the widest spot, in pixels of half the size: between two images the spot may move a little.
     half = MAX_SIZE_PX // 4
-    row = int(rows[most])
-    column = int(columns[most])
-    around = light[:, max(0, row - half) : row + half + 1, max(0, column - half) : column + half + 1]
-    return _Blinking(step=float(steps[most]), light=around.max(axis=(1, 2)))
+    around = blinking & (np.abs(rows - rows[most]) <= half) & (np.abs(columns - columns[most]) <= half)
+    return _Blinking(step=float(steps[most]), light=counts[:, around].max(axis=1))
 
 
 def _halved(image: UInt8[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "half_rows half_columns"]:

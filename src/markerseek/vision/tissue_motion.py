@@ -69,6 +69,11 @@ class TissueMoves(msgspec.Struct, frozen=True, kw_only=True, tag="tissue-moves")
         return math.hypot(*self.swing_mm) / 2
 
     @property
+    def breaths(self) -> float:
+        """How many breaths were seen; 0 without a period."""
+        return 0.0 if self.period_s is None else (self.until_s - self.from_s) / self.period_s
+
+    @property
     def direction(self) -> Vector:
         """Direction of the swing, of length 1."""
         x, y, z = self.swing_mm

@@ -40,6 +40,15 @@ MIN_SPOTS = 3
 RETURN_S = 6.0
 """Longest breath: tissue that has not come back by then will not."""
 
+_STAYS = 0.8
+"""Share of the sightings of the longest breath after it has slid that show a spot elsewhere."""
+
+_MEDIAN = math.pi / 2
+"""Variance of a median over that of a mean, of normal values."""
+
+_COMMON = 0.2
+"""Part of the variance of a sighting that a mean does not lessen: the light of other tissue, and highlights."""
+
 _ENDS = (0.05, 0.5, 0.95)
 """Quantiles of a window that must all have moved: the two ends of a breath, and the middle."""
 
@@ -277,11 +286,14 @@ def _spot(moments: Sequence[Moment]) -> list[SpotSlid]:
     number = MIN_SPOTS
     while number + MIN_SPOTS <= len(at_s):
         before = beside_mm[begin:number]
-        after = beside_mm[number : number + MIN_SPOTS]
-        shift = after.mean(axis=0) - before.mean(axis=0)
-        covariance = 1e6 * single * (1 / len(before) + 1 / MIN_SPOTS)
-        away = np.linalg.norm(after - before.mean(axis=0), axis=1) >= SLID_MM
-        if away.all() and chdtrc(3, float(shift @ np.linalg.solve(covariance, shift))) < _SURPRISE:
+        after = beside_mm[number : max(number + MIN_SPOTS, int(np.searchsorted(at_s, at_s[number] + RETURN_S)))]
+        # A highlight that the tissue carries by is seen a few times in each breath: no mean.
+        was_mm = np.median(before, axis=0)
+        shift = np.median(after, axis=0) - was_mm
+        covariance = 1e6 * single * (_MEDIAN / len(before) + _MEDIAN / len(after) + _COMMON)
+        away = np.linalg.norm(after - was_mm, axis=1) >= SLID_MM
+        is_slid = away[:MIN_SPOTS].all() and np.mean(away) >= _STAYS and np.linalg.norm(shift) >= SLID_MM
+        if is_slid and chdtrc(3, float(shift @ np.linalg.solve(covariance, shift))) < _SURPRISE:
             slid.append(
                 SpotSlid(
                     from_s=float(at_s[number - 1]),

@@ -59,3 +59,18 @@ def test_a_spot_alone_is_no_pair_that_was_not_known(world: World) -> None:
     assert watch.not_known is None
     assert watch.told().known == 1.0
     assert len(watch.moments) == 2
+
+
+def test_tissue_without_texture_around_the_spot_moves_with_the_scene(world: World) -> None:
+    texture = scene_texture(world.pair(), CAMERAS)
+    assert isinstance(texture, SceneTexture)
+    # 8 mm around it no texture is seen.
+    spot_m = texture.points.positions_m.max(axis=0) + np.array([12e-3, 0.0, 0.0])
+    watch = SceneWatch(texture, spot_m=spot_m, rng=np.random.default_rng(1))
+    truth = moved(turn_deg=(0, 0, 1), shift_mm=(1, 0, 0.5))
+    moment = watch.look(world.pair(truth))
+    assert moment.tissue is not None
+    off_m = moment.tissue.value_m - (truth.apply(spot_m) - spot_m)
+    sigma_m = np.sqrt(np.diag(moment.tissue.covariance_m2))
+    assert np.linalg.norm(off_m) < 0.3e-3
+    assert (np.abs(off_m) < 4 * sigma_m).all()

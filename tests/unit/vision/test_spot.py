@@ -217,6 +217,30 @@ def test_a_spot_that_blinks_is_found_among_highlights_that_move(seed: int) -> No
     assert (found.x_px, found.y_px) == pytest.approx((150.4, 119.7), abs=0.2)
 
 
+def test_a_highlight_that_has_come_since_the_dark_images_is_no_light() -> None:
+    """It stays beside the spot, brighter than that: it was elsewhere when the laser was off."""
+    rng = np.random.default_rng(3)
+    columns, rows = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+
+    def image(*, lit: bool, highlight: tuple[float, float]) -> np.ndarray:
+        counts = 60 + 3 * rng.standard_normal(rows.shape)
+        for (x, y), height, radius in ((highlight, 190.0, 4.0), ((150.4, 119.7), 90.0 if lit else 0.0, 5.0)):
+            counts += height * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * radius**2))
+        return np.clip(np.rint(counts), 0, 255).astype(np.uint8)
+
+    dark = [StereoPair(left=each, right=each, at_s=0.0) for each in [image(lit=False, highlight=(200, 150))] * 3]
+    shown = [number % 8 < 5 for number in range(20)]
+    pairs = [
+        StereoPair(left=each, right=each, at_s=1.0 + number)
+        for number, each in enumerate(image(lit=lit, highlight=(168, 112)) for lit in shown)
+    ]
+    lit, unlit = lit_pairs(pairs, dark)
+    assert [pair.at_s for pair in lit] == [1.0 + number for number in range(20) if shown[number]]
+    found = find_spot([pair.left for pair in lit], dark=[pair.left for pair in (*dark, *unlit)])
+    assert isinstance(found, LaserSpot)
+    assert (found.x_px, found.y_px) == pytest.approx((150.4, 119.7), abs=0.2)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_highlights_that_move_are_no_spot(seed: int) -> None:
     pairs = moving_highlights(shown=False, seed=seed)

@@ -218,6 +218,17 @@ def test_a_spot_on_tissue_that_moves_along_has_not_slid() -> None:
     assert len(told.endoscope) == 1
 
 
+def test_a_highlight_that_each_breath_carries_by_is_no_spot_that_has_slid() -> None:
+    poses = still(40)
+    poses[:, 3:] += breath_mm(40)
+    beside_mm = np.zeros((400, 3))
+    # Seen where the breath is deepest, in each breath twice.
+    beside_mm[breath_mm(40)[:, 0] > 0.8 * breath_mm(40)[:, 0].max()] = [4.2, 3.9, 7.0]
+    told = told_apart(moments(poses, spot_mm=beside_mm))
+    assert len(told.tissue) == 1
+    assert told.spot == ()
+
+
 def test_moments_without_a_scene_count_as_not_looked_at() -> None:
     told = told_apart(
         [moment if number % 4 else Moment(at_s=moment.at_s) for number, moment in enumerate(moments(still(20)))]
