@@ -383,6 +383,8 @@ def _line(step: registration.Step, view: registration.SessionView) -> str:
             why = f": {step.reason}" if step.reason is not None else ""
             found = f"  {escape(step.answer)}{where}, {step.acquisitions} frames, {step.rig_s:.1f} s{escape(why)}"
             return f"{found}{_scene_line(step)}"
+        case registration.CorrectedMarker():
+            return f"  [dim]{escape(step.said)}[/]"
         case registration.Registered():
             colour = "green" if view.goal_reached else "yellow" if step.decided else "dim"
             return f"  [{colour}]{escape(step.said)}[/]"

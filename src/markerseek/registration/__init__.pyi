@@ -44,6 +44,7 @@ from .stations import station_names
 from .steps import (
     Begun,
     Continued,
+    CorrectedMarker,
     Ended,
     MovedMarker,
     RecordedStep,
@@ -71,6 +72,7 @@ __all__ = [
     "SPOT_IS_SET",
     "Begun",
     "Continued",
+    "CorrectedMarker",
     "DeviceRoom",
     "Ended",
     "EndoscopeMotion",

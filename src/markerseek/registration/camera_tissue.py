@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import Clock, Displacement, Float64, as_matrix, as_vector
 from markerseek.registration.poses import Poses
 from markerseek.registration.room import FOLLOW_S
-from markerseek.registration.search_watch import SearchWatch
-from markerseek.vision import ClockOffset, Sighting, TissueMoves
+from markerseek.vision import ClockOffset, Moment, Sighting, TissueMoves
 
 MIN_RESTS = 2
 """Fewest pairs in a pause by which the rest of the tissue is placed."""
+
+NEAR_MM = 0.1, 0.25
+"""Distances from the end of exhalation within which the tissue is at its rest, and within which it pauses."""
+
+MOST_LEFT_MM = 0.1
+"""Largest error of a displacement, by that of the rotation, with which nothing has to wait for a pause."""
+
+_LOW = 0.1
+"""Quantile of the places of a breath that is the end of exhalation: there it stays longest."""
+
+_MOST_BETWEEN_S = 0.5
+"""Longest time between two pairs between which the begin of a pause is seen."""
 
 MOST_TURNED_DEG = 30.0
 """Largest standard deviation of the rotation between camera and probe with which a displacement has a direction."""
@@ -40,11 +53,26 @@ class CameraRotation:
         return cls(matrix=mean.as_matrix(), sigma_rad=sigma_rad) if sigma_rad <= np.radians(MOST_TURNED_DEG) else None
 
 
+class FollowedScene(Protocol):
+    """What follows the scene: a `SearchWatch`, or what it saw."""
+
+    @property
+    def moments(self) -> tuple[Moment, ...]:
+        """What was seen so far."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenScene:
+    """What a watch saw, without its images."""
+
+    moments: tuple[Moment, ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraTissue:
     """Tissue whose breath was seen at an earlier marker, while the next one is searched."""
 
-    watch: SearchWatch
+    watch: FollowedScene
     """What follows it."""
     clock: Clock
     """That of the rig."""
@@ -54,6 +82,8 @@ class CameraTissue:
     """Its breath, at times of the rig's clock."""
     rotation: CameraRotation | None
     """None: it is not known in which direction of the probe's frame the tissue moves."""
+    waits: bool = True
+    """Whether light waits for the pause, unless displacements are taken out as well as a pause would do."""
 
     @property
     def known_after_s(self) -> float:
@@ -62,21 +92,60 @@ class CameraTissue:
         return max(self.offset.offset_s, 0.0) + 2 * FOLLOW_S
 
     @property
+    def is_taken_out(self) -> bool:
+        """Whether displacements are known so well that they are as good as a pause."""
+        if self.rotation is None:
+            return False
+        return 2 * self.breath.amplitude_mm * self.rotation.sigma_rad <= MOST_LEFT_MM
+
+    @property
     def breath_s(self) -> float | None:
-        """Time from breath to breath in seconds; None if it has no period."""
-        return self.breath.period_s
+        """Time from breath to breath in seconds; None if it has no period, or nothing has to wait for it."""
+        return self.breath.period_s if self._gates else None
 
     @property
     def pause_s(self) -> float:
-        """Time in seconds in which it rests between two breaths."""
-        return self.breath.pause_s
+        """Time in seconds in which it rests between two breaths; 0 where nothing has to wait for that."""
+        return self.breath.pause_s if self._gates else 0.0
+
+    @property
+    def _gates(self) -> bool:
+        return self.waits and not self.is_taken_out
 
     def rests(self, for_s: float) -> bool | None:
-        """Whether it stays in its pause from now on, for so many seconds, as far as it breathes as it did."""
+        """Whether it stays in its pause from now on, for so many seconds, if this breath is as long as the others.
+
+        It is in step with the last pause whose begin was seen.
+        """
         if self.breath.period_s is None:
             return None
         now_s = self.clock.now_s()
-        return for_s <= self.breath.pause_s and self.breath.in_pause(now_s) and self.breath.in_pause(now_s + for_s)
+        breath = structs.replace(self.breath, pause_at_s=self._pause_at_s())
+        return for_s <= breath.pause_s and breath.in_pause(now_s) and breath.in_pause(now_s + for_s)
+
+    def _pause_at_s(self) -> float | None:
+        """Return when the last pause began that was seen to begin, on the rig's clock; else as it was seen before."""
+        way_mm = self._way_mm()
+        near = way_mm <= NEAR_MM[1]
+        times_s = np.array([at_s for at_s, _ in self._seen()])
+        if not self._is_whole(way_mm):
+            return self.breath.pause_at_s
+        begins = np.flatnonzero(near[1:] & ~near[:-1] & (np.diff(times_s) <= _MOST_BETWEEN_S))
+        if not begins.size:
+            return self.breath.pause_at_s
+        return float(times_s[begins[-1] : begins[-1] + 2].mean()) - self.offset.offset_s
+
+    def _is_whole(self, way_mm: Float64[np.ndarray, " pairs"]) -> bool:
+        """Whether a whole breath was seen, as far as its depth tells."""
+        return way_mm.size > 0 and float(way_mm.max()) >= self.breath.amplitude_mm
+
+    def _way_mm(self) -> Float64[np.ndarray, " pairs"]:
+        """Return how far the tissue was from its end of exhalation in each pair, in the direction of its breath."""
+        seen = self._seen()
+        if not seen:
+            return np.zeros(0)
+        along_mm = 1e3 * np.array([sighting.value_m for _, sighting in seen]) @ np.array(self.breath.direction)
+        return np.asarray(along_mm - np.quantile(along_mm, _LOW))
 
     @property
     def rest_is_known(self) -> bool:
@@ -111,8 +180,13 @@ class CameraTissue:
         return [(moment.at_s, moment.tissue) for moment in self.watch.moments if moment.tissue is not None]
 
     def _rest(self) -> Sighting | None:
-        """Return where the tissue rests, as it was seen in its pauses since the search began."""
-        rests = [sighting for at_s, sighting in self._seen() if self.breath.in_pause(at_s - self.offset.offset_s)]
+        """Return where the tissue rests, as it was seen since the search began: in a whole breath, or in its pauses."""
+        seen = self._seen()
+        way_mm = self._way_mm()
+        if self._is_whole(way_mm):
+            rests = [sighting for (_, sighting), mm in zip(seen, way_mm, strict=True) if abs(mm) <= NEAR_MM[0]]
+        else:
+            rests = [sighting for at_s, sighting in seen if self.breath.in_pause(at_s - self.offset.offset_s)]
         if len(rests) < MIN_RESTS:
             return None
         return Sighting(

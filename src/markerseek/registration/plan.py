@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
@@ -18,6 +18,11 @@ MOST_MARKERS = 12
 USUAL_TRE_MM = 1.0
 """Expected error at the target at which a session ends, in mm, where nobody names one: what four to six good markers
 reach."""
+
+
+Gate: TypeAlias = Literal["found", "always", "never"]
+"""Whether light waits for the pauses of the tissue's breath: where cameras find a breath; also for the first marker,
+before which they watch the tissue; or not at all."""
 
 
 class SessionPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,6 +81,14 @@ class SessionPlan(msgspec.Struct, frozen=True, kw_only=True):
             "tissue that moves."
         ),
     ] = False
+    gate: Annotated[
+        Gate,
+        Help(
+            "Whether light waits for the pauses of the tissue's breath: found, where the cameras see a breath, so that "
+            "the first marker is searched twice; always, with the tissue watched for some 8 s before the first marker; "
+            "never."
+        ),
+    ] = "found"
     no_frames: Annotated[
         bool,
         Help(

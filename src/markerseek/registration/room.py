@@ -30,6 +30,7 @@ from markerseek.sim import (
     SimulatedEndoscope,
     SimulatedSettings,
     TexturedTissue,
+    TissueMotion,
     camera_above,
     endoscope,
     on_tissue_m,
@@ -305,7 +306,7 @@ class SimulatedTruth(msgspec.Struct, frozen=True, kw_only=True):
 class SimulatedRoom:
     """A `Room` in which everything is simulated.
 
-    ``seed``: of everything that is drawn.
+    ``seed``: of everything that is drawn. ``motion``: how the tissue moves; None: as the settings of the rig say.
     """
 
     waits_dark = False
@@ -313,7 +314,7 @@ class SimulatedRoom:
     fired: int | None = None
     """Not counted."""
 
-    def __init__(self, settings: SimulatedRoomSettings, *, seed: int) -> None:
+    def __init__(self, settings: SimulatedRoomSettings, *, seed: int, motion: TissueMotion | None = None) -> None:
         self._settings = settings
         self._seed = seed
         self.endoscope_held = settings.endoscope_held
@@ -325,6 +326,8 @@ class SimulatedRoom:
         # Textured tissue alone can be followed; a clock without a beat is faster.
         beat = self._look_on if settings.textured else None
         self._movable = movable(seed=seed, settings=settings.rig, pace=settings.pace, beat=beat, beside=settings.beside)
+        world = self._movable.world
+        world.motion = motion or world.motion
         self.rig: Rig = self._movable.rig
         """The simulated rig; another one for each place of the marker."""
         tissue_m = settings.rig.marker.radius_m
@@ -348,7 +351,6 @@ class SimulatedRoom:
         self._depth_m = max(spot.depth_m + spot.depth_sigma_m * depth, 0.0)
         cameras = endoscope()
         look = settings.look
-        motion = self._movable.world.motion
         self.stereo = StereoSettings.of(cameras, calibration_sigma_px=look.calibration_sigma_px)
         """The calibration of the cameras."""
         self.images = SimulatedEndoscope(
@@ -362,7 +364,7 @@ class SimulatedRoom:
             base_error=BASE_LENGTH * base,
             vergence_px=math.sqrt(2) * look.calibration_sigma_px * vergence,
             tissue=self._tissue,
-            displacement_m=lambda at_s: motion.displacement_m(np.array([at_s]))[0],
+            displacement_m=lambda at_s: world.motion.displacement_m(np.array([at_s]))[0],
             is_lit=self._movable.world.is_lit if settings.textured else None,
             late_s=LATE_S if settings.textured else 0.0,
         )

@@ -42,12 +42,22 @@ from markerseek.vision import (
     quick_spot,
     told_apart,
 )
+from markerseek.vision.clock_offset import EXPOSURES_S
 
 _MOST_OFFSET_S = 1.0
 """Largest offset of the cameras' clock beyond what the look for the spot has shown of it."""
 
 _MIN_SIGHTINGS = 3
 """Fewest pairs that show the spot, by whose mean it is placed."""
+
+_FLASH_S = 0.02
+"""How much earlier or later than the clocks tell a flash may have been."""
+
+_BESIDE_M = 2e-3
+"""Distance of a sighting from the median of all, beyond which it is one of something else."""
+
+_QUICK_PX = 0.15
+"""Standard deviation of the middle of a spot that is found quickly, the same in all pairs of one place."""
 
 _STILL_DEG = 0.01
 """Standard deviation of a rotation of the scene where the endoscope has not moved."""
@@ -96,7 +106,7 @@ class SearchWatch:
         self._blinks = [(pair.at_s, False) for pair in looked.dark] + [(pair.at_s, True) for pair in looked.lit]
         self._flashes_s = list(looked.flashes_s)
         # Where the spot lay on the tissue, as that was at the reference.
-        self._on_tissue_m: list[Float64[np.ndarray, " 3"]] = []
+        self._on_tissue_m: list[tuple[float, Float64[np.ndarray, " 3"]]] = []
 
     @property
     def follows(self) -> bool:
@@ -145,7 +155,7 @@ class SearchWatch:
         except ConfigError:
             # Both images do not show one place: a highlight in one of them.
             return
-        self._on_tissue_m.append(place_m - displacement_m)
+        self._on_tissue_m.append((pair.at_s, place_m - displacement_m))
         self._watch.place_spot(place_m, covariance_m2, at_s=pair.at_s)
 
     def _sighted(
@@ -175,10 +185,12 @@ class SearchWatch:
     def _first(
         self, side: str, was_px: Int64[np.ndarray, " 2"], dark: UInt8[np.ndarray, "part part"]
     ) -> QuickSpot | None:
-        """Return the spot in the last lit pair before the search."""
+        """Return the mean of the spot over the lit pairs before the search; None if none of them shows it."""
         if side not in self._firsts:
-            part = _part(getattr(self._looked.lit[-1], side), was_px)
-            self._firsts[side] = None if part is None else quick_spot(part, dark=dark)
+            parts = [_part(getattr(pair, side), was_px) for pair in self._looked.lit]
+            spots = [quick_spot(part, dark=dark) for part in parts if part is not None]
+            seen = [spot for spot in spots if spot is not None]
+            self._firsts[side] = _mean_spot(seen) if seen else None
         return self._firsts[side]
 
     def fire(self, header: FrameHeader) -> None:
@@ -205,12 +217,21 @@ class SearchWatch:
             return True
         return bool(told.endoscope) and told.endoscope[-1].until_s <= last_s - RETURN_S
 
-    def _told(self) -> ToldApart:
-        return told_apart([]) if self._watch is None else self._watch.told()
+    def _told(self, clock: ClockOffset | None = None) -> ToldApart:
+        """Tell what moved, without what looks like a spot while the laser is dark."""
+        seen = [moment for moment in self.moments if moment.spot is None or self._is_lit(moment.at_s, clock)]
+        return told_apart(sorted(seen, key=lambda moment: moment.at_s))
+
+    def _is_lit(self, camera_s: float, clock: ClockOffset | None) -> bool:
+        """Whether the laser may have fired in the exposure of a pair."""
+        if clock is None or not self._flashes_s:
+            return True
+        since_s = clock.rig_s(camera_s) - np.array(self._flashes_s)
+        return bool(np.any((since_s >= -_FLASH_S) & (since_s <= max(EXPOSURES_S) + _FLASH_S)))
 
     def told(self, clock: ClockOffset | None = None) -> SearchScene:
         """Tell what moved; ``clock``: the offset of the cameras' clock, None if it is not known."""
-        told = self._told()
+        told = self._told(clock)
         tissue = told.tissue[-1] if told.tissue else None
         by_s = 0.0 if clock is None else clock.offset_s
         return SearchScene(
@@ -259,19 +280,46 @@ class SearchWatch:
             np.median([each.covariance_m2 for each in seen], axis=0),
         )
 
-    def at_end(self, seen: SeenMarker, end: SceneMove) -> SeenMarker:
-        """Return the spot at the end of the search, where the tissue rests.
+    def at_end(self, seen: SeenMarker, end: SceneMove, *, clock: ClockOffset | None = None) -> SeenMarker:
+        """Return the spot at the end of the search, where the tissue rests; ``clock``: as of `told`.
 
         It lies there where it lay on the tissue in the mean of all pairs that show it, or before the search if fewer
         than three do.
         """
-        places_m = np.array(self._on_tissue_m)
-        place_m = places_m.mean(axis=0) if len(places_m) >= _MIN_SIGHTINGS else seen.camera_m
+        place_m = seen.camera_m
+        covariance_m2 = seen.camera_covariance_m2
+        places_m = [each_m for at_s, each_m in self._on_tissue_m if self._is_lit(at_s, clock)]
+        if len(places_m) >= _MIN_SIGHTINGS:
+            place_m, covariance_m2 = self._mean_place(np.array(places_m), covariance_m2)
         return replace(
             seen,
             camera_m=place_m + 1e-3 * np.array(end.displacement_mm),
-            camera_covariance_m2=seen.camera_covariance_m2 + 1e-6 * np.array(end.covariance)[3:, 3:],
+            camera_covariance_m2=covariance_m2 + 1e-6 * np.array(end.covariance)[3:, 3:],
         )
+
+    def _mean_place(
+        self, places_m: Float64[np.ndarray, "sightings 3"], covariance_m2: Float64[np.ndarray, "3 3"]
+    ) -> tuple[Float64[np.ndarray, " 3"], Float64[np.ndarray, "3 3"]]:
+        """Return the mean place of the spot on the tissue, with its covariance where it is less than before the search.
+
+        A spot that moved while the cameras looked for it is measured better on the tissue that carried it.
+        """
+        stereo = self._stereo
+        place_m = np.median(places_m, axis=0)
+        # Some sightings are of a highlight.
+        near = np.linalg.norm(places_m - place_m, axis=1) <= _BESIDE_M
+        places_m = places_m[near]
+        if len(places_m) < _MIN_SIGHTINGS:
+            return place_m, covariance_m2
+        sides_px = stereo.cameras.project(places_m)
+        scatter_px = float(np.sqrt(np.mean([np.var(side_px, axis=0, ddof=1) for side_px in sides_px])))
+        spot_px = math.hypot(scatter_px / math.sqrt(len(places_m)), _QUICK_PX)
+        if spot_px < self._looked.spot.sigma_px:
+            left_px, right_px = (side_px.mean(axis=0) for side_px in sides_px)
+            _, covariance_m2, _ = seen_point(
+                left_px, right_px, stereo.cameras, spot_px=spot_px, calibration_px=stereo.calibration_sigma_px
+            )
+        return np.asarray(places_m.mean(axis=0)), covariance_m2
 
 
 def _stands_elsewhere(moment: Moment, spot_m: Float64[np.ndarray, " 3"]) -> bool:
@@ -280,6 +328,11 @@ def _stands_elsewhere(moment: Moment, spot_m: Float64[np.ndarray, " 3"]) -> bool
     moved_m = float(np.linalg.norm(moment.scene.displacement_m(spot_m[None])[0]))
     turned = Rotation.from_matrix(moment.scene.transform.rotation).magnitude()
     return 1e3 * moved_m >= MOVED_MM or math.degrees(turned) >= MOVED_DEG
+
+
+def _mean_spot(spots: Sequence[QuickSpot]) -> QuickSpot:
+    x_px, y_px, counts = np.mean([(each.x_px, each.y_px, each.counts) for each in spots], axis=0).tolist()
+    return QuickSpot(x_px=x_px, y_px=y_px, counts=counts)
 
 
 _Timed = TypeVar("_Timed", TissueMoves, SpotSlid, EndoscopeMoved)

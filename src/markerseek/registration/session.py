@@ -15,20 +15,24 @@ from typing import TypeVar
 
 import numpy as np
 from msgspec import structs
+from scipy.spatial.transform import Rotation
 
 from markerseek.core import (
+    AcquisitionError,
     Finished,
     Float64,
     Found,
     MarkerCurve,
     Measured,
     SearchPlan,
+    StereoPair,
     Swept,
     as_vector,
     counted,
 )
-from markerseek.records.journal import Journal
-from markerseek.registration.camera_tissue import CameraRotation, CameraTissue
+from markerseek.records.journal import Configuration, Journal, JournalEvent
+from markerseek.registration.answered_again import Answered, KeptSearch, with_header
+from markerseek.registration.camera_tissue import CameraRotation, CameraTissue, SeenScene
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
 from markerseek.registration.endoscope_motion import (
     EndoscopeMotion,
@@ -57,6 +61,7 @@ from markerseek.registration.spots import Looked, SpotError, SpotFinder
 from markerseek.registration.stations import carry, stands_elsewhere, station_names
 from markerseek.registration.steps import (
     Continued,
+    CorrectedMarker,
     Ended,
     RecordedStep,
     Registered,
@@ -71,7 +76,9 @@ from markerseek.registration.steps import (
 )
 from markerseek.registration.view import SessionView
 from markerseek.runs import Run, new_run, plan_on
-from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, scene_texture
+from markerseek.show import answer_name, answer_reason
+from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, SceneWatch, TissueMoves, scene_texture
+from markerseek.vision.tissue_motion import MIN_PERIODS
 
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
@@ -89,6 +96,15 @@ MOST_LOOK_ON_S = 13.0
 """Longest time after a search in which the cameras look on: one and a half of the longest breaths."""
 
 _LOOK_ON_S = 0.5
+
+_GLANCE_S = 4.0
+"""Time in which a breath shows, if there is one."""
+
+_WATCHED_BREATHS = 2.0
+"""Breaths that are watched before a search: with fewer, a wrong period fits as well."""
+
+_ENOUGH_BREATHS = 2.5
+"""Breaths after which a search knows them as well as an earlier one."""
 
 APART_M = 5e-3
 """Distance from a spot that was taken, below which another spot is the same: the person has not moved it yet."""
@@ -137,6 +153,17 @@ class RegistrationSession:
             self._watch = self._watch_of_markers()
         self._textureless = 0
         """How often in a row the images had no texture."""
+        self._breath: TissueMoves | None = None
+        """The tissue's breath, as the searches so far show it, at times of the rig's clock."""
+        for marker in self.view.markers:
+            if marker.scene is not None:
+                self._breath = _newer_breath(self._breath, marker.scene, during_s=marker.rig_s)
+        self._searches: dict[str, KeptSearch] = {}
+        """Searches during which the tissue moved, by their markers."""
+        self._rotations: dict[str, CameraRotation | None] = {}
+        """The rotation with which each of them was answered last."""
+        self._rests = False
+        """Whether the tissue was watched, and did not move."""
         self._possible: Poses | None = None
         """Possible poses of the cameras; drawn after each marker."""
 
@@ -178,6 +205,7 @@ class RegistrationSession:
                 taken = yield from self._marker(waiting.name)
             if taken is None:
                 return False
+            yield from self._corrected()
             state = self._state()
             yield self._recorded(state)
         return True
@@ -241,9 +269,10 @@ class RegistrationSession:
 
     def _less_breath(self, endoscope: SeenEndoscope | None) -> SeenEndoscope | None:
         """Return what one pair shows of the endoscope, less what may be the tissue's breath."""
-        breaths = [marker.scene.tissue for marker in self.view.markers if marker.scene and marker.scene.tissue]
-        if breaths and isinstance(endoscope, EndoscopeMotion):
-            return less_breath(endoscope, breaths[-1])
+        seen = [marker.scene.tissue for marker in self.view.markers if marker.scene and marker.scene.tissue]
+        breath = self._breath or (seen[-1] if seen else None)
+        if breath is not None and isinstance(endoscope, EndoscopeMotion):
+            return less_breath(endoscope, breath)
         return endoscope
 
     def _keep(self, taken: TakenMarker, looked: Looked) -> None:
@@ -265,7 +294,7 @@ class RegistrationSession:
         Where the laser fires while the session waits, that is said once as long as the reason is the same.
         """
         try:
-            return (yield from self._taken(name, again, check=check))
+            return (yield from self._gated(name, again, check=check))
         except SpotError as problem:
             refused = SpotRefused(
                 name=name,
@@ -280,6 +309,14 @@ class RegistrationSession:
             self._refused = said
             yield self._recorded(refused)
         return None
+
+    def _gated(self, name: str, again: TakenMarker | None, *, check: bool) -> Generator[Step, None, TakenMarker]:
+        """Take a marker; once more in the pauses of the tissue's breath if its search shows that there is one."""
+        try:
+            return (yield from self._taken(name, again, check=check))
+        except _TissueBreathesError as found:
+            yield self._recorded(SpotRefused(name=name, reason=str(found), pulses=self._room.fired))
+            return (yield from self._taken(name, again, check=check))
 
     def _taken(self, name: str, again: TakenMarker | None, *, check: bool) -> Generator[Step, None, TakenMarker]:
         """Look for the spot, search its marker, and look again; `SpotError` if it has to be done once more."""
@@ -310,19 +347,19 @@ class RegistrationSession:
         if journal is not None:
             configuration = structs.replace(search.configuration, frames=not self._plan.no_frames)
             search = replace(search, configuration=configuration, journal=Journal.create(journal, configuration))
-        yield from self._searched(name, search, watch, tissue)
+        kept: list[JournalEvent] = []
+        scene = yield from self._followed(begin, search, watch, tissue, kept=kept)
         result = search.result()
         if isinstance(result.estimate, Found):
             self._curve = result.estimate.curve or self._curve
         if check and len(result.candidates) != 1:
             reason = f"the search answers {result.answer}, which checks nothing: light the spot elsewhere"
             raise SpotError.at(begin.looked.spot, reason)
-        scene = self._told(watch)
         self._require_still(begin, watch, scene)
         seen = begin.seen
         endoscope = begin.endoscope
         if scene is not None and scene.end is not None:
-            seen = watch.at_end(seen, scene.end)
+            seen = watch.at_end(seen, scene.end, clock=self._clock)
             endoscope = begin.endoscope_at(scene.end)
         taken = TakenMarker(
             name=name,
@@ -347,13 +384,13 @@ class RegistrationSession:
         )
         if again is None and not check:
             self._keep(taken, begin.looked)
+            self._keep_search(name, search.configuration, kept, watch, scene)
         yield self._recorded(taken)
         return taken
 
     def _begin(self, name: str, again: TakenMarker | None) -> _Begin:
         """Look for the spot, and whether the endoscope has moved; `SpotError` if there is no new spot."""
-        self._await_pause()
-        looked = self._spots.look()
+        looked = self._look()
         seen = self._spots.seen(name, looked.spot)
         texture = scene_texture(looked.dark[-1], self._room.stereo.cameras)
         self._require_texture(texture)
@@ -370,6 +407,16 @@ class RegistrationSession:
             looked=looked, seen=seen, texture=texture, at_once=at_once, endoscope=endoscope, elsewhere=elsewhere
         )
 
+    def _require_no_breath(self, name: str, watch: SearchWatch, scene: SearchScene | None) -> None:
+        """Raise `_TissueBreathesError` if a search that knew of no breath has shown one for which light can wait."""
+        if scene is None or scene.tissue is None or self._plan.gate == "never" or self._tissue(watch) is None:
+            return
+        moves = scene.tissue
+        raise _TissueBreathesError(
+            f"the tissue moves by ± {moves.amplitude_mm:.2f} mm: marker {name} is searched again, in the pauses of the "
+            "breath"
+        )
+
     def _require_texture(self, texture: SceneTexture | NotKnown) -> None:
         """Refuse images without texture, unless the endoscope is held."""
         if self._watch is None or isinstance(texture, SceneTexture):
@@ -384,10 +431,9 @@ class RegistrationSession:
     def _require_still(self, begin: _Begin, watch: SearchWatch, scene: SearchScene | None) -> None:
         """Refuse a spot that has slid during its search; where tissue or endoscope move, it moves with them.
 
-        Tissue that breathed during the last search is taken to move, also where this one was seen in its pauses only.
+        Tissue that breathes is taken to move, also where this search was seen in its pauses only.
         """
-        last = self._last_scene
-        breathed = last is not None and last.tissue is not None
+        breathed = self._breath is not None
         if scene is None or not (scene.moved or (scene.is_known and breathed)):
             self._spots.require_still(begin.looked, watch.later)
         elif scene.spot is not None:
@@ -395,33 +441,87 @@ class RegistrationSession:
             raise SpotError.at(begin.looked.spot, reason)
 
     def _tissue(self, watch: SearchWatch) -> CameraTissue | None:
-        """Return the tissue for a search; None if it was not seen to breathe during the last one."""
-        scene = self._last_scene
-        if scene is None or scene.tissue is None or scene.tissue.period_s is None or self._clock is None:
-            return None
-        if not watch.follows or scene.clock is None:
+        """Return the tissue for a search; None if it was not seen to breathe."""
+        breath = self._breath
+        offset = self._clock or watch.clock()
+        if breath is None or offset is None or not watch.follows:
             return None
         return CameraTissue(
             watch=watch,
             clock=self._room.rig.scanner.clock,
-            offset=self._clock,
-            breath=scene.tissue,
+            offset=offset,
+            breath=breath,
             rotation=CameraRotation.of(self._possible),
+            waits=self._plan.gate != "never",
         )
 
-    @property
-    def _last_scene(self) -> SearchScene | None:
-        """What the cameras saw during the last search; None: nothing was followed."""
-        return self.view.markers[-1].scene if self.view.markers else None
+    def _look(self) -> Looked:
+        """Look for the spot in a pause of the tissue's breath; where it is refused, find out whether there is one."""
+        if self._plan.gate == "always" and self._breath is None:
+            self._watch_tissue()
+        self._await_pause()
+        try:
+            return self._spots.look()
+        except SpotError:
+            if not self._watch_tissue():
+                raise
+        self._await_pause()
+        return self._spots.look()
+
+    def _watch_tissue(self) -> bool:
+        """Watch the tissue in the dark for up to two breaths; whether it was seen to breathe.
+
+        It is watched again only if it moved.
+        """
+        if self._rests or self._plan.gate == "never":
+            return False
+        try:
+            texture = scene_texture(self._spots.dark()[-1], self._room.stereo.cameras)
+        except SpotError:
+            return False
+        if isinstance(texture, NotKnown):
+            return False
+        places_m = texture.points.positions_m
+        middle = int(np.argmin(np.linalg.norm(places_m - np.median(places_m, axis=0), axis=1)))
+        watch = SceneWatch(texture, spot_m=places_m[middle], rng=np.random.default_rng(0))
+        clock = self._room.rig.scanner.clock
+        ahead_s = [-math.inf]
+
+        def look(pair: StereoPair) -> None:
+            ahead_s[0] = max(ahead_s[0], pair.at_s - clock.now_s())
+            watch.look(pair)
+
+        begun_s = clock.now_s()
+        breath: TissueMoves | None = None
+        with self._room.following(look):
+            while clock.now_s() - begun_s < MOST_LOOK_ON_S:
+                clock.wait(_LOOK_ON_S)
+                tissue = watch.told().tissue
+                if tissue and tissue[-1].breaths >= _WATCHED_BREATHS:
+                    breath = tissue[-1]
+                    break
+                if not tissue and clock.now_s() - begun_s >= _GLANCE_S:
+                    break
+        if breath is None or breath.pause_at_s is None:
+            self._rests = not watch.told().tissue
+            return False
+        # Without flashes, what comes last came now.
+        by_s = ahead_s[0] if self._clock is None else self._clock.offset_s
+        self._breath = structs.replace(
+            breath,
+            from_s=breath.from_s - by_s,
+            until_s=breath.until_s - by_s,
+            pause_at_s=breath.pause_at_s - by_s,
+        )
+        return True
 
     def _await_pause(self) -> None:
-        """Wait for a pause of the tissue's breath, as the last search showed it: a spot that moves is not measured."""
-        scene = self._last_scene
-        if scene is None or scene.clock is None or scene.tissue is None or scene.tissue.period_s is None:
+        """Wait for a pause of the tissue's breath: a spot that moves is not measured."""
+        breath = self._breath
+        if breath is None or breath.period_s is None:
             return
-        breath = scene.tissue
         clock = self._room.rig.scanner.clock
-        until_s = clock.now_s() + 2 * scene.tissue.period_s
+        until_s = clock.now_s() + 2 * breath.period_s
         # Most of the pause must be left for the look.
         while not (breath.in_pause(clock.now_s()) and breath.in_pause(clock.now_s() + 0.8 * breath.pause_s)):
             if clock.now_s() >= until_s:
@@ -431,14 +531,17 @@ class RegistrationSession:
     def _await_rest(self, tissue: CameraTissue) -> None:
         """Wait in the dark until the tissue was seen at its rest, for two breaths at most."""
         clock = self._room.rig.scanner.clock
-        until_s = clock.now_s() + 2 * (tissue.breath_s or 0.0)
+        until_s = clock.now_s() + 2 * (tissue.breath.period_s or 0.0)
         while not tissue.rest_is_known and clock.now_s() < until_s:
             clock.wait(_LOOK_ON_S / 5)
 
     def _searched(
-        self, name: str, search: Run, watch: SearchWatch, tissue: CameraTissue | None
+        self, name: str, search: Run, watch: SearchWatch, tissue: CameraTissue | None, *, kept: list[JournalEvent]
     ) -> Generator[Step, None, None]:
-        """Run a search while the cameras look on, and then until it can be told what moved."""
+        """Run a search while the cameras look on, and then until it can be told what moved.
+
+        ``kept``: takes its events, without frames.
+        """
         try:
             # Closed here, so that an interrupt also stops the stage and disarms the laser.
             with (
@@ -447,14 +550,14 @@ class RegistrationSession:
             ):
                 if tissue is not None:
                     self._await_rest(tissue)
-                for event in events:
+                for event in self._looked_on(events, watch):
                     lit = isinstance(event, Measured) and not event.sample.dark
                     if not watch.follows and (lit or isinstance(event, Swept | Finished)):
                         watch.keep(self._room.images.newest())
                     if isinstance(event, Measured) and event.sample.frame is not None:
                         watch.fire(event.sample.frame.header)
+                    kept.append(with_header(event))
                     yield Searching(name=name, view=search.view)
-                self._look_on(watch)
         except (KeyboardInterrupt, GeneratorExit) as stop:
             search.interrupt(str(stop) or "the user")
             raise
@@ -462,14 +565,96 @@ class RegistrationSession:
             if search.journal is not None:
                 search.journal.close()
 
-    def _told(self, watch: SearchWatch) -> SearchScene | None:
-        """Return what moved during a search; None if nothing was followed."""
+    def _followed(
+        self, begin: _Begin, search: Run, watch: SearchWatch, tissue: CameraTissue | None, *, kept: list[JournalEvent]
+    ) -> Generator[Step, None, SearchScene | None]:
+        """Run a search, and return what the cameras saw move; None if nothing was followed.
+
+        ``kept``: as of `_searched`.
+
+        Raises `_TissueBreathesError` if it knew of no breath and there is one, and `SpotError` if what the breath does
+        to its sweeps makes them useless.
+        """
+        name = begin.seen.name
+        begun_s = self._room.rig.scanner.clock.now_s()
+        problem: AcquisitionError | None = None
+        try:
+            yield from self._searched(name, search, watch, tissue, kept=kept)
+        except AcquisitionError as error:
+            problem = error
+        scene = self._told(watch, during_s=self._room.rig.scanner.clock.now_s() - begun_s)
+        if tissue is None and (problem is not None or not search.result().candidates):
+            self._require_no_breath(name, watch, scene)
+        if problem is not None and tissue is None:
+            raise problem
+        if problem is not None:
+            raise SpotError.at(begin.looked.spot, str(problem)) from problem
+        return scene
+
+    def _keep_search(
+        self,
+        name: str,
+        configuration: Configuration,
+        events: list[JournalEvent],
+        watch: SearchWatch,
+        scene: SearchScene | None,
+    ) -> None:
+        """Keep a search during which the tissue moved, to answer it again once more is known."""
+        if scene is None or scene.tissue is None or self._clock is None:
+            return
+        tissue = CameraTissue(
+            watch=SeenScene(moments=watch.moments),
+            clock=self._room.rig.scanner.clock,
+            offset=self._clock,
+            breath=scene.tissue,
+            rotation=None,
+        )
+        self._searches[name] = KeptSearch(configuration=configuration, events=events, tissue=tissue)
+
+    def _corrected(self) -> Generator[Step, None, None]:
+        """Answer the searches in moving tissue again, with the rotation that the markers so far tell."""
+        if not self._searches:
+            return
+        seen = carry(self.view.markers).seen
+        poses = self._poses(seen, self._choose(seen))
+        rotation = CameraRotation.of(poses)
+        stations = station_names(self.view.markers)
+        here = stations[self.view.markers[-1].name]
+        for marker in self.view.markers:
+            search = self._searches.get(marker.name)
+            # Where the endoscope stood elsewhere, its rotation was another one.
+            if search is None or stations[marker.name] != here or not self._is_news(marker.name, rotation):
+                continue
+            answered = search.answered(rotation)
+            if answered is not None and (answered.candidates or not marker.candidates):
+                yield self._recorded(_correction(marker, answered))
+            self._rotations[marker.name] = rotation
+
+    def _is_news(self, name: str, rotation: CameraRotation | None) -> bool:
+        """Whether a search was not answered again yet, or less was known of the rotation then."""
+        return name not in self._rotations or _is_better(rotation, self._rotations[name])
+
+    def _looked_on(
+        self, events: Generator[JournalEvent, None, None], watch: SearchWatch
+    ) -> Generator[JournalEvent, None, None]:
+        """Give the events of a search, and look on after it, also where it is given up."""
+        try:
+            yield from events
+        except AcquisitionError:
+            self._look_on(watch)
+            raise
+        self._look_on(watch)
+
+    def _told(self, watch: SearchWatch, *, during_s: float) -> SearchScene | None:
+        """Return what moved during a search of so many seconds; None if nothing was followed."""
         if not watch.follows:
             return None
         shown = watch.clock()
         if shown is not None and (self._clock is None or shown.sigma_s < self._clock.sigma_s):
             self._clock = shown
-        return watch.told(self._clock)
+        scene = watch.told(self._clock)
+        self._breath = _newer_breath(self._breath, scene, during_s=during_s)
+        return scene
 
     def _look_on(self, watch: SearchWatch) -> None:
         """Look on after a search, in the dark, until it can be told what moved."""
@@ -608,6 +793,59 @@ class RegistrationSession:
         registered = self.view.registration is not None
         go_on = f"; {GO_ON}" if self._plan.hold else ""
         return Ended(registered=registered, said=f"{late}{self.view.said}; {took}{go_on}", rig_s=self.view.rig_s)
+
+
+_BETTER = 0.7
+_TURNED_RAD = 0.01
+"""Standard deviation of a rotation over that of the former one, and angle from it, with which a search is answered
+again."""
+
+
+def _is_better(rotation: CameraRotation | None, former: CameraRotation | None) -> bool:
+    """Whether more is known of a rotation than when a search was answered last."""
+    if rotation is None or former is None:
+        return rotation is not former
+    turned = Rotation.from_matrix(rotation.matrix @ former.matrix.T).magnitude()
+    return rotation.sigma_rad < _BETTER * former.sigma_rad or float(turned) > _TURNED_RAD
+
+
+def _correction(marker: TakenMarker, answered: Answered) -> CorrectedMarker:
+    """Return the step by which a marker gets another answer."""
+    name = answer_name(answered.estimate)
+    candidates = list(answered.candidates)
+    moved = ""
+    if candidates and marker.candidates:
+        way_m = np.subtract(candidates[0].position.position_m, marker.candidates[0].position.position_m)
+        moved = f", {1e3 * float(np.linalg.norm(way_m)):.2f} mm from before"
+    where = f" at {candidates[0].angle_deg:.2f} deg" if candidates else ""
+    return CorrectedMarker(
+        name=marker.name,
+        answer=name,
+        reason=answer_reason(answered.estimate),
+        candidates=candidates,
+        said=f"marker {marker.name} again, with the tissue's motion taken out: {name}{where}{moved}",
+    )
+
+
+def _newer_breath(breath: TissueMoves | None, scene: SearchScene, *, during_s: float) -> TissueMoves | None:
+    """Return the breath after a search: the one that was known, another one, or none.
+
+    A search that saw a part of a breath does not replace what is known; one that saw none for longer than a breath ends
+    it.
+    """
+    tissue = scene.tissue
+    if not scene.is_known:
+        return breath
+    if tissue is None:
+        over = breath is not None and during_s > MIN_PERIODS * (breath.period_s or math.inf)
+        return None if over else breath
+    if tissue.period_s is None or scene.clock is None:
+        return breath
+    return tissue if breath is None or tissue.breaths >= min(breath.breaths, _ENOUGH_BREATHS) else breath
+
+
+class _TissueBreathesError(Exception):
+    """A search that waited for no pause has shown that the tissue breathes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

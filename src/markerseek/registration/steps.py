@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 import msgspec
 import numpy as np
+from msgspec import structs
 
 from markerseek._version import __version__
 from markerseek.core import ConfigError, MarkerCandidate, require_range
@@ -184,6 +185,22 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
         )
 
 
+class CorrectedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker-corrected"):
+    """The search of an earlier marker was answered again: more is known of how the tissue moved meanwhile."""
+
+    name: str
+    answer: str
+    reason: str | None
+    candidates: list[MarkerCandidate]
+    """``answer``, ``reason`` and ``candidates``: as of `TakenMarker`, with the displacements taken out."""
+    said: str
+    """The change in a sentence."""
+
+    def of(self, marker: TakenMarker) -> TakenMarker:
+        """Return the marker with this answer."""
+        return structs.replace(marker, answer=self.answer, reason=self.reason, candidates=self.candidates)
+
+
 _FARTHEST_M = 10.0
 _FINEST_M = 1e-9
 """Largest distance of a spot or marker from its frame's origin, and least standard deviation of it, in metres."""
@@ -259,7 +276,17 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True, tag="ended"):
 
 
 RecordedStep: TypeAlias = (
-    Begun | Continued | Waiting | SpotRefused | SpotSeen | TakenMarker | Registered | MovedMarker | SpotChecked | Ended
+    Begun
+    | Continued
+    | Waiting
+    | SpotRefused
+    | SpotSeen
+    | TakenMarker
+    | CorrectedMarker
+    | Registered
+    | MovedMarker
+    | SpotChecked
+    | Ended
 )
 Step: TypeAlias = RecordedStep | Searching
 """Any step of a session."""

@@ -24,6 +24,7 @@ from markerseek.registration.stations import stands_elsewhere, station_names
 from markerseek.registration.steps import (
     Begun,
     Continued,
+    CorrectedMarker,
     Ended,
     MovedMarker,
     RecordedStep,
@@ -114,7 +115,7 @@ class SessionView:
                 return replace(running, refused=step, searched=None)
             case SpotSeen():
                 return _after_spot(running, step)
-            case TakenMarker():
+            case TakenMarker() | CorrectedMarker():
                 return _after_marker(running, step)
             case Registered():
                 return _after_registered(running, step)
@@ -314,8 +315,10 @@ def _after_spot(view: SessionView, step: SpotSeen) -> SessionView:
     )
 
 
-def _after_marker(view: SessionView, step: TakenMarker) -> SessionView:
+def _after_marker(view: SessionView, step: TakenMarker | CorrectedMarker) -> SessionView:
     """Return the view after a marker; one that was measured again, or checks the registration, is no marker more."""
+    if isinstance(step, CorrectedMarker):
+        return _after_corrected(view, step)
     if step.again is not None or step.check:
         return replace(view, searched=None)
     if step.name != view.next_name:
@@ -324,6 +327,14 @@ def _after_marker(view: SessionView, step: TakenMarker) -> SessionView:
             "doubled"
         )
     return replace(view, searched=None, displaced=None, markers=(*view.markers, step))
+
+
+def _after_corrected(view: SessionView, step: CorrectedMarker) -> SessionView:
+    """Return the view after an earlier marker was answered again."""
+    if step.name not in {marker.name for marker in view.markers}:
+        raise RecordError(f"marker {step.name} is corrected, which is not recorded: a line was removed")
+    markers = tuple(step.of(marker) if marker.name == step.name else marker for marker in view.markers)
+    return replace(view, markers=markers)
 
 
 def _after_measured_again(view: SessionView, step: MovedMarker) -> SessionView:

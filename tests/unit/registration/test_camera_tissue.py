@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from markerseek.core import FollowedTissue
@@ -94,6 +96,29 @@ def test_it_rests_in_the_pause_alone() -> None:
     assert tissue(until_s=8.2, rotation=None).rests(1.0)
     assert not tissue(until_s=8.2, rotation=None).rests(1.5)
     assert not tissue(until_s=10.5, rotation=None).rests(0.1)
+
+
+def test_it_is_in_step_with_the_last_pause_that_was_seen() -> None:
+    """The breath was seen to pause at other times than this: it is 0.9 s off by now."""
+    off = structs.replace(BREATH, pause_at_s=-7.1)
+    for until_s, at_rest in ((8.3, True), (9.2, False), (10.5, False), (12.5, True)):
+        seen = replace(tissue(until_s=until_s, rotation=None), breath=off)
+        assert seen.rests(0.3) is at_rest
+    found = replace(tissue(until_s=9.0, rotation=None), breath=off).displacement(4.5)
+    assert found is not None
+    # At rest, as the breath that was seen tells.
+    assert np.trace(found.covariance_mm2) < 0.01
+
+
+def test_nothing_waits_where_displacements_are_taken_out() -> None:
+    precise = tissue(until_s=9.0, rotation=CameraRotation(matrix=TURN, sigma_rad=0.01))
+    assert precise.breath_s is None
+    assert precise.pause_s == 0.0
+    coarse = tissue(until_s=9.0, rotation=CameraRotation(matrix=TURN, sigma_rad=0.2))
+    assert (coarse.breath_s, coarse.pause_s) == (4.0, 1.6)
+    free = replace(tissue(until_s=9.0, rotation=None), waits=False)
+    assert free.breath_s is None
+    assert free.displacement(2.8) is not None
 
 
 def test_the_rotation_is_the_mean_of_the_poses_and_none_if_they_disagree() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -35,7 +37,7 @@ from markerseek.search.posterior.answer import (
     weaker_than_predicted,
 )
 from markerseek.search.posterior.inference import Inference
-from markerseek.search.posterior.likelihood import later, radius_m, with_light
+from markerseek.search.posterior.likelihood import displaced_sigma_deg, later, radius_m, with_light
 from markerseek.search.posterior.next_angle import (
     PLAN,
     PLAN_BY_HAND,
@@ -252,13 +254,21 @@ class Posterior(SearchPolicy):
 
     @property
     def moved_deg(self) -> float:
-        """Standard deviation of the displacement of a marker along the turn; 0 where frames show no motion."""
+        """Standard deviation of what is not known of the displacement of a marker along the turn.
+
+        0 where neither frames nor cameras show a motion.
+        """
         first = self._analysis.first
+        intensities = [sample.reading.intensity for sample in first.samples]
+        strongest = first.samples[int(np.argmax(intensities))]
+        from_axis_m = radius_m(strongest.reading.depth_m)
+        # Those by which the curve is placed.
+        strong = [each for each in first.samples if each.reading.intensity >= 0.5 * strongest.reading.intensity]
+        left_deg = float(np.sqrt(np.mean([displaced_sigma_deg(each, radius_m=from_axis_m) ** 2 for each in strong])))
         motion = first.posterior.motion
         if motion is None or not motion.is_seen:
-            return 0.0
-        strongest = max(first.samples, key=lambda sample: sample.reading.intensity).reading
-        return math.degrees(motion.turn_sigma_m / radius_m(strongest.depth_m))
+            return left_deg
+        return math.hypot(left_deg, math.degrees(motion.turn_sigma_m / from_axis_m))
 
     def state_swept(self) -> None:
         """Take for granted from now on that sweeps have surveyed the range, as far as single pulses can."""
