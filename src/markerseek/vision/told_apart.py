@@ -49,6 +49,9 @@ _MEDIAN = math.pi / 2
 _COMMON = 0.2
 """Part of the variance of a sighting that a mean does not lessen: the light of other tissue, and highlights."""
 
+_BESIDE_MM = 0.07
+"""Standard deviation, along each axis, by which a spot that has not slid seems to lie beside its tissue."""
+
 _ENDS = (0.05, 0.5, 0.95)
 """Quantiles of a window that must all have moved: the two ends of a breath, and the middle."""
 
@@ -290,7 +293,7 @@ def _spot(moments: Sequence[Moment]) -> list[SpotSlid]:
         # A highlight that the tissue carries by is seen a few times in each breath: no mean.
         was_mm = np.median(before, axis=0)
         shift = np.median(after, axis=0) - was_mm
-        covariance = 1e6 * single * (_MEDIAN / len(before) + _MEDIAN / len(after) + _COMMON)
+        covariance = 1e6 * single * (_MEDIAN / len(before) + _MEDIAN / len(after) + _COMMON) + _BESIDE_MM**2 * np.eye(3)
         away = np.linalg.norm(after - was_mm, axis=1) >= SLID_MM
         is_slid = away[:MIN_SPOTS].all() and np.mean(away) >= _STAYS and np.linalg.norm(shift) >= SLID_MM
         if is_slid and chdtrc(3, float(shift @ np.linalg.solve(covariance, shift))) < _SURPRISE:
