@@ -15,7 +15,7 @@ from markerseek.core import Displacement, Estimate, MarkerCandidate, Measured, R
 from markerseek.records.journal import Configuration, JournalEntry, JournalEvent
 from markerseek.registration.camera_tissue import CameraRotation, CameraTissue
 from markerseek.runs import rebuild_policy, tell_recorded
-from markerseek.scan.followed_tissue import mean_displacement
+from markerseek.scan import mean_displacement
 
 MIN_KNOWN = 0.5
 """Least share of the samples whose displacement is known: those of the others are taken for their mean."""

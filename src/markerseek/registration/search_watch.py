@@ -42,13 +42,15 @@ from markerseek.vision import (
     quick_spot,
     told_apart,
 )
-from markerseek.vision.clock_offset import EXPOSURES_S
 
 _MOST_OFFSET_S = 1.0
 """Largest offset of the cameras' clock beyond what the look for the spot has shown of it."""
 
 _MIN_SIGHTINGS = 3
 """Fewest pairs that show the spot, by whose mean it is placed."""
+
+_EXPOSURE_S = 0.05
+"""Longest exposure of a pair."""
 
 _FLASH_S = 0.02
 """How much earlier or later than the clocks tell a flash may have been."""
@@ -227,7 +229,7 @@ class SearchWatch:
         if clock is None or not self._flashes_s:
             return True
         since_s = clock.rig_s(camera_s) - np.array(self._flashes_s)
-        return bool(np.any((since_s >= -_FLASH_S) & (since_s <= max(EXPOSURES_S) + _FLASH_S)))
+        return bool(np.any((since_s >= -_FLASH_S) & (since_s <= _EXPOSURE_S + _FLASH_S)))
 
     def told(self, clock: ClockOffset | None = None) -> SearchScene:
         """Tell what moved; ``clock``: the offset of the cameras' clock, None if it is not known."""

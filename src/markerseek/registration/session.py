@@ -78,7 +78,6 @@ from markerseek.registration.view import SessionView
 from markerseek.runs import Run, new_run, plan_on
 from markerseek.show import answer_name, answer_reason
 from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, SceneWatch, TissueMoves, scene_texture
-from markerseek.vision.tissue_motion import MIN_PERIODS
 
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
@@ -102,6 +101,9 @@ _GLANCE_S = 4.0
 
 _WATCHED_BREATHS = 2.0
 """Breaths that are watched before a search: with fewer, a wrong period fits as well."""
+
+_OVER_BREATHS = 1.6
+"""Breaths without motion after which there is none any more."""
 
 _ENOUGH_BREATHS = 2.5
 """Breaths after which a search knows them as well as an earlier one."""
@@ -837,7 +839,7 @@ def _newer_breath(breath: TissueMoves | None, scene: SearchScene, *, during_s: f
     if not scene.is_known:
         return breath
     if tissue is None:
-        over = breath is not None and during_s > MIN_PERIODS * (breath.period_s or math.inf)
+        over = breath is not None and during_s > _OVER_BREATHS * (breath.period_s or math.inf)
         return None if over else breath
     if tissue.period_s is None or scene.clock is None:
         return breath
