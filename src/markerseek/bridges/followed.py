@@ -65,7 +65,8 @@ class FollowedSession(RegistrationSource):
 
     def _follow(self, known: int) -> None:
         """Follow the session from a number of steps on, which are known."""
-        newest = shown = self.view
+        newest = self.view
+        shown = newest
 
         def look() -> None:
             nonlocal shown

@@ -11,7 +11,7 @@ from msgspec import structs
 
 from markerseek.core import ConfigError, RecordError, listed
 from markerseek.files import read_toml, recorded_settings, settings_from
-from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat, read_bank
+from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat
 from markerseek.signals import PRESET_NAMES, ProbeKeys, ProbePreset, is_own, probe_preset
 
 NEEDED = ("elements", "pitch_m", "sampling_hz", "low_hz", "high_hz", "sound_speed_m_s")
@@ -78,6 +78,9 @@ def read_recording(
     path: Path, table: TableFormat = DEFAULT_FORMAT, *, probe: str | ProbePreset | None
 ) -> IntensityBank | FrameBank:
     """Return the bank at a path, read and completed as its probe says; None: the first preset. ``table``: of a CSV."""
+    # Here: the readers of all formats lengthen the start of every search.
+    from markerseek.records.banks import read_bank
+
     return with_probe_facts(read_bank(path, table, blanked=blanked_samples(probe)), probe)
 
 

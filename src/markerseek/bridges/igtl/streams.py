@@ -130,7 +130,8 @@ class Streams:
         before = self._view
         entry = item.entry
         assert before is not None  # noqa: S101  a journal begins with its configuration
-        view = self._view = before.add_entry(entry)
+        view = before.add_entry(entry)
+        self._view = view
         self._problem = item.problem
         streams = []
         if view.seen_deg is not None and (isinstance(entry.event, Measured) or view.seen_deg != before.seen_deg):

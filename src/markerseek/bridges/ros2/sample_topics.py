@@ -68,7 +68,8 @@ class SampleTopics:
         assert self._view is not None  # noqa: S101  the configuration comes first
         entry = item.entry
         image = item.image
-        view = self._view = self._view.add_entry(entry)
+        view = self._view.add_entry(entry)
+        self._view = view
         if not isinstance(entry.event, Measured):
             return
         sample = entry.event.sample

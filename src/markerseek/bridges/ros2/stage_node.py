@@ -15,8 +15,10 @@ from markerseek.ros import joint_angle_deg, messages, topics
 _JOINT = "sensor_msgs/msg/JointState"
 _EMPTY = "std_msgs/msg/Empty"
 _PUBLISH_S = 0.1
+"""Time between two angles while the stage rests, in seconds."""
+
 _TURNING_S = 0.02
-"""Time between two angles while the stage rests, and while it turns, in seconds."""
+"""Time between two angles while it turns, in seconds."""
 
 
 @runtime_checkable
@@ -36,9 +38,11 @@ class StageNode(Served):
         node = self.node
         self._stage = stage
         self._wanted_deg: float | None = None
-        self._moving = self._stopped = False
+        self._moving = False
+        self._stopped = False
         self._refused = ("", 0)
-        self._angle_deg = self._setpoint_deg = math.nan
+        self._angle_deg = math.nan
+        self._setpoint_deg = math.nan
         self._due_s = -math.inf
         node.advertise(topics.MEASURED_JS, _JOINT)
         node.advertise(topics.SETPOINT_JS, _JOINT, latched=True)

@@ -1,9 +1,8 @@
-"""Frames read from files, also of Ultrasonix: their content comes back, and invalid content is a `RecordError`."""
+"""Frames read from files: their content comes back, and invalid content is a `RecordError`."""
 
 from __future__ import annotations
 
 import io
-import os
 import struct
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from scipy.io import loadmat, savemat
 
 from markerseek.core import ConfigError, RecordError
 from markerseek.records.banks import TableFormat, read_bank
-from markerseek.records.banks.frames import load_frame, open_ultrasonix
+from markerseek.records.banks.frames import load_frame
 from markerseek.wire import sonixdaq
 from tests.notes import noted
 
@@ -45,22 +44,6 @@ def test_daq_folder_is_averaged_and_in_the_order_of_the_elements(tmp_path, new, 
     np.testing.assert_array_equal(frame.samples, np.rint(pulses.mean(axis=0)).astype(np.int16))
     assert (frame.header.pulses, frame.header.commanded_deg, frame.sampling_hz) == (frames, 5.0, 40e6)
     assert np.isnan((frame.header.started_s, frame.header.ended_s)).all()
-
-
-def test_elements_are_a_permutation_with_the_published_first_ones():
-    elements = [sonixdaq.element_of_file(number) for number in range(128)]
-    assert sorted(elements) == list(range(128))
-    assert elements[:10] == [0, 16, 32, 48, 64, 80, 96, 112, 1, 17]
-
-
-def test_where_both_layouts_fit_the_name_decides():
-    """Sizes 12 + 2 f s and 8 + 2 f' s' meet at channel 2, one frame of 2 samples."""
-    data = struct.pack("<3i", 4, 1, 0) + b""
-    with pytest.raises(RecordError):
-        sonixdaq.decode_header(data, size=999, name="x")
-    both = struct.pack("<3i", 2, 2, 1)
-    assert sonixdaq.decode_header(both, size=16, name="CH002.daq").length == 12
-    assert sonixdaq.decode_header(both, size=16, name="CH007-0000.daq").length == 8
 
 
 def test_truncated_daq_names_file_sizes_and_cure(tmp_path):
@@ -197,84 +180,6 @@ def test_a_folder_of_many_angles_names_the_command_for_it(tmp_path):
     (tmp_path / "angle_-5deg").mkdir()
     with pytest.raises(RecordError, match=r"0 channel files .* see `read_bank\("):
         load_frame(tmp_path)
-
-
-def test_a_file_without_a_header_is_named_as_such() -> None:
-    """Samples alone: their first twelve bytes are no numbers of channels, frames and samples."""
-    body = np.full(2080, -7, np.int16).tobytes()
-    with pytest.raises(RecordError, match=r"CH000\.daq: its first bytes are no header of a SonixDAQ channel file"):
-        sonixdaq.decode_header(body[:12], size=len(body), name="CH000.daq")
-
-
-RNG = np.random.default_rng(3)
-CORNERS = (82, 5, 545, 5, 545, 448, 82, 448)
-
-
-def file_bytes(kind, *, frames=2, width=5, height=7, bits=None, tagged=False, cut=None):
-    """As RPread.m expects: 19 int32, then per frame an optional number and the values."""
-    dtype = "<u1" if kind == 4 else "<i2"
-    head = struct.pack("<19i", kind, frames, width, height, bits or 8 * int(dtype[-1]), *CORNERS, 2, 5, 40, 30, 128, 0)
-    values = RNG.integers(0, 200, (frames, width * height)).astype(dtype)
-    body = b"".join(struct.pack("<i", n) * tagged + values[n].tobytes() for n in range(frames))
-    return (head + body)[:cut], values
-
-
-@pytest.mark.parametrize("tagged", [False, True])
-def test_b_mode_is_row_after_row(tmp_path, tagged):
-    data, values = file_bytes(4, tagged=tagged)
-    (tmp_path / "a.b8").write_bytes(data)
-    file = open_ultrasonix(tmp_path / "a.b8")
-    assert (file.header.kind, file.header.tagged, file.header.frames) == ("b-mode", tagged, 2)
-    for n in range(2):
-        # reshape(v, w, h) of MATLAB, transposed.
-        np.testing.assert_array_equal(file.b_mode(n), values[n].reshape((5, 7), order="F").T)
-
-
-@pytest.mark.parametrize("tagged", [False, True])
-def test_rf_is_line_after_line(tmp_path, tagged):
-    data, values = file_bytes(16, tagged=tagged)
-    (tmp_path / "a.rf").write_bytes(data)
-    file = open_ultrasonix(tmp_path / "a.rf")
-    assert (file.header.kind, file.header.sampling_hz, file.header.line_density) == ("rf", 40, 128)
-    for n in range(2):
-        # reshape(v, h, w) of MATLAB has a line in each column.
-        np.testing.assert_array_equal(file.rf(n).T, values[n].reshape((7, 5), order="F"))
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (b"", "0 bytes, too short for a header"),
-        (file_bytes(16, cut=75)[0], "75 bytes, too short"),
-        (file_bytes(16, cut=-1)[0], "bytes, 216 expected, or 224 with numbered frames"),
-        (file_bytes(16)[0] + b"\0", "cut off or damaged"),
-        (struct.pack("<19i", 3, *[1] * 18) + bytes(2), "type 3 found, and 4 .* are read; export one of these"),
-        (file_bytes(16, bits=32)[0], r"it holds rf frames of 32 bits, and only frames of 16 bits are read"),
-        (struct.pack("<19i", 16, 2**31 - 1, 2**31 - 1, 2**31 - 1, 16, *[0] * 14), "expected"),
-        (struct.pack("<19i", 16, -1, -1, 1, 16, *[0] * 14) + bytes(2), "header is damaged"),
-        (file_bytes(4, bits=16)[0], "only frames of 8 bits are read"),
-    ],
-)
-def test_damaged_files_are_refused_with_their_sizes(tmp_path, data, message):
-    (tmp_path / "a.rf").write_bytes(data)
-    with pytest.raises(RecordError, match=message):
-        open_ultrasonix(tmp_path / "a.rf")
-
-
-def test_what_is_not_in_the_file_is_refused(tmp_path):
-    (tmp_path / "a.rf").write_bytes(file_bytes(16)[0])
-    file = open_ultrasonix(tmp_path / "a.rf")
-    with pytest.raises(RecordError, match="there is no frame 3, it holds 2"):
-        file.rf(2)
-    with pytest.raises(RecordError, match="there is no frame 0"):
-        file.rf(-1)
-    with pytest.raises(RecordError, match="it holds rf frames, b-mode was asked for"):
-        file.b_mode(0)
-    os.truncate(tmp_path / "a.rf", 100)
-    with pytest.raises(RecordError, match="became shorter"):
-        file.rf(1)
-    with pytest.raises(RecordError, match="check the name"):
-        open_ultrasonix(tmp_path / "b.rf")
 
 
 def counted_folder(folder, frames):
