@@ -14,7 +14,7 @@ from markerseek.search.curve import log_curve
 from markerseek.search.posterior.arrival import off_plane
 from markerseek.search.posterior.likelihood import TABLE_HIGH, TABLE_LOW, log_tables
 from markerseek.search.posterior.next_angle import Belief
-from markerseek.search.posterior.shapes import log_humps
+from markerseek.search.posterior.shapes import log_near_field
 from markerseek.search.posterior.survey import detection_distance_deg
 from markerseek.show import new_figure, save_figure
 
@@ -49,8 +49,8 @@ def draw_curves() -> None:
     for (label, (tail, knee)), style in zip(smooth.items(), ("-", "--", ":"), strict=True):
         heights = np.exp(log_curve(away_deg, fwhm_deg=6.0, tail=tail, knee=knee))
         axes.plot(away_deg, heights, style, color=BLUE, label=label)
-    humps = np.exp(log_humps(away_deg, fwhm_deg=6.0, fresnel_number=1.5))
-    axes.plot(away_deg, humps, color=RED, label="near field, n = 1.5")
+    two_peaks = np.exp(log_near_field(away_deg, fwhm_deg=6.0, fresnel_number=1.5))
+    axes.plot(away_deg, two_peaks, color=RED, label="near field, n = 1.5")
     axes.legend(fontsize=8, frameon=False)
     named(axes, "angle from the marker t, deg", "S(t)")
     saved(figure, "curves")
