@@ -168,7 +168,7 @@ _FOLLOWS = frozenset({"there", "turning", "resting"})
 
 
 def _report(run: FollowRun, ended: str) -> Report:
-    """What was done, with the error of the simulated truth where there is one."""
+    """Return what was done, with the error of the simulated truth where there is one."""
     steps = run.steps
     last = steps[-1] if steps else None
     # From the first time that it was there: before, the probe comes from anywhere.

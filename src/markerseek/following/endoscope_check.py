@@ -26,7 +26,7 @@ class DarkPairs(Protocol):
     """Image pairs with the laser off."""
 
     def newest_dark(self) -> StereoPair | None:
-        """Newest pair; None: there is none, or none that is new."""
+        """Return the newest pair; None: there is none, or none that is new."""
 
 
 class NewestPairs:
@@ -51,7 +51,7 @@ class NewestPairs:
         return pair
 
     def newest(self) -> StereoPair | None:
-        """Newest pair, whoever has it already; None: there was none yet."""
+        """Return the newest pair, whoever has it already; None: there was none yet."""
         pairs = self._images.newest()
         if pairs:
             self._newest = pairs[-1]

@@ -59,7 +59,7 @@ class RobotTip:
             self._is_new(first.stamp_s)
 
     def newest(self) -> Target | None:
-        """The tip of the newest pose since the last call; None: none came, or it is old or not valid."""
+        """Return the tip of the newest pose since the last call; None: none came, or it is old or not valid."""
         pose = self._poses.read()
         if pose is None or not self._is_new(pose.stamp_s):
             return None
@@ -120,7 +120,7 @@ class FixedPoint:
         self._camera_m: Float64[np.ndarray, " 3"] = 1e-3 * np.array(camera_mm)
 
     def newest(self) -> Target:
-        """The point, as the camera stood when it was named."""
+        """Return the point, as the camera stood when it was named."""
         return Target(at_s=self._clock.now_s(), camera_m=self._camera_m, covariance_m2=np.zeros((3, 3)), named=1)
 
     @property

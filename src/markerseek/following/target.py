@@ -66,7 +66,7 @@ class TargetSource(Protocol):
     """What is followed, in words."""
 
     def newest(self) -> Target | None:
-        """Newest place since the last call; None: there is none, or it is not seen."""
+        """Return the newest place since the last call; None: there is none, or it is not seen."""
 
     @property
     def heard_s(self) -> float:

@@ -39,7 +39,7 @@ class KeptSearch:
     tissue: CameraTissue
 
     def answered(self, rotation: CameraRotation | None) -> Answered | None:
-        """Answer again; None if the displacement at most samples is not known.
+        """Return the answer again; None if the displacement at most samples is not known.
 
         ``rotation``: from the cameras to the probe; None: of a displacement its size alone is known.
         """

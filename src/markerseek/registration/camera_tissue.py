@@ -113,7 +113,7 @@ class CameraTissue:
         return self.waits and not self.is_taken_out
 
     def rests(self, for_s: float) -> bool | None:
-        """Whether it stays in its pause from now on, for so many seconds, if this breath is as long as the others.
+        """Return whether it stays in its pause for so many seconds, if this breath is as long as the others.
 
         It is in step with the last pause whose begin was seen.
         """
@@ -136,7 +136,7 @@ class CameraTissue:
         return float(times_s[begins[-1] : begins[-1] + 2].mean()) - self.offset.offset_s
 
     def _is_whole(self, way_mm: Float64[np.ndarray, " pairs"]) -> bool:
-        """Whether a whole breath was seen, as far as its depth tells."""
+        """Return whether a whole breath was seen, as far as its depth tells."""
         return way_mm.size > 0 and float(way_mm.max()) >= self.breath.amplitude_mm
 
     def _way_mm(self) -> Float64[np.ndarray, " pairs"]:
@@ -153,7 +153,10 @@ class CameraTissue:
         return self._rest() is not None
 
     def displacement(self, at_s: float) -> Displacement | None:
-        """Displacement of the tissue from its rest at a moment of the rig's clock; None if it was not seen then."""
+        """Return the displacement of the tissue from its rest at a moment of the rig's clock.
+
+        None if it was not seen then.
+        """
         rest = self._rest()
         seen = self._seen()
         camera_s = at_s + self.offset.offset_s

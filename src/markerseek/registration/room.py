@@ -468,12 +468,15 @@ class SimulatedRoom:
         self.rig = self._movable.move(angle_deg=math.degrees(math.atan2(x, z)), radius_m=math.hypot(x, z), lateral_m=y)
 
     def _heard_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
-        """Where a probe whose sound speed, face radius and zero are wrong finds the source of a spot."""
+        """Return where a probe whose sound speed, face radius and zero are wrong finds the source of a spot."""
         source_m = self._source_m(spot_m)
         return np.asarray(source_m + trus_shared_m(source_m[None])[0] @ self._shared)
 
     def _source_m(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
-        """Where the light of a spot is absorbed: below it, and beside it; the same whenever the spot comes back."""
+        """Return where the light of a spot is absorbed: below it, and beside it.
+
+        It is the same whenever the spot comes back.
+        """
         key = tuple(spot_m.tolist())
         if key not in self._sources_m:
             sight = spot_m - self.true.translation_m
@@ -482,7 +485,7 @@ class SimulatedRoom:
         return self._sources_m[key]
 
     def _draw(self, waiting: Waiting) -> Float64[np.ndarray, " 3"]:
-        """Where the person lights the tissue: near the place that is asked for, else anywhere in reach."""
+        """Return where the person lights the tissue: near the place that is asked for, else anywhere in reach."""
         reach = reach_of(self.rig)
         if waiting.place is None:
             # Somewhere in the middle of what the probe can reach.
@@ -493,7 +496,7 @@ class SimulatedRoom:
         return self._at(point_m[0] + missed_m[0], point_m[1] + missed_m[1])
 
     def _at(self, x_m: float, y_m: float) -> Float64[np.ndarray, " 3"]:
-        """A point of the tissue, whose height is uneven."""
+        """Return a point of the tissue, whose height is uneven."""
         # Drawn in any case: what is drawn later does not depend on the look of the tissue.
         height_m = self._tissue_m + RELIEF_M * self._rng.uniform(-0.5, 0.5)
         if self._tissue is not None:

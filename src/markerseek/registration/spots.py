@@ -98,7 +98,7 @@ class SpotFinder:
         return Looked(spot=self._measured(lit, dark), dark=dark, lit=lit, flashes_s=tuple(self._flashes_s))
 
     def dark(self) -> list[StereoPair]:
-        """Pairs with the laser off; `SpotError` if too few come."""
+        """Return the pairs with the laser off; `SpotError` if too few come."""
         late_s = self._late_s or 0.0
         # Late images still show the light of before.
         if late_s:
@@ -113,7 +113,10 @@ class SpotFinder:
         )
 
     def _lit(self, dark: Sequence[StereoPair]) -> tuple[list[StereoPair], list[StereoPair]]:
-        """Pairs that show light, while the laser fires or, of late images, after that; and those between them."""
+        """Return the pairs that show light, and those between them.
+
+        Light comes while the laser fires or, in late images, after that.
+        """
         scanner = self._room.rig.scanner
         late_s = self._late_s
         began_s = scanner.clock.now_s()
@@ -144,7 +147,7 @@ class SpotFinder:
         self._flashes_s.extend(np.linspace(begun_s, clock.now_s(), pulses + 1)[:-1].tolist())
 
     def _coming(self, within_s: float) -> Iterator[list[StereoPair]]:
-        """The newest pairs, again and again until the time is over."""
+        """Yield the newest pairs, again and again until the time is over."""
         clock = self._room.rig.scanner.clock
         pairs = list[StereoPair]()
         ends_s = clock.now_s() + within_s
@@ -155,7 +158,7 @@ class SpotFinder:
             yield pairs
 
     def _measured(self, lit: Sequence[StereoPair], dark: Sequence[StereoPair]) -> Spot:
-        """The spot in pairs with light; `SpotError` if there is none."""
+        """Return the spot in pairs with light; `SpotError` if there is none."""
         if len(lit) < DARK_PAIRS:
             raise SpotError(self._no_light(dark))
         return structs.replace(spot_in(lit, dark), late_s=self._late_s or None)
@@ -177,7 +180,7 @@ class SpotFinder:
         return f"no light is seen in {self._room.images.name} while the laser fires{after}; {'; '.join(cures)}"
 
     def seen(self, name: str, spot: Spot) -> SeenMarker:
-        """The spot in space; `SpotError` if both images do not show one place."""
+        """Return the spot in space; `SpotError` if both images do not show one place."""
         stereo = self._room.stereo
         try:
             camera_m, covariance_m2, shared_m = seen_point(
@@ -216,7 +219,7 @@ class SpotFinder:
                 )
 
     def _after(self, looked: Looked, later: Sequence[StereoPair]) -> Spot:
-        """The spot after its search, by a look of its own if the last pairs do not show it."""
+        """Return the spot after its search, by a look of its own if the last pairs do not show it."""
         try:
             return self._measured(lit_pairs(later, looked.dark)[0], looked.dark)
         except SpotError:

@@ -183,7 +183,7 @@ def _mean(images: Sequence[UInt8[np.ndarray, "rows columns"]]) -> Float32[np.nda
 def _blinks(
     lit: Sequence[UInt8[np.ndarray, "rows columns"]], off: Sequence[UInt8[np.ndarray, "rows columns"]]
 ) -> Float32[np.ndarray, "rows columns"]:
-    """How much brighter each pixel is in most images with the laser on than in all with it off.
+    """Return how much brighter each pixel is in most images with the laser on than in all with it off.
 
     A highlight that moves is at one place in few images, and was there or beside it when the laser was off.
     """
@@ -197,7 +197,7 @@ def _blinks(
 
 
 def _height(image: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    """Height over the surroundings: a white top-hat, which removes all that is wider than its kernel."""
+    """Return the height over the surroundings: a white top-hat, which removes all that is wider than its kernel."""
     cv2 = opencv(_PURPOSE)
     smooth = cv2.GaussianBlur(image, (0, 0), _BLUR_PX)
     kernel = cv2.getStructuringElement(cv2.MORPH_RECT, (MAX_SIZE_PX, MAX_SIZE_PX))
@@ -224,7 +224,7 @@ class _Fit:
 def _second(
     height: Float32[np.ndarray, "rows columns"], spot: _Fit, first: tuple[int, int], *, level: float
 ) -> tuple[float, float] | None:
-    """Brightest place above a level that is no part of the spot; None if there is none."""
+    """Return the brightest place above a level that is no part of the spot; None if there is none."""
     cv2 = opencv(_PURPOSE)
     _, labels = cv2.connectedComponents((height > level).astype(np.uint8), connectivity=8)
     rows, columns = np.nonzero((labels > 0) & (labels != labels[first[1], first[0]]))
@@ -238,7 +238,7 @@ def _second(
 
 
 def _judged(spot: _Fit, frames: list[Float32[np.ndarray, " pixels"]]) -> SpotAnswer:
-    """The spot with the scatter of its place from frame to frame, where enough frames show it.
+    """Return the spot with the scatter of its place from frame to frame, where enough frames show it.
 
     ``frames``: the pixels of the fit in each frame.
     """
@@ -273,7 +273,7 @@ def _fitted(
     frames: Sequence[UInt8[np.ndarray, "rows columns"]],
     first: tuple[int, int],
 ) -> _Fit | None:
-    """Least squares of a super-Gaussian profile, of any ellipse, on a plane; None if it has no such form.
+    """Return the least squares of a super-Gaussian profile, of any ellipse, on a plane; None if it has no such form.
 
     ``image``: the mean of the frames over their background.
 
@@ -342,7 +342,7 @@ def _profile(
     y: Float64[np.ndarray, " pixels"],
     centre: Float64[np.ndarray, " 2"],
 ) -> tuple[Float64[np.ndarray, " pixels"], Float64[np.ndarray, "pixels values"]]:
-    """Super-Gaussian profile on a plane, and its derivatives."""
+    """Return the super-Gaussian profile on a plane, and its derivatives."""
     height, x0, y0, log_radius, stretch, shear, log_exponent, level, across, down = values
     dx = x - x0
     dy = y - y0
@@ -376,7 +376,7 @@ def _jackknife(
     left: Float64[np.ndarray, " pixels"],
     slopes: Float64[np.ndarray, "pixels values"],
 ) -> Float64[np.ndarray, " values"]:
-    """Variances of the fitted values, from what these move by where the pixels of a tile are left out.
+    """Return the variances of the fitted values, from what these move by where the pixels of a tile are left out.
 
     What the profile leaves unexplained is much the same at neighbouring pixels, so that whole tiles are left out.
     """
@@ -508,7 +508,7 @@ def _blinking(
 
 
 def _halved(image: UInt8[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "half_rows half_columns"]:
-    """The image at half its size, the mean of each four pixels, smoothed."""
+    """Return the image at half its size, the mean of each four pixels, smoothed."""
     cv2 = opencv(_PURPOSE)
     half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.GaussianBlur(half.astype(np.float32), (0, 0), _LIT_BLUR_PX))

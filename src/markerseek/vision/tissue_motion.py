@@ -81,7 +81,7 @@ class TissueMoves(msgspec.Struct, frozen=True, kw_only=True, tag="tissue-moves")
         return x / length, y / length, z / length
 
     def in_pause(self, at_s: float) -> bool:
-        """Whether the tissue stays near its rest at a time, as far as it goes on as it did."""
+        """Return whether the tissue stays near its rest at a time, as far as it goes on as it did."""
         if self.period_s is None or self.pause_at_s is None:
             return False
         return (at_s - self.pause_at_s) % self.period_s <= self.pause_s
@@ -108,7 +108,7 @@ def tissue_motion(series: DisplacementSeries, *, gate_mm: float = 0.2) -> Tissue
     rest = int(np.argmin(along))
     other = int(np.argmax(along))
     difference = _profile(_PHASES)[other] - _profile(_PHASES)[rest]
-    covariance = float(difference @ fit.inverse @ difference) * fit.left_mm2
+    covariance = float(difference @ fit.inverse @ difference) * fit.residual_mm2
     swing = profile[other] - profile[rest]
     if not _is_motion(swing, covariance):
         # Seen in a part of each breath only, its cycle is open; that it moved is not.
@@ -135,8 +135,8 @@ class _Fit:
     coefficients: Float64[np.ndarray, "terms 3"]
     inverse: Float64[np.ndarray, "terms terms"]
     """Inverse normal matrix of mean and harmonics."""
-    left_mm2: Float64[np.ndarray, "3 3"]
-    """Covariance of what is left."""
+    residual_mm2: Float64[np.ndarray, "3 3"]
+    """Covariance of the residuals."""
 
 
 def _best_period(at_s: Float64[np.ndarray, " times"], moved_mm: Float64[np.ndarray, "times 3"]) -> _Fit | None:
@@ -146,11 +146,11 @@ def _best_period(at_s: Float64[np.ndarray, " times"], moved_mm: Float64[np.ndarr
     if longest_s <= PERIODS_S[0]:
         return None
     drift = ((at_s - at_s.mean()) / span_s)[:, None]
-    even = np.concatenate([np.ones((len(at_s), 1)), drift], axis=1)
-    whole = float(np.sum(_left(even, moved_mm)[1] ** 2))
+    without_period = np.concatenate([np.ones((len(at_s), 1)), drift], axis=1)
+    whole = float(np.sum(_least_squares(without_period, moved_mm)[1] ** 2))
     # A tenth of the width of a peak, in frequency.
     rates_hz = np.arange(1 / longest_s, 1 / PERIODS_S[0], 0.1 / span_s)
-    sums = np.array([float(np.sum(_left(_terms(at_s, drift, rate), moved_mm)[1] ** 2)) for rate in rates_hz])
+    sums = np.array([float(np.sum(_least_squares(_terms(at_s, drift, rate), moved_mm)[1] ** 2)) for rate in rates_hz])
     best = float(sums.min())
     if whole <= 0 or 1 - best / whole < MIN_EXPLAINED:
         return None
@@ -166,10 +166,10 @@ def _best_period(at_s: Float64[np.ndarray, " times"], moved_mm: Float64[np.ndarr
         if curvature > 0:
             rate_hz += 0.1 / span_s * 0.5 * float(sums[at - 1] - sums[at + 1]) / curvature
     terms = _terms(at_s, drift, rate_hz)
-    coefficients, left = _left(terms, moved_mm)
+    coefficients, residuals = _least_squares(terms, moved_mm)
     freedom = max(1, len(at_s) - terms.shape[1])
-    left_mm2 = left.T @ left / freedom
-    variance = float(np.trace(left_mm2)) / 3
+    residual_mm2 = residuals.T @ residuals / freedom
+    variance = float(np.trace(residual_mm2)) / 3
     sigma_hz = 0.1 / span_s * math.sqrt(2 * variance / curvature) if curvature > 0 else 0.1 / span_s
     # The drift is not part of a cycle.
     kept = [0, *range(2, terms.shape[1])]
@@ -178,14 +178,14 @@ def _best_period(at_s: Float64[np.ndarray, " times"], moved_mm: Float64[np.ndarr
         period_sigma_s=sigma_hz / rate_hz**2,
         coefficients=coefficients[kept],
         inverse=np.linalg.pinv(terms.T @ terms)[np.ix_(kept, kept)],
-        left_mm2=left_mm2,
+        residual_mm2=residual_mm2,
     )
 
 
 def _terms(
     at_s: Float64[np.ndarray, " times"], drift: Float64[np.ndarray, "times 1"], rate_hz: float
 ) -> Float64[np.ndarray, "times terms"]:
-    """Mean, drift, and harmonics of a rate."""
+    """Return the mean, drift, and harmonics of a rate."""
     phase = 2 * np.pi * rate_hz * (at_s - at_s[0])
     harmonics = _harmonics(phase)
     return np.concatenate([np.ones((len(at_s), 1)), drift, harmonics], axis=1)
@@ -198,14 +198,14 @@ def _harmonics(phase: Float64[np.ndarray, " times"]) -> Float64[np.ndarray, "tim
 
 
 def _profile(phases: int) -> Float64[np.ndarray, "phases terms"]:
-    """Mean and harmonics over one cycle."""
+    """Return the mean and harmonics over one cycle."""
     return np.concatenate([np.ones((phases, 1)), _harmonics(2 * np.pi * np.arange(phases) / phases)], axis=1)
 
 
-def _left(
+def _least_squares(
     terms: Float64[np.ndarray, "times terms"], moved_mm: Float64[np.ndarray, "times 3"]
 ) -> tuple[Float64[np.ndarray, "terms 3"], Float64[np.ndarray, "times 3"]]:
-    """Return the coefficients of a least squares fit, and what is left."""
+    """Return the coefficients of a least squares fit, and its residuals."""
     coefficients = np.linalg.lstsq(terms, moved_mm, rcond=None)[0]
     return coefficients, moved_mm - terms @ coefficients
 
