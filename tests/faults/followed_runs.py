@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+import time
 from collections import Counter
 from collections.abc import Generator
 from dataclasses import dataclass, field, replace
@@ -17,6 +18,7 @@ from functools import cache
 from itertools import pairwise
 from typing import Literal
 
+import msgspec
 import numpy as np
 from msgspec import structs
 
@@ -52,6 +54,7 @@ from markerseek.sim import (
 )
 
 from .campaign.faulty_stage import FaultyStage
+from .campaign.tally import upper95
 from .campaign.vocabulary import FAULTS, Fault
 from .campaign.world import WatchedWorld
 
@@ -207,9 +210,7 @@ class Room:
     def place_m(self, at_s: float) -> Float64[np.ndarray, " 3"]:
         """True place of the target in the camera's frame."""
         angle = math.radians(self.angle_deg(at_s))
-        return self.camera_to_trus.inverse().apply(
-            np.array([RADIUS_M * math.sin(angle), 0.0, RADIUS_M * math.cos(angle)])
-        )
+        return TRUS_TO_CAMERA.apply(np.array([RADIUS_M * math.sin(angle), 0.0, RADIUS_M * math.cos(angle)]))
 
     def seen(self) -> Target | None:
         """The target, unless it is lost."""
@@ -270,6 +271,7 @@ class Spot:
 
 
 CAMERA_TO_TRUS = camera_above(np.array([0.0, 0.0, RADIUS_M]), distance_m=0.1, roll_deg=20.0, tilt_deg=30.0)
+TRUS_TO_CAMERA = CAMERA_TO_TRUS.inverse()
 
 
 @cache
@@ -513,29 +515,76 @@ def _judge_name(run: Run) -> None:
         run.broken.append(f"{plan.kind} at {plan.begins_s:.2f} s was named at {named_s:.2f} s")
 
 
+class Counts(msgspec.Struct, kw_only=True):
+    """Counts over runs."""
+
+    runs: int = 0
+    injected: Counter[str] = msgspec.field(default_factory=Counter)
+    named: Counter[str] = msgspec.field(default_factory=Counter)
+    """``injected``, ``named``: runs by their cause, and those in which it was said by its name."""
+    broken: list[str] = msgspec.field(default_factory=list)
+    """What of P19 was broken, with the run."""
+
+    def add(self, other: Counts) -> None:
+        """Add another's counts."""
+        self.runs += other.runs
+        self.injected.update(other.injected)
+        self.named.update(other.named)
+        self.broken.extend(other.broken)
+
+    def lines(self) -> list[str]:
+        """Return the table of causes, a line on all runs, and what was broken."""
+        table = [f"| {kind} | {count:,} | {self.named[kind]:,} |" for kind, count in sorted(self.injected.items())]
+        missed = sum(self.injected.values()) - sum(self.named.values())
+        said = (
+            f"{self.runs:,} runs that follow, {len(self.broken)} exceptions, upper 95 % limit "
+            f"{upper95(len(self.broken), self.runs):.2g}; {missed} causes without their name."
+        )
+        return [
+            "| cause | injected | named |",
+            "|---|---|---|",
+            *table,
+            "",
+            said,
+            *(["", *(f"- {each}" for each in self.broken)] if self.broken else []),
+        ]
+
+
+def counts(first: int, count: int) -> Counts:
+    """Perform so many runs from one on, and count them."""
+    made = Counts(runs=count)
+    for seed in range(first, first + count):
+        run = perform(seed)
+        plan = run.plan
+        kind = plan.kind if plan.fault is None else f"fault: stage {plan.fault.name}"
+        if plan.kind != "fault" or run.acted:
+            made.injected[kind] += 1
+            made.named[kind] += plan.kind == "nothing" or plan.kind in run.words
+        made.broken += [f"run {seed} ({'spot' if plan.lit else 'tip'}, {kind}): {said}" for said in run.broken]
+    return made
+
+
 def main() -> int:
     """Perform runs, and print what was injected, named and broken; 1 if anything was broken."""
     parser = argparse.ArgumentParser(description="runs of following in virtual time")
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument(
+        "--minutes", type=float, default=math.inf, help="end early; the last line says how many were run"
+    )
     words = parser.parse_args()
-    injected: Counter[str] = Counter()
-    named: Counter[str] = Counter()
-    broken = 0
-    for seed in range(words.first, words.first + words.runs):
-        run = perform(seed)
-        acted = run.plan.kind != "fault" or run.acted
-        kind = run.plan.kind if run.plan.fault is None else f"fault: stage {run.plan.fault.name}"
-        injected[kind] += acted
-        named[kind] += acted and (run.plan.kind == "nothing" or run.plan.kind in run.words)
-        for said in run.broken:
-            broken += 1
-            print(f"seed {seed} ({'spot' if run.plan.lit else 'tip'}, {kind}): {said}")
-    print("| cause | injected | named |\n|---|---|---|")
-    for kind, count in sorted(injected.items()):
-        print(f"| {kind} | {count} | {named[kind]} |")
-    print(f"{words.runs} runs, {broken} exceptions; 95 % bound {3 / words.runs:.1e}")
-    return int(bool(broken))
+    ends_s = time.monotonic() + 60 * words.minutes
+    whole = Counts()
+    for first in range(words.first, words.first + words.runs, CHUNK):
+        whole.add(counts(first, min(CHUNK, words.first + words.runs - first)))
+        if time.monotonic() > ends_s:
+            break
+    print(*whole.lines(), sep="\n")
+    return int(bool(whole.broken))
+
+
+CHUNK = 25
+"""Runs that a worker process counts at once."""
 
 
 if __name__ == "__main__":

@@ -92,6 +92,8 @@ class HeldRegistration:
         self._motion: EndoscopeMotion | None = None
         self.transform = known.davinci_to_trus
         """The transform from the camera as it stands now to the probe at 0 degrees."""
+        self.to_camera = self.transform.inverse()
+        """Its inverse, which each step needs."""
         self.tre_m = self._expected_m()
         """Expected error at the target of the registration, with that of the carried motion."""
 
@@ -100,10 +102,11 @@ class HeldRegistration:
         back = motion.transform.inverse()
         self._motion = motion
         self.transform = replace(self.known.davinci_to_trus, source=back.target) @ back
+        self.to_camera = self.transform.inverse()
         self.tre_m = self._expected_m()
 
     def _expected_m(self) -> float:
-        target_m = self.transform.inverse().apply(np.array(self.known.report.target_trus_m))
+        target_m = self.to_camera.apply(np.array(self.known.report.target_trus_m))
         return math.sqrt(float(np.trace(self.error_m2(target_m))))
 
     def error_m2(self, camera_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "3 3"]:

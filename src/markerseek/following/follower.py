@@ -376,7 +376,7 @@ class Follower:
             davinci_to_trus=registration.transform.matrix.tolist() if holds else None,
             tre_m=registration.tre_m if holds else None,
             confirmed=self._confirmed,
-            target_camera_m=None if aim is None else registration.transform.inverse().apply(aim.trus_m).tolist(),
+            target_camera_m=None if aim is None else registration.to_camera.apply(aim.trus_m).tolist(),
             refused="" if self._target is None else getattr(self._target, "refused", ""),
             counted=self._links.counted,
             not_counted=self._links.not_counted,

@@ -15,6 +15,9 @@ from pathlib import Path
 
 from rich.progress import track
 
+from tests.faults.followed_runs import CHUNK as FOLLOWED_CHUNK
+from tests.faults.followed_runs import Counts, counts
+
 from .report import faults, observable_keys, promises
 from .tally import CHUNK, Broken, Tally, readings
 
@@ -23,6 +26,7 @@ def main() -> int:
     """Run the campaign, and write or print its tables; 1 if a promise was broken."""
     parser = argparse.ArgumentParser(description="fault campaign in virtual time")
     parser.add_argument("--runs", type=int, default=2000, help="how many searches")
+    parser.add_argument("--follows", type=int, default=0, help="how many runs that follow a target, besides")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--out", type=Path, help="where the tables go")
@@ -38,22 +42,30 @@ def main() -> int:
             whole.add(part)
             if time.monotonic() > ends_s:
                 break
+        followed = Counts()
+        firsts = range(0, words.follows, FOLLOWED_CHUNK)
+        runs = pool.map(counts, firsts, (min(FOLLOWED_CHUNK, words.follows - each) for each in firsts))
+        for counted_runs in track(runs, total=len(firsts), disable=not sys.stderr.isatty()):
+            followed.add(counted_runs)
+            if time.monotonic() > ends_s:
+                break
         pool.shutdown(cancel_futures=True)
-    page = _page(whole, seed=words.seed, commit=commit)
+    page = _page(whole, followed, seed=words.seed, commit=commit)
     if words.out is not None:
         words.out.write_text(page)
     sys.stdout.write(page)
-    return int(any(each.promise != "P10" for each in whole.broken))
+    return int(bool(followed.broken) or any(each.promise != "P10" for each in whole.broken))
 
 
-def _page(whole: Tally, *, seed: int, commit: str) -> str:
+def _page(whole: Tally, followed: Counts, *, seed: int, commit: str) -> str:
+    follows = f" --follows {followed.runs}" if followed.runs else ""
     lines = [
         "# Faults: the tables",
         "",
         (
             "What the campaign counted; how it was done and what it means is on "
             "[the page on faults](../validation/faults.md). "
-            f"Written by `python -m tests.faults.campaign --runs {whole.runs} --seed {seed}` at "
+            f"Written by `python -m tests.faults.campaign --runs {whole.runs}{follows} --seed {seed}` at "
             f"commit {commit}."
         ),
         "",
@@ -70,6 +82,7 @@ def _page(whole: Tally, *, seed: int, commit: str) -> str:
         "",
         *faults(whole),
         "",
+        *(["## Following (P19)", "", *followed.lines(), ""] if followed.runs else []),
         *_broken_section(whole.broken, set(observable_keys())),
     ]
     return "\n".join(lines) + "\n"
