@@ -97,7 +97,7 @@ ROS_READY := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),.ve
 ROS_PYTEST := .venv-ros/bin/python -m pytest -q --confcutdir=tests/ros2
 
 # They mostly wait for one another's nodes: two files at once, but what times a loop has the computer for itself.
-ROS_TIMED := $(addprefix tests/ros2/test_,stage_node.py turning_stage.py two_nodes.py)
+ROS_TIMED := $(addprefix tests/ros2/test_,follow.py stage_node.py turning_stage.py two_nodes.py)
 ROS_SHARED := $(filter-out $(ROS_TIMED),$(wildcard tests/ros2/test_*.py))
 
 ros2: $(ROS_READY)  ## run the tests that need ROS 2, in an environment of its own

@@ -39,11 +39,11 @@ def test_the_transform_is_on_tf_while_it_follows_and_is_withdrawn_when_it_ends(s
     turned = {each["quaternion"][1] for each in came if each["topic"] == "tf" and each["frames"][1] == "trus_probe"}
     assert len(turned) > 5
     stamps = sorted(each["stamp_s"] for each in cameras)
-    # On a busy computer some are late: the middle one counts.
-    assert np.median(np.diff(stamps)) <= 0.1
+    # Twelve a second; on a busy computer many are late.
+    assert np.median(np.diff(stamps)) <= 0.15
     latched = [each for each in came if each["topic"] == "registration"]
     assert np.isnan([*latched[-1]["place_m"], *latched[-1]["quaternion"]]).all()
-    assert run.wait(timeout=30) == 0
+    assert run.wait(timeout=90) == 0
 
 
 def test_a_stop_holds_the_probe_until_a_person_comes(start: Start, node: RosNode) -> None:
@@ -57,14 +57,14 @@ def test_a_stop_holds_the_probe_until_a_person_comes(start: Start, node: RosNode
         node.spin(0.05)
     node.publish(topics.FOLLOW_STOP, messages.empty())
     heard.until(word("stopped", "silent"))
-    said, _ = run.communicate(timeout=30)
+    said, _ = run.communicate(timeout=90)
     assert "stopped by a message on /pa_follow/stop" in " ".join(said.split())
     assert run.returncode == 3
 
 
 def test_a_second_publisher_of_the_transform_is_refused(start: Start) -> None:
-    start(*FOLLOW, "--seconds", "60")
+    start(*FOLLOW, "--seconds", "300")
     second = start(*FOLLOW, "--seconds", "5", wait=False)
-    said, _ = second.communicate(timeout=60)
+    said, _ = second.communicate(timeout=150)
     assert second.returncode == 2
     assert "publish /pa_search/registration" in " ".join(said.split())

@@ -62,9 +62,11 @@ class FollowNode(Closing):
             self._thread.join()
 
     def _serve(self) -> None:
+        due_s = time.monotonic()
         while not self._closing.is_set():
             self._publish(self._feed.step)
-            due_s = time.monotonic() + SENT_S
+            # What took long does not delay those that follow; what was missed is not made up for.
+            due_s = max(due_s + SENT_S, time.monotonic())
             while (left_s := due_s - time.monotonic()) > 0 and not self._closing.is_set():
                 self._node.spin(left_s)
         self._publish(None)
