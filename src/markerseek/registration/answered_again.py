@@ -6,12 +6,23 @@ known less well than at the end. Its samples are kept, without their frames, and
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from msgspec import structs
 
-from markerseek.core import Displacement, Estimate, MarkerCandidate, Measured, ReadingFrame, Sample, marker_candidates
+from markerseek.core import (
+    Displacement,
+    Estimate,
+    MarkerCandidate,
+    Measured,
+    ReadingFrame,
+    Sample,
+    displacement_sigmas,
+    marker_candidates,
+)
 from markerseek.records.journal import Configuration, JournalEntry, JournalEvent
 from markerseek.registration.camera_tissue import CameraRotation, CameraTissue
 from markerseek.runs import rebuild_policy, tell_recorded
@@ -55,7 +66,23 @@ class KeptSearch:
             [JournalEntry(number=n, written="", clock_s=0.0, event=each) for n, each in enumerate(events, start=1)],
         )
         estimate = policy.estimate()
-        return Answered(estimate=estimate, candidates=marker_candidates(estimate, lit, self.configuration.facts))
+        candidates = marker_candidates(estimate, lit, self.configuration.facts)
+        if rotation is None:
+            candidates = tuple(_widened(each, lit) for each in candidates)
+        return Answered(estimate=estimate, candidates=candidates)
+
+
+def _widened(candidate: MarkerCandidate, lit: Sequence[Sample]) -> MarkerCandidate:
+    """Return a candidate with room along the turn for displacements of unknown direction.
+
+    Breath displaces all ways of the sweeps to the same side, and no mean of them lessens that.
+    """
+    strongest = max(sample.reading.intensity for sample in lit)
+    strong = [sample for sample in lit if sample.reading.intensity >= 0.5 * strongest]
+    room_m = float(np.sqrt(np.mean([displacement_sigmas(sample).turn_m ** 2 for sample in strong])))
+    along_m, lateral_m, depth_m = candidate.position.sigma_m
+    position = structs.replace(candidate.position, sigma_m=(math.hypot(along_m, room_m), lateral_m, depth_m))
+    return structs.replace(candidate, position=position)
 
 
 def with_header(event: JournalEvent) -> JournalEvent:

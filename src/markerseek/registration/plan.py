@@ -84,9 +84,8 @@ class SessionPlan(msgspec.Struct, frozen=True, kw_only=True):
     gate: Annotated[
         Gate,
         Help(
-            "Whether light waits for the pauses of the tissue's breath: found, where the cameras see a breath, so that "
-            "the first marker is searched twice; always, with the tissue watched for some 8 s before the first marker; "
-            "never."
+            "Whether light waits for the pauses of the tissue's breath: found, once the cameras have seen a breath; "
+            "always, also for the first marker, before which they watch the tissue for some 8 s; never."
         ),
     ] = "found"
     no_frames: Annotated[

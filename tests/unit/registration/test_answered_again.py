@@ -94,13 +94,17 @@ def test_a_wrong_rotation_does_not_find_it_there(kept: tuple[KeptSearch, float])
     assert len(places_m) < 2 or 1e3 * np.linalg.norm(np.subtract(*places_m)) > 0.3
 
 
-def test_a_size_alone_widens_the_answer(kept: tuple[KeptSearch, float]) -> None:
+def test_a_size_alone_leaves_room_along_the_turn(kept: tuple[KeptSearch, float]) -> None:
     search, truth_deg = kept
     answered = search.answered(None)
     assert answered is not None
-    interval = answered.estimate.interval95_deg
-    assert interval is not None
-    assert interval.low_deg <= truth_deg <= interval.high_deg
+    position = answered.candidates[0].position
+    angle = np.radians(truth_deg)
+    across_m = np.array([np.cos(angle), 0.0, -np.sin(angle)]) @ position.position_m
+    turned = search.answered(CameraRotation(matrix=TURN, sigma_rad=0.02))
+    assert turned is not None
+    assert position.sigma_m[0] > 2 * turned.candidates[0].position.sigma_m[0]
+    assert abs(across_m) < 2.5 * position.sigma_m[0]
 
 
 def test_what_cameras_did_not_see_is_not_answered_again(kept: tuple[KeptSearch, float]) -> None:
