@@ -327,14 +327,16 @@ def _texts(tree: ast.Module) -> Iterator[tuple[ast.expr, str]]:
 
 
 def packed_assignments(checkout: Checkout) -> list[str]:
-    """Lines that assign several values to as many names."""
+    """Lines that assign several values to as many names, or one value to several names."""
     return [
         f"{module.path}:{node.lineno}"
         for module in checkout.modules
         for node in ast.walk(module.tree)
         if isinstance(node, ast.Assign)
-        and isinstance(node.value, ast.Tuple)
-        and any(isinstance(target, ast.Tuple) for target in node.targets)
+        and (
+            len(node.targets) > 1
+            or (isinstance(node.value, ast.Tuple) and any(isinstance(target, ast.Tuple) for target in node.targets))
+        )
     ]
 
 
@@ -410,7 +412,7 @@ ROWS = (
     Row(name="rooms that a search imports", most=20, places=rooms_of_search),
     Row(name="public names that stand in two rooms", most=25, places=names_in_two_rooms, kept=True),
     Row(name="messages below cli that name an option or a command", most=0, places=option_messages, kept=True),
-    Row(name="assignments packed in one line", most=60, places=packed_assignments, kept=True),
+    Row(name="assignments packed in one line", most=30, places=packed_assignments, kept=True),
 )
 
 

@@ -10,10 +10,10 @@ import pytest
 from benchmarks import house
 
 CASES: dict[str, tuple[Callable[[house.Checkout], list[str]], dict[str, str], list[str]]] = {
-    "an assignment of several values is packed, one of a function's pair is not": (
+    "an assignment of several values or to several names is packed, one of a function's pair is not": (
         house.packed_assignments,
         {"core/a.py": "x, y = 1, 2\nx, y = pair()\nx = y = 3\n"},
-        ["core/a.py:1"],
+        ["core/a.py:1", "core/a.py:3"],
     ),
     "a message that names an option or a command, but no docstring, no argument, and none of cli": (
         house.option_messages,
