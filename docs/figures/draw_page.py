@@ -112,7 +112,7 @@ def main() -> None:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         tab = browser.new_page(viewport={"width": 1400, "height": 900})
         # A busy computer is slow, not broken.
-        tab.set_default_timeout(120_000)
+        tab.set_default_timeout(600_000)
         move(register(tab, link))
         browser.close()
 

@@ -158,6 +158,12 @@ def test_what_a_page_takes_from_code_or_data_is_what_is_there(monkeypatch: pytes
         assert made.filled(text) == text, f"{page.name}: python docs/made.py"
 
 
+def test_no_line_begins_with_the_comment_of_a_made_value() -> None:
+    """Markdown takes such a line as HTML: it ends the paragraph, and links on it are shown as they are typed."""
+    for page in PAGES:
+        assert not re.search(r"^ *<!-- made: .*::.*-->", page.read_text(encoding="utf-8"), re.MULTILINE), page.name
+
+
 @pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "gallery.md"], ids=lambda page: page.name)
 def test_a_front_page_states_no_measured_number_of_its_own(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is measured there is printed by a command that is tested, or comes from a table."""
