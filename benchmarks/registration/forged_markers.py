@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from msgspec import structs
 
-from markerseek.core import Float64, Interval, MarkerCandidate, MarkerPosition
+from markerseek.core import Float64, Interval, MarkerCandidate, MarkerPosition, SpotToSource
+from markerseek.geometry import OFFSET_FACTORS
+from markerseek.geometry.registration import DOUBT, WIDER
 from markerseek.registration import RegistrationReport, StereoSettings
 from markerseek.registration.choice import SeenMarker
 from markerseek.registration.poses import Place, Reach
 from markerseek.registration.report import davinci_to_probe_home
-from markerseek.registration.shared_errors import FOCAL_LENGTH, seen_point, trus_shared_m
+from markerseek.registration.shared_errors import BASE_LENGTH, FOCAL_LENGTH, seen_point, trus_shared_m
 from markerseek.sim import camera_above, endoscope
 
 CAMERAS = endoscope()
@@ -35,6 +37,10 @@ TISSUE_M = 60e-3
 
 class ForgedScene:
     """A camera above tissue and a probe below it, with shared errors: all drawn by the seed."""
+
+    search_factor = 1.0
+    pixel_factor = 1.0
+    """``search_factor``, ``pixel_factor``: factors of the errors of searches and of pixels that are drawn."""
 
     def __init__(self, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -91,7 +97,8 @@ class ForgedScene:
         """A source there, as a search finds it."""
         x, y, z = self.heard(spot_m).tolist()
         axes = MarkerPosition(position_m=(x, y, z), sigma_m=SIGMA_M).axes
-        x, y, z = (np.array([x, y, z]) + axes.T @ (np.array(SIGMA_M) * self.rng.standard_normal(3))).tolist()
+        drawn_m = self.search_factor * np.array(SIGMA_M) * self.rng.standard_normal(3)
+        x, y, z = (np.array([x, y, z]) + axes.T @ drawn_m).tolist()
         position = MarkerPosition(position_m=(x, y, z), sigma_m=SIGMA_M)
         return MarkerCandidate(angle_deg=math.degrees(math.atan2(x, z)), probability=probability, position=position)
 
@@ -111,7 +118,7 @@ class ForgedScene:
     ) -> SeenMarker:
         """The marker of a spot, with its own source alone where no candidates are given."""
         exact = self.cameras.project(self.true.inverse().apply(spot_m)[None])
-        sigma_px = math.hypot(SPOT_PX, STEREO.calibration_sigma_px)
+        sigma_px = self.pixel_factor * math.hypot(SPOT_PX, STEREO.calibration_sigma_px)
         left_px, right_px = (pixels[0] + sigma_px * self.rng.standard_normal(2) for pixels in exact)
         camera_m, covariance_m2, shared_m = seen_point(
             left_px, right_px, STEREO.cameras, spot_px=SPOT_PX, calibration_px=STEREO.calibration_sigma_px
@@ -127,3 +134,72 @@ class ForgedScene:
     def markers(self, spots: Sequence[Float64[np.ndarray, " 3"]]) -> list[SeenMarker]:
         """A marker with its own source for each spot."""
         return [self.seen(str(number), spot) for number, spot in enumerate(spots, start=1)]
+
+
+SHARED = ("focal length", "base", "vergence", "sound speed", "face radius", "zero")
+"""Errors that all markers share, one of which may be `WIDER` times as large as assumed."""
+
+SOURCES = (*SHARED, "other shifts", "depth", "offset", "pixels", "search")
+"""All sources of error."""
+
+
+class PriorScene(ForgedScene):
+    """A scene whose errors are all drawn from the priors of a registration.
+
+    ``sources``: those that act; the others are zero. ``doubt``: whether one of the shared errors may be larger than it
+    is assumed, as the registration believes. ``spot``: the prior of the way from the spot to its source.
+    ``wrong``: relative errors that are not drawn, by the name of their source.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        *,
+        sources: Sequence[str] = SOURCES,
+        doubt: bool = True,
+        spot: SpotToSource | None = None,
+        wrong: Mapping[str, float] | None = None,
+    ) -> None:
+        super().__init__(seed)
+        spot = spot or SpotToSource()
+        self._more = np.random.default_rng((seed, 2))
+        drawn = dict(zip(SHARED, self._more.standard_normal(len(SHARED)).tolist(), strict=True))
+        doubted = SHARED[int(self._more.integers(len(SHARED)))]
+        if self._more.random() < DOUBT and doubt:
+            drawn[doubted] *= WIDER
+        drawn = {name: value if name in sources else 0.0 for name, value in drawn.items()}
+        for name, sigma in (("focal length", FOCAL_LENGTH), ("base", BASE_LENGTH)):
+            drawn[name] = (wrong or {}).get(name, drawn[name] * sigma) / sigma
+        both_px, left_px, right_px, depth, size = self._more.standard_normal(5).tolist()
+        shifts_px = np.array([[both_px, left_px], [both_px, right_px]]) * ("other shifts" in sources)
+        # One of the four shifts of the images, their difference across, is the vergence.
+        across = np.array([[-1.0, 0.0], [1.0, 0.0]]) * drawn["vergence"]
+        shifts_px = STEREO.calibration_sigma_px * (shifts_px / [math.sqrt(2), 1.0] + across / math.sqrt(2))
+        self.shared = [drawn["sound speed"], drawn["face radius"], drawn["zero"]]
+        self._depth_m = spot.depth_m + spot.depth_sigma_m * depth * ("depth" in sources)
+        factor = OFFSET_FACTORS[1] if size > 0 else 1 / OFFSET_FACTORS[0]
+        self._offset_m = spot.offset_sigma_m * factor ** abs(size) * ("offset" in sources)
+        self._sources_m: dict[tuple[float, ...], Float64[np.ndarray, " 3"]] = {}
+        self.search_factor = float("search" in sources)
+        self.pixel_factor = float("pixels" in sources)
+        focal_px = [each / (1 + FOCAL_LENGTH * drawn["focal length"]) for each in CAMERAS.left.focal_px]
+        left, right = (
+            structs.replace(
+                camera,
+                focal_px=(focal_px[0], focal_px[1]),
+                centre_px=(camera.centre_px[0] + x_px, camera.centre_px[1] + y_px),
+            )
+            for camera, (x_px, y_px) in zip((CAMERAS.left, CAMERAS.right), shifts_px.tolist(), strict=True)
+        )
+        base = CAMERAS.left_to_right
+        base = replace(base, translation_m=base.translation_m / (1 + BASE_LENGTH * drawn["base"]))
+        self.cameras = replace(CAMERAS, left=left, right=right, left_to_right=base)
+
+    def heard(self, spot_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, " 3"]:
+        """Where a probe with its shared errors finds the source of a spot."""
+        key = tuple(spot_m.tolist())
+        if key not in self._sources_m:
+            sight = spot_m - self.true.translation_m
+            beside_m = self._offset_m * self._more.standard_normal(3)
+            self._sources_m[key] = spot_m + self._depth_m * sight / np.linalg.norm(sight) + beside_m
+        return super().heard(self._sources_m[key])
