@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from markerseek import registration
 
-SHOWN_SHARE = 0.7
-"""An error shared by all points is printed if the points reduce its standard deviation to less than this share."""
-
 
 def report_rows(report: registration.RegistrationReport) -> list[tuple[str, str]]:
     """Return the rows that any registration has."""
@@ -23,11 +20,11 @@ def report_rows(report: registration.RegistrationReport) -> list[tuple[str, str]
         ),
         *((each.name, each.said) for each in report.checks),
         *(("in doubt", doubt) for doubt in report.doubts),
-        # The points say nothing about the other shared errors.
+        *((("assumed", report.assumed),) if report.assumed is not None else ()),
         *(
             (error.name, f"{error.value:+.2g} ± {error.sigma:.2g} {error.unit} too large according to the points")
             for error in report.shared
-            if error.sigma < SHOWN_SHARE * error.assumed_sigma
+            if error.is_seen
         ),
         ("weights", report.weights),
         *((("without", ", ".join(report.without)),) if report.without else ()),

@@ -3,6 +3,7 @@ from .error_length import ErrorLength
 from .registration import (
     MIN_POINTS,
     OFFSET_FACTORS,
+    WIDER,
     Registration,
     RegistrationErrors,
     best_rotation,
@@ -28,6 +29,7 @@ from .transform import RigidTransform
 __all__ = [
     "MIN_POINTS",
     "OFFSET_FACTORS",
+    "WIDER",
     "CalibrationErrors",
     "Camera",
     "ErrorLength",

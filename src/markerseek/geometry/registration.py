@@ -85,6 +85,11 @@ class RegistrationErrors:
         effect = effect_of_motion(target_m[None, :] - self.middle_m)[0]
         return np.asarray(effect @ self.covariance[:6, :6] @ effect.T)
 
+    def shared_with_target_m(self, target_m: Float64[np.ndarray, " 3"]) -> Float64[np.ndarray, "3 errors"]:
+        """Covariance of the position of a target with the errors that all points share, in their units."""
+        effect = effect_of_motion(target_m[None, :] - self.middle_m)[0]
+        return np.asarray(effect @ self.covariance[:6, 6:])
+
     def tre_m(self, target_m: Float64[np.ndarray, " 3"]) -> float:
         """Return the expected target registration error (TRE), root mean square in metres, at a target."""
         return float(np.sqrt(np.trace(self.tre_covariance_m2(target_m))))

@@ -16,7 +16,7 @@ from scipy.special import chdtrc, softmax
 from markerseek._version import __version__
 from markerseek.core import ConfigError, Float64, RecordError, SpotToSource, Vector, as_vector
 from markerseek.files import MIB, read_json
-from markerseek.geometry import Registration, RigidTransform, mirror_image_fre, register_points
+from markerseek.geometry import WIDER, Registration, RigidTransform, mirror_image_fre, register_points
 from markerseek.registration.plan import require_target
 from markerseek.registration.shared_errors import (
     SharedError,
@@ -53,6 +53,9 @@ three degrees of freedom)."""
 NOTHING_BELOW = SpotToSource(depth_m=0.0, depth_sigma_m=0.0)
 """Of camera points that are not known to be spots of light: what was seen is what was found in the TRUS frame, but for
 an offset of unknown size, which keeps what the sigmas do not hold."""
+
+SEEN_SHARE = 0.7
+"""Points show something of a shared error if they reduce its standard deviation to less than this share."""
 
 DOUBTED = 0.5
 """Probability that some shared error is larger than assumed, above which that is said."""
@@ -101,6 +104,7 @@ class SharedReport(msgspec.Struct, frozen=True, kw_only=True):
 
     ``value`` and ``sigma`` are the estimate and its standard deviation, ``assumed_sigma`` is that of the prior. Where
     the points show nothing of it both are alike. ``larger`` is the probability that this error is larger than assumed.
+    ``target_shift_m`` is how far an error of one assumed standard deviation puts the target from where it is.
     """
 
     name: str
@@ -109,6 +113,12 @@ class SharedReport(msgspec.Struct, frozen=True, kw_only=True):
     sigma: float
     assumed_sigma: float
     larger: float = 0.0
+    target_shift_m: float = 0.0
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether the points show something of it."""
+        return self.sigma < SEEN_SHARE * self.assumed_sigma
 
 
 class SpotCheck(msgspec.Struct, frozen=True, kw_only=True):
@@ -191,6 +201,22 @@ class RegistrationReport(msgspec.Struct, frozen=True, kw_only=True):
         return None if self.offset_sigma_m is None else MEDIAN_LENGTH * self.offset_sigma_m
 
     @property
+    def assumed(self) -> str | None:
+        """In a sentence, the shared error that matters most of those that the points do not show; None: there is none.
+
+        If it is larger than assumed, nothing else tells.
+        """
+        unseen = [error for error in self.shared if error.target_shift_m > 0 and not error.is_seen]
+        if not unseen:
+            return None
+        most = max(unseen, key=lambda error: error.target_shift_m)
+        larger = f"{WIDER * most.assumed_sigma:.2g} {most.unit}"
+        return (
+            f"{most.name} right to {most.assumed_sigma:.2g} {most.unit}, which these points do not show: "
+            f"{larger} would put the target {1e3 * WIDER * most.target_shift_m:.1f} mm off"
+        )
+
+    @property
     def expected(self) -> str:
         """The error that is to be expected, in words."""
         return f"expected error at the target {1e3 * self.tre_m:.2f} mm, in 95 % below {1e3 * self.tre95_m:.2f} mm"
@@ -240,7 +266,7 @@ def register_pairs(
     right = _all_right(found, rests)
     reason = None if fit.accepted and right >= MIN_RIGHT else _refusal(found, fit, rest_fits, worst, mirror_fre_m)
     target = default_target(trus_m) if target_trus_m is None else target_trus_m
-    shared, doubts = _shared(found, pairs, spot) if weighed else ([], [])
+    shared, doubts = _shared(found, pairs, spot, target_m=np.array(target)) if weighed else ([], [])
     return RegistrationReport(
         registered=reason is None,
         reason=reason,
@@ -435,26 +461,30 @@ _FAR_LESS_LIKELY = 3.0
 
 
 def _shared(
-    found: Registration, pairs: Sequence[PointPair], spot: SpotToSource
+    found: Registration, pairs: Sequence[PointPair], spot: SpotToSource, *, target_m: Float64[np.ndarray, " 3"]
 ) -> tuple[list[SharedReport], list[str]]:
     """The errors that all points share, and those that are larger than assumed in words."""
     camera_m = np.array([pair.camera_m for pair in pairs])
     directions = shared_directions(camera_m, _camera_shared(pairs), spot, motions=motion_m(pairs).shape[2])
     covariance = found.errors.covariance[6:, 6:]
+    # The mean displacement of the target, given the error: the regression of the one on the other.
+    with_target = found.errors.shared_with_target_m(target_m)
     doubts = iter(found.doubts)
     reports = []
     doubted = []
     for error, direction in directions:
         doubt = next(doubts) if error.cure else None
         larger = 0.0 if doubt is None else doubt.probability
+        variance = float(direction @ covariance @ direction)
         reports.append(
             SharedReport(
                 name=error.name,
                 unit=error.unit,
                 value=error.sigma * float(direction @ found.shared),
-                sigma=error.sigma * math.sqrt(float(direction @ covariance @ direction)),
+                sigma=error.sigma * math.sqrt(variance),
                 assumed_sigma=error.sigma,
                 larger=larger,
+                target_shift_m=float(np.linalg.norm(with_target @ direction)) / variance,
             )
         )
         if doubt is not None:

@@ -82,8 +82,9 @@ from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, Sc
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
 
-_WORTH = 0.1
-"""Share of the expected TRE by which another marker must lower it, or the session ends."""
+_WORTH = 0.05
+"""Share of the expected TRE by which another marker must lower it, or a session above its goal ends: a marker takes
+some 20 s with its spot, and who has named a goal wants to reach it."""
 
 MOST_AT_REST = 6
 """Most acquisitions at rest of a search by sweeps that has detected nothing."""

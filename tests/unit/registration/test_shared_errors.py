@@ -94,3 +94,25 @@ def test_a_focal_length_that_no_point_shows_is_in_the_expected_error() -> None:
     target_m = np.array(report.target_trus_m)
     off_m = matrix[:3, :3] @ TRUE.inverse().apply(target_m) + matrix[:3, 3] - target_m
     assert 0.3e-3 < np.linalg.norm(off_m) < report.tre95_m
+
+
+def test_what_a_larger_error_would_do_to_the_target_is_said_if_no_point_shows_it() -> None:
+    right, wrong = (register_pairs(pairs(TRUS_M, cameras=with_focal(endoscope(), factor))) for factor in (1.0, 1.02))
+    # Both fit, and the one says what the other is.
+    assert right.registered
+    assert wrong.registered
+    moved_m = np.array(wrong.davinci_to_trus) - np.array(right.davinci_to_trus)
+    target_m = np.array(right.target_trus_m)
+    in_camera_m = np.linalg.solve(np.array(right.davinci_to_trus), [*target_m, 1.0])
+    off_m = float(np.linalg.norm((moved_m @ in_camera_m)[:3]))
+    assert off_m > 1.2e-3
+    focal = right.shared[0]
+    assert not focal.is_seen
+    # 2 % are four standard deviations.
+    assert 4 * focal.target_shift_m == pytest.approx(off_m, rel=0.1)
+    assert right.assumed == (
+        f"focal length right to 0.5 %, which these points do not show: 2 % would put the target "
+        f"{4e3 * focal.target_shift_m:.1f} mm off"
+    )
+    speed = next(each for each in right.shared if each.name == "sound speed")
+    assert speed.is_seen
