@@ -46,9 +46,10 @@ OFFSET_FACTORS = (3.0, 1.7)
 has a Gaussian prior on either side, of which two thirds lie within. A point in a phantom has no offset."""
 
 DOUBT = 0.05
+"""Probability that one of the shared errors is larger than assumed."""
+
 WIDER = 4.0
-"""Probability that one of the shared errors is larger than assumed, and its standard deviation then over the assumed
-one."""
+"""Standard deviation of a shared error that is larger than assumed, over the assumed one."""
 
 _OFFSETS = np.linspace(-3.0, 3.5, 14)
 """Sizes of the offset that are summed over, in standard deviations of the logarithm."""

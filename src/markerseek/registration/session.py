@@ -728,8 +728,7 @@ class RegistrationSession:
             return used >= self._plan.markers
         if used < LEAST_MARKERS:
             return False
-        better_m = choice.report.tre_m if place is None or place.tre_m is None else place.tre_m
-        return choice.report.tre_m <= self._plan.goal_m or better_m > (1 - _WORTH) * choice.report.tre_m
+        return is_enough(choice.report.tre_m, place, goal_m=self._plan.goal_m)
 
     def _with_hold(self, said: str) -> str:
         """Add what to ask of the anaesthetist, if the ventilation is to be held."""
@@ -849,6 +848,15 @@ def _newer_breath(breath: TissueMoves | None, scene: SearchScene, *, during_s: f
 
 class _TissueBreathesError(Exception):
     """A search that waited for no pause has shown that the tissue breathes."""
+
+
+def is_enough(tre_m: float, place: Place | None, *, goal_m: float) -> bool:
+    """Return whether an expected error reaches the goal, or another marker at a place would not help.
+
+    ``place``: None: there is none in reach.
+    """
+    better_m = tre_m if place is None or place.tre_m is None else place.tre_m
+    return tre_m <= goal_m or better_m > (1 - _WORTH) * tre_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

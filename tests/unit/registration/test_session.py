@@ -29,6 +29,8 @@ from markerseek.registration import (
     Waiting,
     poses,
 )
+from markerseek.registration.poses import Place
+from markerseek.registration.session import is_enough
 from markerseek.rigs import movable
 from markerseek.sim import EndoscopeSettings, SimulatedEndoscope, SimulatedSettings, camera_above
 from tests.registration_sessions import BEGUN, taken
@@ -263,3 +265,23 @@ def test_the_ventilation_is_to_be_held_for_each_marker_and_to_go_on_after_it() -
     assert f"until its marker is taken, for about {taken_marker.rig_s:.0f} s" in second.said
     assert isinstance(ended, Ended)
     assert ended.said.endswith("; go on with the ventilation")
+
+
+@pytest.mark.parametrize(
+    ("tre_mm", "with_another_mm", "enough"),
+    [
+        (0.99, 0.5, True),
+        # The session of the tutorial: another marker gains less than a tenth, and reaches the goal.
+        (1.11, 1.01, False),
+        (1.11, 1.04, False),
+        (1.11, 1.06, True),
+        (1.11, None, True),
+    ],
+)
+def test_a_session_above_its_goal_goes_on_while_a_marker_gains_a_twentieth(
+    tre_mm: float, with_another_mm: float | None, enough: bool
+) -> None:
+    place = None
+    if with_another_mm is not None:
+        place = Place(left_px=(1.0, 2.0), right_px=(1.0, 2.0), camera_m=(0.0, 0.0, 0.1), tre_m=with_another_mm / 1e3)
+    assert is_enough(tre_mm / 1e3, place, goal_m=1e-3) is enough
