@@ -24,6 +24,13 @@ from markerseek.registration.report import SpotCheck
 from markerseek.registration.search_scene import SearchScene
 
 Numbers: TypeAlias = list[list[float]]
+"""A matrix, row by row."""
+
+_FARTHEST_M = 10.0
+"""Largest distance of a spot or marker from the origin of its frame, in metres."""
+
+_FINEST_M = 1e-9
+"""Least standard deviation of such a place, in metres."""
 
 
 class Spot(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -158,7 +165,7 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
     """What the cameras saw move during the search; None: nobody looked."""
 
     def __post_init__(self) -> None:
-        # Also of a record: its check sums say that it was not damaged, not that its numbers are possible.
+        # A record is checked too: its check sums say that it is not damaged, and not that its numbers are possible.
         _require_numbers("camera_m", self.camera_m, shape=(3,), most=_FARTHEST_M)
         _require_numbers("camera_covariance_m2", self.camera_covariance_m2, shape=(3, 3), most=_FARTHEST_M**2)
         _require_numbers("camera_shared_m", self.camera_shared_m, shape=(3, None), most=_FARTHEST_M)
@@ -168,7 +175,7 @@ class TakenMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker"):
             _require_numbers("sigma_m of a candidate", position.sigma_m, shape=(3,), most=_FARTHEST_M, least=_FINEST_M)
             require_range("the probability of a candidate", candidate.probability, low=0, high=1)
             require_range("the angle of a candidate", candidate.angle_deg, low=-360, high=360, unit="deg")
-        # The spot of a marker with a place must be known, as well as it can be seen.
+        # No variance is negative; that of a marker with candidates is no smaller than a measurement can have.
         axes_m2 = np.linalg.eigvalsh(np.array(self.camera_covariance_m2))
         if axes_m2[0] < (_FINEST_M**2 if self.candidates else 0.0):
             raise ConfigError(f"camera_covariance_m2 is {self.camera_covariance_m2}, which is no covariance of a spot")
@@ -199,11 +206,6 @@ class CorrectedMarker(msgspec.Struct, frozen=True, kw_only=True, tag="marker-cor
     def of(self, marker: TakenMarker) -> TakenMarker:
         """Return the marker with this answer."""
         return structs.replace(marker, answer=self.answer, reason=self.reason, candidates=self.candidates)
-
-
-_FARTHEST_M = 10.0
-_FINEST_M = 1e-9
-"""Largest distance of a spot or marker from its frame's origin, and least standard deviation of it, in metres."""
 
 
 def _require_numbers(
