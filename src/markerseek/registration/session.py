@@ -30,6 +30,7 @@ from markerseek.core import (
     as_vector,
     counted,
 )
+from markerseek.guard import State
 from markerseek.records.journal import Configuration, Journal, JournalEvent
 from markerseek.registration.answered_again import Answered, KeptSearch, with_header
 from markerseek.registration.camera_tissue import CameraRotation, CameraTissue, SeenScene
@@ -584,6 +585,9 @@ class RegistrationSession:
         try:
             yield from self._searched(name, search, watch, tissue, kept=kept)
         except AcquisitionError as error:
+            if self._room.rig.scanner.guard.state is State.FAULT:
+                # A person must look at the rig.
+                raise
             problem = error
         scene = self._told(watch, during_s=self._room.rig.scanner.clock.now_s() - begun_s)
         if tissue is None and (problem is not None or not search.result().candidates):

@@ -345,7 +345,7 @@ class SweepInProgress:
         self._keep_last(receiver.end_sweep(pulses=fired))
         if self._tissue is not None and self._pulses:
             await_known(self._tissue, self._clock, at_s=self._pulses[-1].at_s)
-        yield self._matched()
+        yield self._matched(over=True)
         if self._told < len(self._frames):
             raise not_between(self._pulses[self._told], self._readings)
         return Swept(angle_deg=last_deg, pulses=fired)
@@ -494,11 +494,14 @@ class SweepInProgress:
             if not frame.header.pulses:
                 self._admit_dark(frame)
 
-    def _matched(self) -> list[SweptFrame]:
-        """Return the frames between two readings, with their angles, once the displacement at them is known."""
+    def _matched(self, *, over: bool = False) -> list[SweptFrame]:
+        """Return the frames between two readings, with their angles, once the displacement at them is known.
+
+        ``over``: whether that was awaited, at the end of the sweep.
+        """
         matched: list[SweptFrame] = []
         until_s = self._readings[-1].at_s
-        if self._tissue is not None:
+        if self._tissue is not None and not over:
             until_s = min(until_s, self._clock.now_s() - self._tissue.known_after_s)
         while self._told < min(len(self._frames), len(self._pulses)):
             pulse = self._pulses[self._told]

@@ -103,6 +103,24 @@ def test_each_pulse_of_a_sweep_has_the_displacement_of_its_own_moment(readout_s:
         assert sample.displacement.mm[0] == pytest.approx(tissue.way_mm(flash.at_s), abs=0.01)
 
 
+def test_a_wait_that_ends_a_rounding_error_early_loses_no_pulse() -> None:
+    bench = SweepBench()
+
+    class Rounded(BreathingTissue):
+        """What is asked later is known a rounding error later."""
+
+        asked = 0
+
+        def __getattribute__(self, name: str) -> object:
+            if name != "known_after_s":
+                return object.__getattribute__(self, name)
+            Rounded.asked += 1
+            return 0.2 + 1e-13 * Rounded.asked
+
+    samples = swept(bench, Rounded(bench.rig.scanner.clock), Sweep(to_deg=35.0, speed_deg_s=10.0))
+    assert len(samples) == len(bench.flashes()) > 100
+
+
 def test_a_sweep_that_fits_into_a_pause_is_made_in_one_and_a_longer_one_does_not_wait() -> None:
     bench = SweepBench(start_deg=0.0)
     clock = bench.rig.scanner.clock
