@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from markerseek.bridges.page import Address
-from markerseek.bridges.page.page_searches import ChildSearch
+from markerseek.bridges.page.children import ChildSearch
 from markerseek.core import ConfigError
 from markerseek.records.journal import Interrupted, read_journal
 from tests.emulated import ran

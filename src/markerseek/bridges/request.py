@@ -20,6 +20,7 @@ from markerseek.core import (
     as_text,
     options_of,
 )
+from markerseek.following import FollowPlan
 from markerseek.registration import SessionPlan
 from markerseek.search import require_plan
 from markerseek.sim import SimulatedSettings, with_options
@@ -31,8 +32,8 @@ OPTIONS = {each.name: each for each in (*options_of(SearchPlan), *options_of(Sim
 class RunRequest(msgspec.Struct, frozen=True, kw_only=True):
     """What is asked for: a plan, and the simulated rig that it is for."""
 
-    plan: SearchPlan | SessionPlan
-    """What is chosen of the search, or of the session."""
+    plan: SearchPlan | SessionPlan | FollowPlan
+    """What is chosen of the search, of the session, or of the run that follows."""
     simulation: SceneOptions
     """What is chosen of a simulated rig."""
 
@@ -168,5 +169,33 @@ def _target_m(text: str | None) -> tuple[float, float, float] | None:
     return x, y, z
 
 
-AnyRequest: TypeAlias = SearchRequest | SessionRequest
+class FollowRequest(RunRequest, frozen=True, kw_only=True):
+    """What a person permits of a run that follows, and what it follows."""
+
+    plan: FollowPlan = FollowPlan()
+    """What is chosen of following: its speed, its duration, its range."""
+    simulation: SceneOptions = SceneOptions()
+    """What was chosen of a simulated rig."""
+    folder: str
+    """Folder of the session whose registration is used."""
+    pixel: tuple[float, float] | None = None
+    """Pixel of the left image at which somebody points; None: the laser spot."""
+    still_valid: bool = False
+    """Whether the person says that neither probe nor camera were switched off, nor was the probe moved."""
+    endoscope_held: bool = False
+    """Whether the endoscope is held so that it cannot move."""
+
+    def arguments(self, *, simulated: bool = True) -> list[str]:
+        """Options of the command; for a rig of devices only those of the plan."""
+        what = ["--spot"] if self.pixel is None else ["--pixel", *(f"{value:.1f}" for value in self.pixel)]
+        words = [*super().arguments(simulated=simulated), "--registration", self.folder, *what]
+        if self.still_valid:
+            words.append("--still-valid")
+        if simulated:
+            # A simulated run ends after half a minute if nobody says how long it lasts: here its permit says it.
+            return ["--simulate", *words, "--seconds", f"{60 * self.plan.minutes + 1:g}"]
+        return [*words, "--endoscope-held"] if self.endoscope_held else words
+
+
+AnyRequest: TypeAlias = SearchRequest | SessionRequest | FollowRequest
 """What a page can ask for."""

@@ -60,11 +60,13 @@ from .steps import (
 )
 from .stereo_files import StereoSettings, read_stereo
 from .view import ExpectedError, Phase, SessionView
+from .watched_motion import MOTION_FILE, WatchedMotion, read_motion, show_motion
 
 __all__ = [
     "CAMERA_IMAGES",
     "DEPTHS_M",
     "MOST_MARKERS",
+    "MOTION_FILE",
     "POINTED_AT",
     "REGISTRATION_FILE",
     "REGISTRATION_TOLERANCE_MM",
@@ -111,6 +113,7 @@ __all__ = [
     "StereoSettings",
     "TakenMarker",
     "Waiting",
+    "WatchedMotion",
     "as_it_runs",
     "camera_text",
     "davinci_to_probe_home",
@@ -126,6 +129,7 @@ __all__ = [
     "next_view",
     "point_pairs",
     "reach_of",
+    "read_motion",
     "read_registration",
     "read_session",
     "read_stereo",
@@ -134,6 +138,7 @@ __all__ = [
     "seen_point",
     "session_folder",
     "sessions_folder",
+    "show_motion",
     "show_pair",
     "spot_in",
     "spot_pairs",

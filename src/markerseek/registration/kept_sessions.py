@@ -21,11 +21,12 @@ from markerseek.registration.record import (
     read_view,
 )
 from markerseek.registration.view import Phase, SessionView
+from markerseek.registration.watched_motion import MOTION_FILE
 
 REPORTS = ("report.html", "report.pdf")
 """Names of the report of a session, in its folder."""
 
-_OWN_NAMES = (*CAMERA_IMAGES, REGISTRATION_FILE, SPOT_IS_SET, POINTED_AT, *REPORTS)
+_OWN_NAMES = (*CAMERA_IMAGES, REGISTRATION_FILE, SPOT_IS_SET, POINTED_AT, MOTION_FILE, *REPORTS)
 _OWN_PATTERNS = ("*.journal", "following-*.jsonl", "*-left.png", "*-right.png")
 """What a session writes into its folder beside its record."""
 

@@ -22,6 +22,7 @@ from markerseek.registration.search_scene import SearchScene
 from markerseek.registration.shared_errors import seen_point
 from markerseek.registration.spots import SPOT_PAIRS, Looked
 from markerseek.registration.stereo_files import StereoSettings
+from markerseek.registration.watched_motion import WatchedMotion
 from markerseek.vision import (
     LIT_SHARE,
     MOVED_DEG,
@@ -119,6 +120,13 @@ class SearchWatch:
     def moments(self) -> tuple[Moment, ...]:
         """What was seen so far."""
         return () if self._watch is None else self._watch.moments
+
+    def motion(self, name: str, *, breath: TissueMoves | None) -> WatchedMotion:
+        """Return what was seen to move so far, for those who look on.
+
+        ``name``: of the marker. ``breath``: how the tissue breathes, on the cameras' clock; None: it is not known.
+        """
+        return WatchedMotion.of(name, self.moments, spot_m=self._spot_m, breath=breath)
 
     @property
     def later(self) -> list[StereoPair]:

@@ -46,7 +46,7 @@ from markerseek.registration.marker_movement import marker_movement
 from markerseek.registration.plan import MOST_MARKERS, SessionPlan
 from markerseek.registration.poses import Place, Poses, Prediction, reach_of
 from markerseek.registration.record import SessionRecord
-from markerseek.registration.room import Room
+from markerseek.registration.room import SHOWN_S, Room
 from markerseek.registration.search_scene import SearchScene
 from markerseek.registration.search_watch import SearchWatch
 from markerseek.registration.session_words import (
@@ -76,6 +76,7 @@ from markerseek.registration.steps import (
     Waiting,
 )
 from markerseek.registration.view import SessionView
+from markerseek.registration.watched_motion import on_cameras_clock, show_motion
 from markerseek.runs import Run, new_run, plan_on
 from markerseek.show import answer_name, answer_reason
 from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, SceneWatch, TissueMoves, scene_texture
@@ -149,6 +150,8 @@ class RegistrationSession:
         self._refused: tuple[str, str, int | None] | None = None
         """Name, reason and pulses of the spot that was refused last."""
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
+        self._shown_s = -math.inf
+        """When what moves was shown last, on the rig's clock."""
         self._clock: ClockOffset | None = None
         """Offset of the cameras' clock, as the searches so far show it."""
         self._watch: EndoscopeWatch | None = None
@@ -359,6 +362,7 @@ class RegistrationSession:
         if check and len(result.candidates) != 1:
             reason = f"the search answers {result.answer}, which checks nothing: light the spot elsewhere"
             raise SpotError.at(begin.looked.spot, reason)
+        self._show_motion(name, watch, least_s=0.0)
         self._require_still(begin, watch, scene)
         seen = begin.seen
         endoscope = begin.endoscope
@@ -561,6 +565,7 @@ class RegistrationSession:
                     if isinstance(event, Measured) and event.sample.frame is not None:
                         watch.fire(event.sample.frame.header)
                     kept.append(with_header(event))
+                    self._show_motion(name, watch)
                     yield Searching(name=name, view=search.view)
         except (KeyboardInterrupt, GeneratorExit) as stop:
             search.interrupt(str(stop) or "the user")
@@ -651,6 +656,15 @@ class RegistrationSession:
             self._look_on(watch)
             raise
         self._look_on(watch)
+
+    def _show_motion(self, name: str, watch: SearchWatch, *, least_s: float = SHOWN_S) -> None:
+        """Show what the cameras have seen move so far, if it was not shown for so many seconds."""
+        now_s = self._room.rig.scanner.clock.now_s()
+        if self._record is None or not watch.follows or now_s - self._shown_s < least_s:
+            return
+        self._shown_s = now_s
+        breath = on_cameras_clock(self._breath, self._clock)
+        show_motion(self._record.folder, watch.motion(name, breath=breath))
 
     def _told(self, watch: SearchWatch, *, during_s: float) -> SearchScene | None:
         """Return what moved during a search of so many seconds; None if nothing was followed."""

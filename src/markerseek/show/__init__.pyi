@@ -19,6 +19,7 @@ from .registration_picture import registration_figure
 from .result import SearchResult
 from .session_picture import CameraView, errors_figure, markers_figure
 from .style import ERROR_BARS, new_figure, panel_grid, shared_legend
+from .time_svg import SIGMAS, DrawnMotion, follow_svg, motion_svg
 from .tip_picture import tip_figure
 from .verdict import Verdict, VerdictKind, numbers_of, verdict_of
 from .words import (
@@ -46,6 +47,7 @@ __all__ = [
     "NO_CLAIM",
     "PICTURE_SUFFIXES",
     "RANGE_DB",
+    "SIGMAS",
     "STOPPED",
     "WRONG_SOURCE",
     "AnswerName",
@@ -55,6 +57,7 @@ __all__ = [
     "DrawnAngle",
     "DrawnCurve",
     "DrawnInterval",
+    "DrawnMotion",
     "FollowedMoment",
     "Mark",
     "Rows",
@@ -80,10 +83,12 @@ __all__ = [
     "flat_answer",
     "flat_result",
     "follow_figure",
+    "follow_svg",
     "frame_figure",
     "grey_levels",
     "interval_text",
     "markers_figure",
+    "motion_svg",
     "new_figure",
     "new_picture",
     "numbers_of",

@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from html import escape
 
 from markerseek.show.curve import ANGLE_TEXT, DENSITY_TEXT, DrawnCurve, Mark
-from markerseek.show.words import with_minus
+from markerseek.show.svg import BLUE, GREEN, GREY, ORANGE, SKY, WIDTH, Frame, svg_of, svg_text
 
-BLUE = "#2a88c8"
-SKY = "#56b4e9"
-ORANGE = "#d55e00"
-GREEN = "#009e73"
-GREY = "#8a8f98"
-"""Colours that the colour-blind can tell apart, after Okabe and Ito: samples, density, answer, truth, the rest."""
-
-_WIDTH = 460.0
 _HEIGHT = 320.0
 
 _CROWDED = 40
@@ -29,7 +19,7 @@ def curve_svg(curve: DrawnCurve) -> str:
     top = 1.14 * curve.top
     most_per_deg = curve.most_per_deg
     ends = (curve.low_deg, curve.high_deg)
-    frame = _Frame(58, 34, _WIDTH - (96 if most_per_deg else 70), _HEIGHT - 72, ends, (0.0, top))
+    frame = Frame(58, 34, WIDTH - (96 if most_per_deg else 70), _HEIGHT - 72, ends, (0.0, top))
     parts = [*frame.axes(ANGLE_TEXT, curve.intensity_text)]
     if most_per_deg:
         parts += frame.right_axis(DENSITY_TEXT, 1.05 * most_per_deg)
@@ -38,14 +28,14 @@ def curve_svg(curve: DrawnCurve) -> str:
     parts += _labels(curve, frame)
     if curve.inset_deg is not None:
         parts += _inset(curve, frame, curve.inset_deg)
-    return _svg(parts, _HEIGHT, curve.text)
+    return svg_of(parts, _HEIGHT, curve.text)
 
 
-def _inset(curve: DrawnCurve, frame: _Frame, ends: tuple[float, float]) -> list[str]:
+def _inset(curve: DrawnCurve, frame: Frame, ends: tuple[float, float]) -> list[str]:
     # Beside the answer, where there is more room.
     is_left = frame.x(sum(ends) / 2) > frame.left + frame.width / 2
     place = frame.left + 12 if is_left else frame.left + frame.width - 152
-    inset = _Frame(place, 44, 140, 92, ends, frame.limits)
+    inset = Frame(place, 44, 140, 92, ends, frame.limits)
     ground = (
         f'<rect x="{place - 6}" y="38" width="152" height="118" rx="4" fill="var(--ms-ground, none)" '
         f'stroke="{GREY}" opacity="0.9"/>'
@@ -54,7 +44,7 @@ def _inset(curve: DrawnCurve, frame: _Frame, ends: tuple[float, float]) -> list[
     return [ground, f'<g class="ms-inset">{drawn}</g>']
 
 
-def _drawn(curve: DrawnCurve, frame: _Frame) -> list[str]:
+def _drawn(curve: DrawnCurve, frame: Frame) -> list[str]:
     parts = []
     for band, colour, opacity in ((curve.bracket, GREY, 0.18), (curve.interval, ORANGE, 0.25)):
         if band is not None:
@@ -78,7 +68,7 @@ def _drawn(curve: DrawnCurve, frame: _Frame) -> list[str]:
     return [*parts, *(_dot(each, frame, radius=_radius(each, curve)) for each in _marks_in(curve, frame))]
 
 
-def _marks_in(curve: DrawnCurve, frame: _Frame) -> list[Mark]:
+def _marks_in(curve: DrawnCurve, frame: Frame) -> list[Mark]:
     return [each for each in curve.marks if frame.inside(each.angle_deg) == each.angle_deg]
 
 
@@ -91,7 +81,7 @@ def _radius(mark: Mark, curve: DrawnCurve) -> float:
     return 4.5 if len(curve.marks) <= _CROWDED else 2.5
 
 
-def _dot(mark: Mark, frame: _Frame, *, radius: float) -> str:
+def _dot(mark: Mark, frame: Frame, *, radius: float) -> str:
     x = frame.x(mark.angle_deg)
     y = frame.y(mark.intensity)
     if mark.role == "confirmation":
@@ -100,7 +90,7 @@ def _dot(mark: Mark, frame: _Frame, *, radius: float) -> str:
     return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}" fill="{BLUE}"/>'
 
 
-def _numbers(curve: DrawnCurve, frame: _Frame) -> list[str]:
+def _numbers(curve: DrawnCurve, frame: Frame) -> list[str]:
     """Return the numbers of the acquisitions, the newest first; one that would cover another one is left out."""
     parts: list[str] = []
     taken: list[tuple[float, float]] = []
@@ -109,11 +99,11 @@ def _numbers(curve: DrawnCurve, frame: _Frame) -> list[str]:
         y = frame.y(each.intensity)
         if each.text and all(abs(x - u) > 13 or abs(y - v) > 11 for u, v in taken):
             taken.append((x, y))
-            parts.append(_text(x, y - _radius(each, curve) - 3, each.text, size=11))
+            parts.append(svg_text(x, y - _radius(each, curve) - 3, each.text, size=11))
     return parts
 
 
-def _area(curve: DrawnCurve, frame: _Frame) -> str:
+def _area(curve: DrawnCurve, frame: Frame) -> str:
     scale = frame.limits[1] / (1.05 * curve.most_per_deg)
     low, high = frame.ends
     density = zip(curve.density_deg, curve.density_per_deg, strict=True)
@@ -130,7 +120,7 @@ def _area(curve: DrawnCurve, frame: _Frame) -> str:
     )
 
 
-def _recorded(curve: DrawnCurve, frame: _Frame) -> str:
+def _recorded(curve: DrawnCurve, frame: Frame) -> str:
     """Return the recording that a search replays, as a line."""
     low, high = frame.ends
     recorded = zip(curve.recorded_deg, curve.recorded, strict=True)
@@ -138,7 +128,7 @@ def _recorded(curve: DrawnCurve, frame: _Frame) -> str:
     return f'<polyline class="ms-recorded" points="{points}" stroke="{GREY}"/>'
 
 
-def _labels(curve: DrawnCurve, frame: _Frame) -> list[str]:
+def _labels(curve: DrawnCurve, frame: Frame) -> list[str]:
     """Return the angles above the frame; one that would cover another one is left out."""
     # That which is known otherwise has a row of its own, because it is near to the answer.
     said = [(each, 28) for each in curve.answers]
@@ -148,10 +138,10 @@ def _labels(curve: DrawnCurve, frame: _Frame) -> list[str]:
     parts: list[str] = []
     taken: list[tuple[float, float]] = []
     for each, y in said:
-        x = min(max(frame.x(frame.inside(each.angle_deg)), room), _WIDTH - room)
+        x = min(max(frame.x(frame.inside(each.angle_deg)), room), WIDTH - room)
         if all(abs(x - u) > 2 * room - 8 or y != v for u, v in taken):
             taken.append((x, y))
-            parts.append(_text(x, y, each.text, size=13))
+            parts.append(svg_text(x, y, each.text, size=13))
     return parts
 
 
@@ -164,9 +154,9 @@ def errors_svg(errors: Sequence[tuple[int, float, float]], *, goal_mm: float) ->
     height = 270.0
     last = max([7, *(count for count, _, _ in errors)])
     most = 1.1 * max([2 * goal_mm, *(high for _, _, high in errors)])
-    frame = _Frame(54, 14, width - 66, height - 58, (2.5, last + 0.5), (0.0, most))
+    frame = Frame(54, 14, width - 66, height - 58, (2.5, last + 0.5), (0.0, most))
     parts = [*frame.axes("markers", "expected error at the target [mm]"), frame.horizontal(goal_mm)]
-    parts.append(_text(width - 14, frame.y(goal_mm) - 6, f"goal {goal_mm:g} mm", size=14, anchor="end"))
+    parts.append(svg_text(width - 14, frame.y(goal_mm) - 6, f"goal {goal_mm:g} mm", size=14, anchor="end"))
     line = " ".join(f"{frame.x(count):.1f},{frame.y(mean):.1f}" for count, mean, _ in errors)
     parts.append(f'<polyline points="{line}" stroke="{BLUE}" stroke-width="3"/>')
     for count, mean, high in errors:
@@ -175,8 +165,8 @@ def errors_svg(errors: Sequence[tuple[int, float, float]], *, goal_mm: float) ->
         top = frame.y(high)
         parts.append(f'<path d="M{x:.1f} {y:.1f}V{top:.1f}m-5 0h10" stroke="{BLUE}" stroke-width="2"/>')
         parts.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5" fill="{BLUE}"/>')
-        parts.append(_text(x + 9, y - 7, f"{mean:.2f}", size=15, anchor="start"))
-    return _svg(parts, height, "expected error at the target after each marker", width=width)
+        parts.append(svg_text(x + 9, y - 7, f"{mean:.2f}", size=15, anchor="start"))
+    return svg_of(parts, height, "expected error at the target after each marker", width=width)
 
 
 def as_html(title: str, rows: Iterable[tuple[str, str | None]], picture: str) -> str:
@@ -187,82 +177,3 @@ def as_html(title: str, rows: Iterable[tuple[str, str | None]], picture: str) ->
         if value is not None
     )
     return f'<div style="max-width:640px"><strong>{escape(title)}</strong><table>{cells}</table>{picture}</div>'
-
-
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """A rectangle of the picture in pixels, with the values at its ends."""
-
-    left: float
-    top: float
-    width: float
-    height: float
-    ends: tuple[float, float]
-    limits: tuple[float, float]
-
-    def inside(self, value: float) -> float:
-        return min(max(value, self.ends[0]), self.ends[1])
-
-    def x(self, value: float) -> float:
-        return self.left + (value - self.ends[0]) / (self.ends[1] - self.ends[0]) * self.width
-
-    def y(self, value: float) -> float:
-        share = (value - self.limits[0]) / (self.limits[1] - self.limits[0])
-        return self.top + self.height * (1 - min(max(share, 0.0), 1.0))
-
-    def line(self, value: float, colour: str, *, dashes: str = "") -> str:
-        if self.inside(value) != value:
-            return ""
-        return (
-            f'<path d="M{self.x(value):.1f} {self.top}v{self.height}" stroke="{colour}" stroke-width="2" '
-            f'stroke-dasharray="{dashes}"/>'
-        )
-
-    def horizontal(self, value: float) -> str:
-        return f'<path d="M{self.left} {self.y(value):.1f}h{self.width}" stroke="{GREY}" stroke-dasharray="5 4"/>'
-
-    def axes(self, x_name: str, y_name: str) -> list[str]:
-        bottom = self.top + self.height
-        parts = [f'<path d="M{self.left} {bottom}h{self.width}" stroke="{GREY}"/>']
-        for at in _ticks(self.ends, self.width / (42 if y_name else 28)):
-            parts.append(f'<path d="M{self.x(at):.1f} {bottom}v4" stroke="{GREY}"/>')
-            parts.append(_text(self.x(at), bottom + 16, f"{at:g}"))
-        if not y_name:
-            return parts
-        for at in _ticks(self.limits, self.height / 26):
-            parts.append(f'<path d="M{self.left} {self.y(at):.1f}h{self.width}" stroke="{GREY}" opacity="0.25"/>')
-            parts.append(_text(self.left - 5, self.y(at) + 4, f"{at:g}", anchor="end"))
-        parts.append(_text(self.left + self.width / 2, bottom + 33, x_name))
-        middle = self.top + self.height / 2
-        parts.append(f'<g transform="rotate(-90 12 {middle:g})">{_text(12, middle, y_name)}</g>')
-        return parts
-
-    def right_axis(self, name: str, most: float) -> list[str]:
-        right = self.left + self.width + 5
-        scaled = _Frame(self.left, self.top, self.width, self.height, self.ends, (0.0, most))
-        ticks = _ticks((0.0, most), self.height / 60)
-        numbers = [_text(right, scaled.y(at) + 4, f"{at:g}", anchor="start") for at in ticks if at]
-        return [*numbers, _text(_WIDTH - 2, self.top + self.height + 33, name, anchor="end")]
-
-
-def _ticks(ends: tuple[float, float], most: float) -> list[float]:
-    """Return round numbers between two ends, at most so many."""
-    width = ends[1] - ends[0]
-    exponent = math.floor(math.log10(width / max(most, 1.0)))
-    for part in (1, 2, 5, 10, 20, 50):
-        step = part * 10.0**exponent
-        if width / step <= most:
-            break
-    return [round(n * step, 9) for n in range(math.ceil(ends[0] / step - 1e-9), math.floor(ends[1] / step + 1e-9) + 1)]
-
-
-def _text(x: float, y: float, text: str, *, size: int = 12, anchor: str = "middle") -> str:
-    place = f'x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}"'
-    return f'<text {place} fill="currentColor">{escape(with_minus(text))}</text>'
-
-
-def _svg(parts: Iterable[str], height: float, title: str, *, width: float = _WIDTH) -> str:
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="100%" role="img" '
-        f'fill="none" font-family="system-ui, sans-serif" aria-label="{escape(title)}">{"".join(parts)}</svg>'
-    )

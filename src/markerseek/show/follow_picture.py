@@ -26,6 +26,8 @@ class FollowedMoment:
     """How it stands, in a word."""
     stays: bool
     """Whether the probe stays because of it."""
+    sigma_deg: float | None = None
+    """Standard deviation of the target's angle; None: as of ``target_deg``."""
     true_deg: float | None = None
     """Where the target was in truth; None: not known, or it is gone."""
 

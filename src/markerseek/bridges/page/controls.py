@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import ui
 
-from markerseek.bridges.page.page_searches import ChildSearch
+from markerseek.bridges.page.children import ChildSearch
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.request import AnyRequest, SearchRequest, SessionRequest
 from markerseek.core import ConfigError, Option, SceneOptions, SimulationOptions, as_text, plain
@@ -24,11 +24,11 @@ USUAL = SearchRequest(simulation=SimulationOptions(seed=1, pace=0.05))
 USUAL_REGISTRATION = SessionRequest(plan=SessionPlan(sweep=True), simulation=SceneOptions(seed=1, pace=0.5))
 """The same for a session: sweeps of half a minute are shown in a quarter."""
 
-_SIMULATED = ("tissue", "snr_db", "readout_s", "seed", "pace")
+_SIMULATED = ("tissue", "snr_db", "readout_s", "breathing_mm", "seed", "pace")
 """Settings of a simulated rig."""
 
 _SEARCH = ("method", "acquisitions", "tolerance_mm", "as_published", "sweep", *_SIMULATED)
-_REGISTRATION = ("tre_mm", "target_mm", "markers", "sweep", "again", "check", "seed", "pace")
+_REGISTRATION = ("tre_mm", "target_mm", "markers", "sweep", "again", "check", "breathing_mm", "seed", "pace")
 
 _CHOICES: dict[str, Mapping[Any, str]] = {
     "method": {each.name: each.name for each in METHODS},
@@ -43,6 +43,7 @@ _LABELS = {
     "tolerance_mm": "± [mm]",
     "snr_db": "SNR [dB]",
     "readout_s": "receiver",
+    "breathing_mm": "breathing [± mm]",
     "pace": "speed",
 }
 """Labels of settings; of others it is their name."""
@@ -191,7 +192,8 @@ class RunControls:
         self._shown = live
         self._start.set_enabled(not busy and self._settings.usable)
         self._go_on.set_visibility(not busy and live is not None and live.can_go_on)
-        self._elsewhere.set_visibility(busy and not is_here)
+        # A run that follows is on the page of the registration whose session it follows with.
+        self._elsewhere.set_visibility(any(each is not live for each in self._searches.searching))
 
 
 def _with_labels(message: str, options: Mapping[str, Option]) -> str:

@@ -5,14 +5,12 @@ All viewers share both; only one runs at a time.
 
 from __future__ import annotations
 
-import os
 import shlex
-import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, TypeAlias
 from urllib.parse import parse_qsl
@@ -20,246 +18,30 @@ from urllib.parse import parse_qsl
 import msgspec
 from msgspec import structs
 
-from markerseek.bridges.child import ChildRun, EndedRun, FollowedChild, Outcome
-from markerseek.bridges.page.run_history import RunHistory
-from markerseek.bridges.page.session_display import session_verdict
-from markerseek.bridges.request import AnyRequest, SearchRequest, SessionRequest
-from markerseek.bridges.run_images import PicturedItem, with_images, without_images
+from markerseek.bridges.child import ChildRun, EndedRun
+from markerseek.bridges.page.children import ChildFollowing, ChildRegistration, ChildSearch
+from markerseek.bridges.request import AnyRequest, FollowRequest, SearchRequest, SessionRequest
 from markerseek.core import Interval, RecordError, SearchError
 from markerseek.drivers import BenchSettings
 from markerseek.files import MIB, data_folder, read_input, replace_file
-from markerseek.records.journal import Configuration, RunView, default_journal, follow_journal, make_folder
+from markerseek.records.journal import Configuration, default_journal, follow_journal, make_folder
 from markerseek.registration import (
-    CAMERA_IMAGES,
     MOST_MARKERS,
-    SPOT_IS_SET,
     KeptSession,
-    SessionView,
-    SpotSeen,
     default_folder,
     delete_session,
-    follow_session,
     is_running,
     kept_sessions,
-    next_view,
     read_view,
     sessions_folder,
 )
-from markerseek.show import STOPPED, Verdict, verdict_of
 from markerseek.sim import SimulatedSettings
 
 WITH_CAMERAS = ("page", "--rig", "RIG.toml", "--cameras", "STEREO.yaml", "--images", "LEFT RIGHT")
 """Command that serves a page whose rig of devices can register."""
 
-SUPERVISED_END = "its supervisor disarms the laser and stops the stage"
-"""What laser and stage do if the search was killed, and could not see to them itself."""
-
-
 Further: TypeAlias = Literal["go on", "one more marker", "check"]
 """For what a session that is kept is continued."""
-
-
-class ChildSearch:
-    """A search, followed by a thread of its own until it ends.
-
-    ``asked``: what a person chose on the page. ``journal``: the journal of the command. ``goes_on``: the command that
-    continues it, here if it is of a simulated rig, else in the terminal. ``simulated``: whether no hardware is
-    involved. ``because``: why it was stopped, if that was no person.
-    """
-
-    unwatched_s = 5.0
-    """Time without any viewer after which it is stopped, in seconds: nobody would see it, or press STOP."""
-
-    def __init__(
-        self,
-        child: ChildRun,
-        *,
-        asked: AnyRequest,
-        journal: Path,
-        goes_on: Sequence[str] = (),
-        simulated: bool = True,
-        because: str = "",
-    ) -> None:
-        self.asked = asked
-        self.journal = journal
-        self.goes_on = goes_on
-        self._simulated = simulated
-        self._because = because
-        self.run: RunHistory | None = None
-        self.outcome: Outcome | None = None
-        """How it ended; None before."""
-        self._stopping = False
-        self._followed = FollowedChild(child, take=self._take, on_end=self._end)
-
-    @property
-    def _has_begun(self) -> bool:
-        return self.run is not None
-
-    @property
-    def _is_starting(self) -> bool:
-        """Whether the command has not begun: what its record holds by then is of a run that it continues."""
-        return self.outcome is None and not self._followed.child.has_written
-
-    @property
-    def message(self) -> str:
-        """One sentence on how it ended; empty before."""
-        return "" if self.outcome is None else self._end_of(self.outcome)
-
-    def _end_of(self, outcome: Outcome) -> str:
-        if outcome.stopped:
-            return STOPPED.replace("stopped: ", f"stopped: {self._because}; ") if self._because else STOPPED
-        # A search of devices that was killed could not see to laser and stage itself.
-        killed = outcome.failed and outcome.answer is None and not self._simulated
-        return outcome.message + (f"; {SUPERVISED_END}" if killed else "")
-
-    @property
-    def can_go_on(self) -> bool:
-        """Whether it was broken off, and can go on here."""
-        if self.outcome is None or self.outcome.answered or not (self._simulated and self.journal.exists()):
-            return False
-        return self.run is None or self.run.last.phase not in {"finished", "fault"}
-
-    @property
-    def next_step(self) -> str:
-        """What a person can do next; empty while it runs, but for devices that a person must arm."""
-        if self.outcome is None:
-            asks = self._is_starting and not (self._simulated or self._stopping)
-            return "answer in the terminal where the page was started" if asks else ""
-        if self.can_go_on:
-            return "Go on continues it; Start begins a new search"
-        if self._simulated or self.run is None:
-            return "Start begins a new search"
-        # As the terminal says it: a fault that the journal holds is reset by a person who has looked at the rig.
-        is_fault = self.run.last.phase == "fault"
-        resume = f"markerseek {shlex.join([*self.goes_on, *(['--reset-fault'] if is_fault else [])])}"
-        when = "once the fault is repaired, " if is_fault else ""
-        return f"Start begins a new search; {when}{resume}, in the terminal, goes on with this one"
-
-    def verdict(self, view: RunView | None) -> Verdict:
-        """What it says in large letters; ``view``: the event that is shown."""
-        if self.outcome is None and (view is None or self._stopping or self._is_starting):
-            word = "STOPPING" if self._stopping else "STARTING"
-            return Verdict(word=word, kind="busy", next_step=self.next_step)
-        if view is not None:
-            verdict = verdict_of(view, next_step=self.next_step)
-            return replace(verdict, reason=self._reason) if self._because and verdict.kind == "stopped" else verdict
-        if self.outcome is not None and self.outcome.failed:
-            return Verdict(word="FAULT", kind="fault", problem=self.message, next_step=self.next_step)
-        word = self.message.partition(": ")[0]
-        return Verdict(word=word.upper(), kind="stopped", reason=self._reason, next_step=self.next_step)
-
-    @property
-    def _reason(self) -> str:
-        """How it ended, without the word that stands beside it."""
-        return self.message.partition(": ")[2]
-
-    def stop(self, *, because: str = "") -> None:
-        """Stop it; allowed at any time, also twice. ``because``: why, if it is not a person who stops it."""
-        if not self._stopping:
-            self._because = because
-        self._stopping = True
-        self._followed.child.stop(signal.SIGTERM if because else signal.SIGINT)
-
-    def end(self, timeout_s: float) -> None:
-        """Wait until it has ended, and kill it if it has not by then."""
-        if not self._followed.join(timeout_s):
-            self._followed.child.kill()
-
-    def _take(self, child: ChildRun) -> None:
-        """Take what the child writes, until it ends."""
-        self._add(with_images(child.items(), handed=child.images))
-
-    def _add(self, items: Iterable[PicturedItem]) -> None:
-        """Take the items of a search."""
-        for item in items:
-            if isinstance(item, Configuration):
-                self.run = RunHistory(item)
-            elif self.run is not None:
-                self.run.add(item)
-
-    def _end(self, outcome: Outcome) -> None:
-        if self.run is not None and not self.run.last.over:
-            self.run.cut_off(self._end_of(outcome), problem=outcome.message if outcome.failed else "")
-        self.outcome = outcome
-
-
-class ChildRegistration(ChildSearch):
-    """A session; its journal is the folder of its record, and its run the search that goes on, or the last one."""
-
-    unwatched_s = 60.0
-    """The same for a session: a person beside the patient may reload the page, or open it on another computer."""
-
-    view = SessionView()
-    """The session after its steps so far."""
-    images_ns = 0
-    """When the newest camera images were written; 0 before the first."""
-
-    @property
-    def _has_begun(self) -> bool:
-        return self.view.begun is not None
-
-    @property
-    def can_go_on(self) -> bool:
-        """Whether it was broken off after its beginning."""
-        return self.outcome is not None and self._has_begun and self.view.ended is None and not self.view.moved
-
-    @property
-    def next_step(self) -> str:
-        """What a person can do next; empty while it runs, but for devices that a person must arm."""
-        if self.outcome is None:
-            return super().next_step
-        if self.view.ended is not None and not self.outcome.failed:
-            return f"recorded in {self.journal}"
-        if self.view.moved:
-            return "Start begins a new session"
-        goes_on = f"markerseek {shlex.join(self.goes_on)}"
-        return f"Start begins a new session, Go on continues this one; in a terminal: {goes_on}"
-
-    @property
-    def asks_whether_set(self) -> bool:
-        """Whether the laser is dark until somebody says that the spot is set."""
-        waiting = self.view.waiting
-        return self.outcome is None and not self._stopping and waiting is not None and waiting.dark
-
-    def say_spot_is_set(self) -> None:
-        """Say that the spot is set, if the session waits for that."""
-        if self.asks_whether_set:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW
-            os.close(os.open(self.journal / SPOT_IS_SET, flags, 0o600))
-
-    @property
-    def said(self) -> Verdict:
-        """What the session says in large letters, and what a person has to do."""
-        goes_on = self.outcome is None and self._has_begun and not (self._stopping or self._is_starting)
-        if goes_on or (self.outcome is not None and self.view.ended is not None and not self.outcome.failed):
-            return session_verdict(self.view, next_step=self.next_step)
-        return self.verdict(None)
-
-    def _look_at_images(self) -> None:
-        """Note when the newest images were written."""
-        with suppress(FileNotFoundError):
-            # The right one is the last to be written.
-            self.images_ns = (self.journal / CAMERA_IMAGES[1]).stat().st_mtime_ns
-
-    def _take(self, child: ChildRun) -> None:
-        def is_searched() -> bool:
-            return not child.running or (self.run is not None and self.run.last.over)
-
-        folder = self.journal
-        self.view = SessionView(source=folder)
-
-        def wait() -> None:
-            # Also while no step comes: the images are live while a person moves the spot.
-            self._look_at_images()
-            child.wait()
-
-        for step in child.beating(follow_session(folder, is_over=lambda: not child.running, wait=wait)):
-            self._look_at_images()
-            self.view = next_view(self.view, step)
-            if isinstance(step, SpotSeen) and step.journal is not None:
-                self.run = None
-                search = follow_journal(folder / step.journal, is_over=is_searched, wait=child.wait)
-                self._add(without_images(child.beating(search)))
 
 
 class BegunSession(msgspec.Struct, frozen=True, kw_only=True):
@@ -315,9 +97,14 @@ class PageRig:
         options = asked.arguments(simulated=self.simulated)
         if isinstance(asked, SearchRequest):
             return ["search", *rig, *options]
+        if isinstance(asked, FollowRequest) and self.simulated:
+            return ["follow", *rig, *options]
         if self.images is not None:
             rig += [*(text for path in self.cameras for text in ("--cameras", str(path))), "--images", self.images]
-        return ["register", *rig, *options]
+        if isinstance(asked, FollowRequest):
+            return ["follow", *rig, *options]
+        # What the simulated endoscope sees has texture, so that its motion is followed, and one can point at a place.
+        return ["register", *rig, *options, *(["--textured"] if self.simulated else [])]
 
 
 class PageSearches:
@@ -327,14 +114,25 @@ class PageSearches:
         self.rig = rig
         self.registration: ChildRegistration | None = None
         self.search: ChildSearch | None = None
+        self.following: ChildFollowing | None = None
+        """What follows with the registration that is shown, or did last; None: nothing has."""
         self._launch = launch
         # Held while something starts, so that STOP waits for what it would otherwise miss.
         self._lock = threading.Lock()
         self._kept: tuple[object, list[KeptSession]] = (None, [])
 
     @property
+    def searching(self) -> list[ChildSearch]:
+        """What searches or registers now."""
+        return [each for each in self._running if not isinstance(each, ChildFollowing)]
+
+    @property
     def _running(self) -> list[ChildSearch]:
-        return [each for each in (self.registration, self.search) if each is not None and each.outcome is None]
+        return [
+            each
+            for each in (self.registration, self.search, self.following)
+            if each is not None and each.outcome is None
+        ]
 
     @property
     def busy(self) -> bool:
@@ -375,6 +173,18 @@ class PageSearches:
             asks = [f"--asked-by={asked_by}"] if isinstance(before, ChildRegistration) else []
             self._begin(type(before), [*before.goes_on, *asks], before.asked, before.journal, before.goes_on)
 
+    def follow(self, asked: FollowRequest, *, asked_by: str) -> None:
+        """Follow with the registration of the session that is shown; ``asked_by`` and errors as of `start`."""
+        with self._idle():
+            live = self.registration
+            if live is None or not live.can_follow or str(live.journal) != asked.folder:
+                raise SearchError("no registration holds by which one could follow: register first, or open a session")
+            record = _new_record(live.journal)
+            command = [*self.rig.command(asked), "--record", str(record), f"--asked-by={asked_by}"]
+            self.following = ChildFollowing(
+                self._launch(command, journal=record), asked=asked, journal=record, simulated=self.rig.simulated
+            )
+
     def kept_sessions(self) -> list[KeptSession]:
         """Return the sessions in the user's data folder, the newest first; read again only if a record has changed."""
         place = sessions_folder()
@@ -388,6 +198,7 @@ class PageSearches:
         """Show a session that is kept; arguments and errors as of `continue_session`."""
         with self._idle():
             asked = _asked_again(folder, "go on", usual)
+            self.following = None
             self.registration = ChildRegistration(
                 EndedRun(),
                 asked=asked,
@@ -418,6 +229,7 @@ class PageSearches:
             left = delete_session(folder)
             if self.registration is not None and self.registration.journal == folder:
                 self.registration = None
+                self.following = None
             return left
 
     def offer_interrupted(self) -> None:
@@ -483,6 +295,7 @@ class PageSearches:
         )
         if isinstance(child, ChildRegistration):
             self.registration = child
+            self.following = None
         else:
             self.search = child
 
@@ -504,6 +317,14 @@ def _asked_again(folder: Path, further: Further, usual: SessionRequest) -> Sessi
         plan = structs.replace(plan, check=True, markers=min(max(used, 3), MOST_MARKERS))
     seed = usual.simulation.seed if view.begun is None else view.begun.seed
     return structs.replace(usual, plan=plan, simulation=structs.replace(usual.simulation, seed=seed))
+
+
+def _new_record(folder: Path) -> Path:
+    """Return the path of the record of the next run that follows with the registration of a session."""
+    number = 1
+    while (path := folder / f"following-{number}.jsonl").exists():
+        number += 1
+    return path
 
 
 def _continuing(command: Sequence[str], folder: Path) -> list[str]:

@@ -62,6 +62,14 @@ STALE_S = 2.0
 """Age of the news behind a command beyond which it is refused, in seconds: the second after which the browser itself
 switches commands off, and one for the way."""
 
+_PLACE_IN_DRAWING = """(event) => {
+    const drawing = event.currentTarget.querySelector("svg");
+    if (!drawing) return;
+    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(drawing.getScreenCTM().inverse());
+    emit([at.x, at.y, window.markerseekBeat]);
+}"""
+"""Sends the place of a click in the coordinates of the drawing that the element holds."""
+
 _BANNERS = {
     "simulated": "SIMULATED: no hardware is involved",
     "bench": "A RIG OF DEVICES: armed only in the terminal of the page",
@@ -128,17 +136,33 @@ class PageShell:
         """
 
         def checked(event: GenericEventArguments) -> None:
-            seen_s = event.args if isinstance(event.args, int | float) else -math.inf
-            if time.monotonic() - seen_s > STALE_S:
-                ui.notify("this page had no news for a second: look again, then press", type="warning")
-                return
-            try:
-                handler()
-            except (MarkerseekError, OSError) as problem:
-                ui.notify(plain(str(problem)), type="negative", multi_line=True)
+            self._run_checked(event.args, handler)
 
         element.classes("ms-command")
         element.on("click", checked, js_handler="() => emit(window.markerseekBeat)")
+
+    def on_point(self, element: ui.element, handler: Callable[[float, float], None]) -> None:
+        """Run a command at a click into the drawing of an element, as of `on_click`.
+
+        ``handler``: the command; it gets the place in the coordinates of the drawing.
+        """
+
+        def checked(event: GenericEventArguments) -> None:
+            match event.args:
+                case [int() | float() as x, int() | float() as y, seen_s]:
+                    self._run_checked(seen_s, lambda: handler(float(x), float(y)))
+
+        element.on("click", checked, js_handler=_PLACE_IN_DRAWING)
+
+    def _run_checked(self, seen_s: object, command: Callable[[], None]) -> None:
+        """Run a command unless the page that was clicked on shows old things; ``seen_s``: the last beat that it saw."""
+        if time.monotonic() - (seen_s if isinstance(seen_s, int | float) else -math.inf) > STALE_S:
+            ui.notify("this page had no news for a second: look again, then press", type="warning")
+            return
+        try:
+            command()
+        except (MarkerseekError, OSError) as problem:
+            ui.notify(plain(str(problem)), type="negative", multi_line=True)
 
     async def _toggle_dark(self) -> None:
         # At first it is as the system has it, which only the browser knows.

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from html import escape
 
+from msgspec import structs
 from nicegui import ui
 
 from markerseek.bridges.page.page_shell import Fan, Heading, ImageView, Slider
 from markerseek.bridges.page.run_history import Picture, RunHistory, fan_model, image_model, image_texts, is_image_of
 from markerseek.core import Interval, RigFacts, SearchPlan
+from markerseek.following import FollowStep
 from markerseek.records.journal import RunView
-from markerseek.show import Verdict, curve_svg, drawn_curve, numbers_of
+from markerseek.show import SIGMAS, DrawnAngle, DrawnInterval, Verdict, curve_svg, drawn_curve, numbers_of
 
 LOG_LINES = 10
 """Lines of the log that are shown."""
@@ -46,6 +48,9 @@ HINTS = {
     "right": "The same for the right camera.",
     "tre": "The expected error at the target, which falls with each marker to its goal.",
     "markers": "One line for each marker: its angle, its distance from where the others expect it, and its use.",
+    "follow": "The angles of the target and of the probe over time.",
+    "holds": "Target, transform, what the image of the probe said, and the permit.",
+    "motion": "What the cameras see of the tissue while a marker is searched: how far it is from where it was.",
     "log": "One line for each move and each acquisition.",
 }
 """What will appear in each panel, shown while there is no run."""
@@ -112,6 +117,24 @@ class RunCharts:
         with panel("intensity and probability; dashed: detection threshold", "curve"):
             self._curve = ui.html(sanitize=False).classes("ms-chart")
         self.show(None)
+
+    def show_target(self, step: FollowStep) -> None:
+        """Show probe and target of a run that follows in the fan, the target with its 95 % interval."""
+        goes_deg = step.target_deg if step.turning else None
+        self._shown = view = replace(self._nothing, probe_deg=step.probe_deg, target_deg=goes_deg)
+        curve = drawn_curve(view, reveal=False)
+        if step.target_deg is not None and step.sigma_deg is not None:
+            half_deg = SIGMAS * step.sigma_deg
+            low_deg = step.target_deg - half_deg
+            text = f"target {step.target_deg:.1f}° ± {half_deg:.1f}°"
+            curve = structs.replace(
+                curve,
+                answers=(DrawnAngle(angle_deg=step.target_deg, text=text),),
+                answer_text=text,
+                is_claimed=step.word == "there",
+                interval=DrawnInterval(low_deg=low_deg, high_deg=low_deg + 2 * half_deg, text=text),
+            )
+        self._fan.show(view=fan_model(view, curve))
 
     def show(self, view: RunView | None) -> None:
         """Show a run after one of its events; None for no run."""

@@ -8,8 +8,9 @@ from typing import Any
 import msgspec
 from nicegui import ui
 
+from markerseek.bridges.page.children import ChildSearch
 from markerseek.bridges.page.controls import USUAL, RunControls
-from markerseek.bridges.page.page_searches import ChildSearch, PageSearches
+from markerseek.bridges.page.page_searches import PageSearches
 from markerseek.bridges.page.page_shell import PageShell
 from markerseek.bridges.page.panels import SearchPanels, Timeline, VerdictPanel
 from markerseek.bridges.page.report_buttons import report_button

@@ -12,17 +12,18 @@ from html import escape
 import msgspec
 import numpy as np
 
-from markerseek.core import ConfigError, Side, counted
+from markerseek.core import ConfigError, Float64, Side, counted
 from markerseek.registration import (
     RegistrationReport,
     SessionView,
     SpotCheck,
     StereoSettings,
     TakenMarker,
+    WatchedMotion,
     station_names,
     target_pixels,
 )
-from markerseek.show import Verdict, VerdictKind, errors_svg, with_minus
+from markerseek.show import DrawnMotion, Verdict, VerdictKind, errors_svg, motion_svg, with_minus
 
 _CHI95 = 5.991
 """95 % quantile of chi squared with two degrees of freedom."""
@@ -77,7 +78,7 @@ def session_marks(view: SessionView, side: Side) -> str:
     """Return what is drawn over the image of a camera, as SVG: target, markers, next place, spot."""
     if view.begun is None:
         return ""
-    stereo = _calibration(view.begun.cameras)
+    stereo = calibration_of(view.begun.cameras)
     width, height = (stereo.left if side == "left" else stereo.right).size_px
     parts = []
     for marker in _in_view(view):
@@ -118,7 +119,7 @@ def _in_view(view: SessionView) -> list[TakenMarker]:
 
 
 @lru_cache(maxsize=4)
-def _calibration(text: str) -> StereoSettings:
+def calibration_of(text: str) -> StereoSettings:
     """Return a calibration from the text in which a session holds it."""
     return msgspec.json.decode(text, type=StereoSettings)
 
@@ -201,6 +202,55 @@ def session_chart(view: SessionView) -> str:
     """Return the expected error after each marker, as SVG."""
     errors = [(each.markers, 1e3 * each.tre_m, 1e3 * each.tre95_m) for each in view.errors]
     return errors_svg(errors, goal_mm=1e3 * view.goal_m)
+
+
+def session_motion(motion: WatchedMotion) -> tuple[str, str]:
+    """Return what the cameras see move during a search: in a sentence, and as SVG over time.
+
+    Displacements are drawn along the breath if it is known, else along the direction of the largest ones.
+    """
+    tissue_mm = np.array(motion.tissue_mm).reshape(-1, 3)
+    spot_mm = np.array(motion.spot_mm).reshape(-1, 3)
+    breath = motion.breath
+    if breath is not None:
+        direction = np.array(breath.direction)
+        rest_mm = np.array(breath.rest_mm)
+    else:
+        direction = _main_direction(tissue_mm)
+        rest_mm = np.zeros(3)
+    drawn = DrawnMotion(
+        tissue=list(zip(motion.tissue_s, ((tissue_mm - rest_mm) @ direction).tolist(), strict=True)),
+        spot=list(zip(motion.spot_s, ((spot_mm - rest_mm) @ direction).tolist(), strict=True)),
+        pauses=motion.pauses,
+        unknown=motion.unknown_s,
+    )
+    said = _motion_text(motion, tissue_mm, direction)
+    return said, motion_svg(drawn, said=said)
+
+
+def _main_direction(moved_mm: Float64[np.ndarray, "times 3"]) -> Float64[np.ndarray, " 3"]:
+    """Return the direction in which displacements differ most; that of the view if there are too few."""
+    if len(moved_mm) < 3:
+        return np.array([0.0, 0.0, 1.0])
+    return np.asarray(np.linalg.svd(moved_mm - moved_mm.mean(axis=0), full_matrices=False)[2][0])
+
+
+def _motion_text(
+    motion: WatchedMotion, tissue_mm: Float64[np.ndarray, "times 3"], direction: Float64[np.ndarray, " 3"]
+) -> str:
+    """Return what moves, in a sentence."""
+    seen = len(tissue_mm)
+    pairs = seen + len(motion.unknown_s)
+    if not seen:
+        return f"marker {motion.name}: none of {counted(pairs, 'image pair')} shows how the tissue moves"
+    along_mm = tissue_mm @ direction
+    half_mm = float(along_mm.max() - along_mm.min()) / 2
+    x, y, z = direction.tolist()
+    said = f"marker {motion.name}: the tissue is seen to move by ± {half_mm:.2f} mm"
+    breath = motion.breath
+    if breath is not None and breath.period_s is not None:
+        said = f"{said} along ({x:.1f}, {y:.1f}, {z:.1f}) of the left camera, every {breath.period_s:.1f} s"
+    return with_minus(said if seen == pairs else f"{said}; {pairs - seen} of {pairs} image pairs do not show it")
 
 
 def _cells(tag: str, texts: tuple[str, ...]) -> str:

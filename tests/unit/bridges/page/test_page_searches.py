@@ -12,8 +12,9 @@ import pytest
 
 from markerseek import rigs
 from markerseek.bridges.child import ChildRun, Outcome
+from markerseek.bridges.page.children import ChildRegistration, ChildSearch
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
-from markerseek.bridges.page.page_searches import ChildRegistration, ChildSearch, PageRig, PageSearches
+from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
 from markerseek.records.journal import Interrupted, Journal, JournalEntry
 from markerseek.registration import SPOT_IS_SET, Ended, MovedMarker, SessionRecord, Spot, SpotSeen, Waiting
