@@ -11,6 +11,8 @@ from markerseek.show.svg import BLUE, GREEN, GREY, ORANGE, PINK, SKY, Frame, svg
 
 _WIDTH = 900.0
 _HEIGHT = 215.0
+_LOW = 140.0
+"""Height of the chart of displacements, which lies under the images."""
 
 LEAST_DEG = 4.0
 """Least height of the chart of angles."""
@@ -85,7 +87,7 @@ def motion_svg(motion: DrawnMotion, *, said: str) -> str:
     first_s = min(times_s, default=0.0)
     ends = (0.0, max(max(times_s, default=0.0) - first_s, 10.0))
     limits = _limits([value for _, value in (*motion.tissue, *motion.spot)], least=LEAST_MM)
-    frame = Frame(58, 12, _WIDTH - 76, _HEIGHT - 56, ends, limits)
+    frame = Frame(58, 12, _WIDTH - 76, _LOW - 56, ends, limits)
     parts = frame.axes("time [s]", "displacement [mm]")
     for begin_s, end_s in motion.pauses:
         left = frame.x(frame.inside(begin_s - first_s))
@@ -102,7 +104,7 @@ def motion_svg(motion: DrawnMotion, *, said: str) -> str:
         f'<circle cx="{frame.x(at_s - first_s):.1f}" cy="{frame.y(value):.1f}" r="3" fill="{ORANGE}"/>'
         for at_s, value in motion.spot
     ]
-    return svg_of(parts, _HEIGHT, said, width=_WIDTH)
+    return svg_of(parts, _LOW, said, width=_WIDTH)
 
 
 def _limits(values: Sequence[float], *, least: float) -> tuple[float, float]:

@@ -51,6 +51,8 @@ export default {
       // Room for the text below the probe, and for the number at the end of the range.
       const widest = Math.sin(Math.min(half, Math.PI / 2));
       const far = Math.min(height - 62, (width / 2 - 18) / widest - outside(half));
+      // While panels are laid out anew there may be no room at all.
+      if (far <= 0) return;
       // In the middle of a panel that is higher than the fan.
       const g = { x: width / 2, y: (height + far) / 2 + 1, near: far * FACE, far };
       const wedge = (from, to, near, away) => {
