@@ -340,6 +340,7 @@ def after_a_breath() -> RegistrationSession:
     session.view = replace(
         session.view, markers=(*session.view.markers[:-1], structs.replace(session.view.markers[-1], scene=scene))
     )
+    session._breath = breath
     return session
 
 
