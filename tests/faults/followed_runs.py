@@ -49,6 +49,7 @@ from markerseek.sim import (
     SimulatedReceiver,
     SimulatedSettings,
     SimulatedStage,
+    StageMotion,
     VirtualClock,
     camera_above,
 )
@@ -294,7 +295,11 @@ def registration(camera_to_trus: RigidTransform) -> KnownRegistration:
 def open_room(plan: Plan) -> Room:
     """Devices and truth of a run."""
     settings = SimulatedSettings(
-        limits=LIMITS, start_deg=plan.start_deg, receiver=ReceiverSettings(readout_s=0.02, single_pulses=True)
+        limits=LIMITS,
+        start_deg=plan.start_deg,
+        # As fast as a PRM1Z8 can be: one that turns too fast gets there within a turn.
+        stage=StageMotion(speed_deg_s=25.0, acceleration_deg_s2=25.0),
+        receiver=ReceiverSettings(readout_s=0.02, single_pulses=True),
     )
     clock = TracingClock()
     rng = np.random.default_rng([plan.seed, 1])

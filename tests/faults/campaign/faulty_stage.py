@@ -128,6 +128,8 @@ class FaultyStage(Faulty):
             if (beyond := self.has(name, silently=True)) is not None:
                 # Beyond the limits, too: that is the fault.
                 self._inner._sweep_to_deg += self._forth * beyond.amount
+                # Its way was planned to the target before.
+                self._inner._legs = [self._inner._leg(self._inner.angle_deg, 0.0)]
 
     def read_sweep(self) -> StageReading:
         self.host.read()
