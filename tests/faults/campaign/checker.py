@@ -121,7 +121,9 @@ def _left_alone(trace: Trace, verdict: Verdict, *, harmless: bool) -> None:
         return
     permit = trace.guard._sweep
     low_deg, *_, high_deg = sorted((permit.angle_deg, permit.to_deg, permit.end_deg))
-    room_deg = SETTLED_DEG + (0.0 if harmless else verdict.injected_deg)
+    # A stage that goes beyond its target does so without a host, too: only the room to its travel's end covers that.
+    beyond_deg = sum(abs(fault.amount) for fault in trace.plan.faults if fault.name == "overshoot")
+    room_deg = SETTLED_DEG + beyond_deg + (0.0 if harmless else verdict.injected_deg)
     lowest_deg = min(trace.left_deg)
     highest_deg = max(trace.left_deg)
     if not low_deg - room_deg <= lowest_deg <= highest_deg <= high_deg + room_deg:
