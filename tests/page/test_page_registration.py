@@ -129,7 +129,7 @@ def test_stop_in_a_session_ends_it_and_a_killed_one_is_said(browser, tmp_path):
         assert isinstance(read_journal(folder / "1.journal").entries[-1].event, Interrupted)
         watched.tab.reload()
         watched.wait_for(BADGE, "^STOPPED$")
-        command = f"markerseek register --simulate --sweep --seed=1 --pace=1 --continue {folder}"
+        command = f"markerseek register --simulate --sweep --seed=1 --pace=1 --textured --continue {folder}"
         watched.wait_for(".ms-next", f"{re.escape(command)}$")
         # It goes on with the spot whose search was stopped, in the same folder.
         watched.press("Go on")
