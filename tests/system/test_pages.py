@@ -104,7 +104,7 @@ def all_options(command: Any) -> Iterator[str]:
         yield from all_options(below)
 
 
-OTHERS = {"--no-deps", "--network", "--group", "--ros-args", "--folder"}
+OTHERS = {"--no-deps", "--network", "--group", "--ros-args", "--folder", "--first"}
 """Options of other programs that the text names: pip, podman, the campaign of faults, ROS 2, benchmarks."""
 
 
