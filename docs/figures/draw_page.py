@@ -110,7 +110,7 @@ def main() -> None:
         sys.exit("no Chromium: apt-get install chromium, or name one in MARKERSEEK_CHROMIUM")
     with tempfile.TemporaryDirectory() as folder, served(folder) as link, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        tab = browser.new_page(viewport={"width": 1400, "height": 900})
+        tab = browser.new_page(viewport={"width": 1400, "height": 1180})
         # A busy computer is slow, not broken.
         tab.set_default_timeout(600_000)
         move(register(tab, link))

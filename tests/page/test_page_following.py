@@ -131,7 +131,7 @@ def test_a_session_that_was_registered_here_is_followed_with(browser, tmp_path):
         watched.start()
         watched.wait_for(BADGE, "^REGISTERED", timeout_ms=SESSION_MS)
         # What the cameras have seen move during the last search.
-        watched.wait_for(".ms-panel-motion .ms-note", "^marker 3: the tissue is seen to move by ± 0")
+        watched.wait_for(".ms-panel-motion .ms-note", "^marker 3: the tissue is at rest, within ± 0")
         assert watched.tab.locator(".ms-panel-motion svg polyline").count() == 1
         sync_api.expect(follow).to_be_visible()
         permit_a_click(watched)

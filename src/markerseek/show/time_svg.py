@@ -20,7 +20,7 @@ LEAST_DEG = 4.0
 SIGMAS = 1.96
 """Standard deviations of a band that holds 95 %."""
 
-LEAST_MM = 0.5
+LEAST_MM = 1.2
 """Least height of the chart of displacements."""
 
 _WORD_PX = 7.0
@@ -88,7 +88,7 @@ def motion_svg(motion: DrawnMotion, *, said: str) -> str:
     ends = (0.0, max(max(times_s, default=0.0) - first_s, 10.0))
     limits = _limits([value for _, value in (*motion.tissue, *motion.spot)], least=LEAST_MM)
     frame = Frame(58, 12, _WIDTH - 76, _LOW - 56, ends, limits)
-    parts = frame.axes("time [s]", "displacement [mm]")
+    parts = frame.axes("time [s]", "moved [mm]")
     for begin_s, end_s in motion.pauses:
         left = frame.x(frame.inside(begin_s - first_s))
         right = frame.x(frame.inside(end_s - first_s))

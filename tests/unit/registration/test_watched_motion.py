@@ -10,6 +10,7 @@ import pytest
 from msgspec import structs
 
 from markerseek.bridges.page.session_display import session_motion
+from markerseek.core import as_vector
 from markerseek.registration import MOTION_FILE, WatchedMotion, read_motion, show_motion
 from markerseek.registration.watched_motion import on_cameras_clock
 from markerseek.vision import ClockOffset, Moment, Sighting, TissueMoves
@@ -100,3 +101,26 @@ def test_without_a_breath_the_largest_displacements_give_the_direction_and_what_
     said, picture = session_motion(WatchedMotion.of("1", (Moment(at_s=1.0),), spot_m=SPOT_M, breath=None))
     assert said == "marker 1: none of 1 image pair shows how the tissue moves"
     assert "<svg" in picture
+
+
+def test_tissue_that_rests_is_called_so_and_is_drawn_across_the_view_whose_depth_is_known_least() -> None:
+    rng = np.random.default_rng(5)
+    off_mm = rng.normal(size=(60, 3)) * (0.02, 0.02, 0.3)
+    times_s = [0.1 * number for number in range(60)]
+    motion = WatchedMotion(
+        name="2",
+        tissue_s=times_s,
+        tissue_mm=[as_vector(each) for each in off_mm],
+        spot_s=times_s[:1],
+        spot_mm=[(0.0, 0.0, 9.0)],
+        unknown_s=[],
+    )
+    said, picture = session_motion(motion)
+    half_mm = re.fullmatch(r"marker 2: the tissue is at rest, within ± (0\.\d\d) mm", said)
+    assert half_mm is not None
+    assert float(half_mm[1]) < 0.1
+    # 9 mm of depth would be far above the axis.
+    ticks = [
+        float(text) for text in re.findall(r'text-anchor="end" font-size="12" fill="currentColor">([\d.]+)<', picture)
+    ]
+    assert max(ticks) < 2

@@ -25,6 +25,12 @@ from markerseek.registration import (
 )
 from markerseek.show import DrawnMotion, Verdict, VerdictKind, errors_svg, motion_svg, with_minus
 
+_AT_REST_MM = 0.1
+"""Half of the way below which tissue is called at rest: what one image pair shows of it is off by some 0.05 mm."""
+
+_DEPTH_MM = 0.6
+"""Standard deviation of depths below which they are taken for noise: one image pair is off by some 0.3 mm."""
+
 _CHI95 = 5.991
 """95 % quantile of chi squared with two degrees of freedom."""
 
@@ -207,7 +213,7 @@ def session_chart(view: SessionView) -> str:
 def session_motion(motion: WatchedMotion) -> tuple[str, str]:
     """Return what the cameras see move during a search: in a sentence, and as SVG over time.
 
-    Displacements are drawn along the breath if it is known, else along the direction of the largest ones.
+    Displacements are drawn along the breath if it is known, else along the direction in which they differ most.
     """
     tissue_mm = np.array(motion.tissue_mm).reshape(-1, 3)
     spot_mm = np.array(motion.spot_mm).reshape(-1, 3)
@@ -229,10 +235,13 @@ def session_motion(motion: WatchedMotion) -> tuple[str, str]:
 
 
 def _main_direction(moved_mm: Float64[np.ndarray, "times 3"]) -> Float64[np.ndarray, " 3"]:
-    """Return the direction in which displacements differ most; that of the view if there are too few."""
+    """Return the direction in which displacements differ most, across the view unless depths differ beyond noise."""
     if len(moved_mm) < 3:
-        return np.array([0.0, 0.0, 1.0])
-    return np.asarray(np.linalg.svd(moved_mm - moved_mm.mean(axis=0), full_matrices=False)[2][0])
+        return np.array([1.0, 0.0, 0.0])
+    differ_mm = moved_mm - moved_mm.mean(axis=0)
+    if differ_mm[:, 2].std() < _DEPTH_MM:
+        differ_mm[:, 2] = 0.0
+    return np.asarray(np.linalg.svd(differ_mm, full_matrices=False)[2][0])
 
 
 def _motion_text(
@@ -246,8 +255,11 @@ def _motion_text(
     along_mm = tissue_mm @ direction
     half_mm = float(along_mm.max() - along_mm.min()) / 2
     x, y, z = direction.tolist()
-    said = f"marker {motion.name}: the tissue is seen to move by ± {half_mm:.2f} mm"
     breath = motion.breath
+    if breath is None and half_mm < _AT_REST_MM:
+        said = f"marker {motion.name}: the tissue is at rest, within ± {half_mm:.2f} mm"
+    else:
+        said = f"marker {motion.name}: the tissue is seen to move by ± {half_mm:.2f} mm"
     if breath is not None and breath.period_s is not None:
         said = f"{said} along ({x:.1f}, {y:.1f}, {z:.1f}) of the left camera, every {breath.period_s:.1f} s"
     return with_minus(said if seen == pairs else f"{said}; {pairs - seen} of {pairs} image pairs do not show it")
