@@ -161,7 +161,7 @@ PANELS = {
     "Endoscope": ("--cameras", "--calibration-sigma-px", "--images", "--frames", "--endoscope-held"),
     "Session": (
         *("--tre-mm", "--markers", "--again", "--check", "--record", "--no-frames"),
-        *("--wait-s", "--idle-s", "--light-while-waiting", "--hold"),
+        *("--wait-s", "--idle-s", "--light-while-waiting", "--hold", "--gate"),
     ),
     "Sessions that are kept": ("--list", "--report"),
     "Target": (

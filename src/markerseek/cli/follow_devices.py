@@ -9,10 +9,9 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from markerseek import following, registration
+from markerseek import following, registration, rigs
 from markerseek.cli.terminal import stderr
 from markerseek.core import ConfigError
-from markerseek.rigs import Rig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +42,7 @@ def named_registration(path: Path) -> NamedRegistration:
 
 @contextmanager
 def held_registration(
-    named: NamedRegistration, rig: Rig, *, stereo: registration.StereoSettings | None, lit: bool, still_valid: bool
+    named: NamedRegistration, rig: rigs.Rig, *, stereo: registration.StereoSettings | None, lit: bool, still_valid: bool
 ) -> Iterator[following.HeldRegistration]:
     """Hold a registration as far as the devices are as they were, and note in the end that a spot has confirmed it.
 

@@ -14,14 +14,16 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from markerseek.core import MarkerseekError
-from markerseek.drivers import BenchSettings
 from markerseek.files import data_folder, replace_file
-from markerseek.guard import State
-from markerseek.rigs import Rig
+
+if TYPE_CHECKING:
+    from markerseek.drivers import BenchSettings
+    from markerseek.rigs import Rig
 
 SAME_DEG = 0.05
 """Largest distance between where a stage was left and where it stands: it holds its place by small corrections."""
@@ -42,6 +44,8 @@ def tracked(rig: Rig, settings: BenchSettings) -> Iterator[Rig]:
 
     A file that cannot be read or written makes no error: the time is then now, and nothing is known the next time.
     """
+    from markerseek.guard import State
+
     if rig.by_hand is not None:
         # To read its angle is to ask the person who turns it.
         yield rig

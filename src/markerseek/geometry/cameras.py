@@ -117,7 +117,7 @@ class Camera(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             found, derivative = self.distort(direct)
             step = np.linalg.solve(derivative, (wanted - found)[..., None])[..., 0]
             direct += step
-            if np.abs(step).max() < 1e-12:
+            if np.abs(step).max(initial=0.0) < 1e-12:
                 return np.asarray(direct)
         raise ConfigError(
             f"camera: the distortion {self.distortion} cannot be inverted at the pixels given; calibrate the camera "
