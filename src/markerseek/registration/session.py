@@ -2,46 +2,30 @@
 
 For each marker: both cameras look for the laser spot, what the markers so far say of it guides its search, the cameras
 look again whether it has stood still, and all markers together give the transform, or say what is missing.
+
+What it knows of the tissue's breath is in `known_breath`, what it sees of its endoscope in `session_endoscope`, and the
+search of one marker under the cameras' eyes in `watched_search`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 from msgspec import structs
-from scipy.spatial.transform import Rotation
 
-from markerseek.core import (
-    AcquisitionError,
-    Finished,
-    Float64,
-    Found,
-    MarkerCurve,
-    Measured,
-    SearchPlan,
-    StereoPair,
-    Swept,
-    as_vector,
-    counted,
-)
-from markerseek.guard import State
-from markerseek.records.journal import Configuration, Journal, JournalEvent
-from markerseek.registration.answered_again import Answered, KeptSearch, with_header
-from markerseek.registration.camera_tissue import CameraRotation, CameraTissue, SeenScene
+from markerseek.core import Float64, Found, MarkerCurve, SearchPlan, as_vector, counted
+from markerseek.records.journal import Journal
+from markerseek.registration.answered_again import KeptSearch, KeptSearches
+from markerseek.registration.camera_tissue import CameraRotation
 from markerseek.registration.choice import Choice, SeenMarker, choose, chosen_pairs
-from markerseek.registration.endoscope_motion import (
-    EndoscopeMotion,
-    EndoscopeNotKnown,
-    EndoscopeWatch,
-    SeenEndoscope,
-    less_breath,
-)
+from markerseek.registration.endoscope_motion import EndoscopeMotion, EndoscopeNotKnown, EndoscopeWatch, SeenEndoscope
+from markerseek.registration.known_breath import KnownBreath
 from markerseek.registration.marker_movement import marker_movement
 from markerseek.registration.plan import MOST_MARKERS, SessionPlan
 from markerseek.registration.poses import Place, Poses, Prediction, reach_of
@@ -49,6 +33,7 @@ from markerseek.registration.record import SessionRecord
 from markerseek.registration.room import SHOWN_S, Room
 from markerseek.registration.search_scene import SearchScene
 from markerseek.registration.search_watch import SearchWatch
+from markerseek.registration.session_endoscope import SessionEndoscope, require_no_comparison
 from markerseek.registration.session_words import (
     GO_ON,
     asking_for,
@@ -59,14 +44,12 @@ from markerseek.registration.session_words import (
 )
 from markerseek.registration.spot_check import check_spot
 from markerseek.registration.spots import Looked, SpotError, SpotFinder
-from markerseek.registration.stations import carry, stands_elsewhere, station_names
+from markerseek.registration.stations import carry, stands_elsewhere
 from markerseek.registration.steps import (
     Continued,
-    CorrectedMarker,
     Ended,
     RecordedStep,
     Registered,
-    Searching,
     Spot,
     SpotChecked,
     SpotRefused,
@@ -77,9 +60,9 @@ from markerseek.registration.steps import (
 )
 from markerseek.registration.view import SessionView
 from markerseek.registration.watched_motion import on_cameras_clock, show_motion
-from markerseek.runs import Run, new_run, plan_on
-from markerseek.show import answer_name, answer_reason
-from markerseek.vision import ClockOffset, NotKnown, SceneMove, SceneTexture, SceneWatch, TissueMoves, scene_texture
+from markerseek.registration.watched_search import TissueBreathesError, WatchedSearch
+from markerseek.runs import new_run, plan_on
+from markerseek.vision import NotKnown, SceneMove, SceneTexture, scene_texture
 
 LEAST_MARKERS = 4
 """Markers before which a session does not end by itself: three cannot show that one is wrong."""
@@ -90,26 +73,6 @@ some 20 s with its spot, and who has named a goal wants to reach it."""
 
 MOST_AT_REST = 6
 """Most acquisitions at rest of a search by sweeps that has detected nothing."""
-
-MOST_TEXTURELESS = 2
-"""How often in a row images without texture are accepted where somebody may move the endoscope."""
-
-MOST_LOOK_ON_S = 13.0
-"""Longest time after a search in which the cameras look on: one and a half of the longest breaths."""
-
-_LOOK_ON_S = 0.5
-
-_GLANCE_S = 4.0
-"""Time in which a breath shows, if there is one."""
-
-_WATCHED_BREATHS = 2.0
-"""Breaths that are watched before a search: with fewer, a wrong period fits as well."""
-
-_OVER_BREATHS = 1.6
-"""Breaths without motion after which there is none any more."""
-
-_ENOUGH_BREATHS = 2.5
-"""Breaths after which a search knows them as well as an earlier one."""
 
 APART_M = 5e-3
 """Distance from a spot that was taken, below which another spot is the same: the person has not moved it yet."""
@@ -152,25 +115,13 @@ class RegistrationSession:
         self._spots = SpotFinder(room) if record is None else SpotFinder(room, show=record.show)
         self._shown_s = -math.inf
         """When what moves was shown last, on the rig's clock."""
-        self._clock: ClockOffset | None = None
-        """Offset of the cameras' clock, as the searches so far show it."""
-        self._watch: EndoscopeWatch | None = None
-        """Compares the images of the markers; None: the endoscope is held."""
-        if not (self._plan.endoscope_held or room.endoscope_held):
-            self._watch = self._watch_of_markers()
-        self._textureless = 0
-        """How often in a row the images had no texture."""
-        self._breath: TissueMoves | None = None
-        """The tissue's breath, as the searches so far show it, at times of the rig's clock."""
-        for marker in self.view.markers:
-            if marker.scene is not None:
-                self._breath = _newer_breath(self._breath, marker.scene, during_s=marker.rig_s)
-        self._searches: dict[str, KeptSearch] = {}
-        """Searches during which the tissue moved, by their markers."""
-        self._rotations: dict[str, CameraRotation | None] = {}
-        """The rotation with which each of them was answered last."""
-        self._rests = False
-        """Whether the tissue was watched, and did not move."""
+        held = self._plan.endoscope_held or room.endoscope_held
+        self._endoscope = SessionEndoscope(
+            None if held else EndoscopeWatch(room.stereo.cameras), record=record, markers=self.view.markers
+        )
+        self._breath = KnownBreath(room, gate=self._plan.gate, markers=self.view.markers)
+        self._searches = KeptSearches()
+        """Searches during which the tissue moved, to answer them again once more is known."""
         self._possible: Poses | None = None
         """Possible poses of the cameras; drawn after each marker."""
 
@@ -208,7 +159,7 @@ class RegistrationSession:
             )
             yield self._recorded(waiting)
             taken = None
-            while taken is None and not self._is_blind and self._room.ask(waiting):
+            while taken is None and not self._endoscope.is_blind and self._room.ask(waiting):
                 taken = yield from self._marker(waiting.name)
             if taken is None:
                 return False
@@ -217,22 +168,18 @@ class RegistrationSession:
             yield self._recorded(state)
         return True
 
-    @property
-    def _is_blind(self) -> bool:
-        """Whether the images had no texture twice in a row, so that a move of the endoscope would not be seen."""
-        return self._textureless >= MOST_TEXTURELESS
-
     def _last_look(self) -> Generator[Step, None, None]:
         """Look in the dark whether the endoscope has moved since the last marker; if so, all markers are carried."""
-        if self._watch is None or not self.view.markers:
+        markers = self.view.markers
+        if self._endoscope.is_held or not markers:
             return
         try:
             dark = self._spots.dark()
         except SpotError as problem:
-            seen: SeenEndoscope | None = EndoscopeNotKnown(after=self.view.markers[-1].name, reason=str(problem))
+            seen: SeenEndoscope | None = EndoscopeNotKnown(after=markers[-1].name, reason=str(problem))
         else:
-            seen = self._less_breath(self._watch.look(dark[-1], after=self.view.markers[-1].name))
-        if stands_elsewhere(self.view.markers, seen):
+            seen = self._breath.taken_out_of(self._endoscope.look(dark[-1], markers), markers)
+        if stands_elsewhere(markers, seen):
             yield self._recorded(self._state(seen))
 
     def _continued(self) -> Continued | None:
@@ -257,39 +204,6 @@ class RegistrationSession:
             self._record.add(step)
             self.view = self._record.view
         return step
-
-    def _watch_of_markers(self) -> EndoscopeWatch:
-        """Return what compares images with those of the markers so far."""
-        watch = EndoscopeWatch(self._room.stereo.cameras)
-        scenes = {marker.name: marker.scene for marker in self.view.markers}
-        for name in dict.fromkeys(station_names(self.view.markers).values()):
-            scene = scenes[name]
-            pair = None if self._record is None else self._record.kept_pair(name)
-            watch.begin(name, pair, end=None if scene is None else scene.end)
-        return watch
-
-    def _endoscope(self, looked: Looked) -> SeenEndoscope | None:
-        """Return whether the endoscope has moved since the markers so far, or the tissue at this moment."""
-        if self._watch is None or not self.view.markers:
-            return None
-        return self._watch.look(looked.dark[-1], after=self.view.markers[-1].name)
-
-    def _less_breath(self, endoscope: SeenEndoscope | None) -> SeenEndoscope | None:
-        """Return what one pair shows of the endoscope, less what may be the tissue's breath."""
-        seen = [marker.scene.tissue for marker in self.view.markers if marker.scene and marker.scene.tissue]
-        breath = self._breath or (seen[-1] if seen else None)
-        if breath is not None and isinstance(endoscope, EndoscopeMotion):
-            return less_breath(endoscope, breath)
-        return endoscope
-
-    def _keep(self, taken: TakenMarker, looked: Looked) -> None:
-        """Keep the images of a marker if the endoscope stands where it did not stand before."""
-        endoscope = taken.endoscope
-        if self._watch is None or (endoscope is not None and endoscope.state == "at rest"):
-            return
-        self._watch.begin(taken.name, looked.dark[-1], end=None if taken.scene is None else taken.scene.end)
-        if self._record is not None:
-            self._record.keep_pair(taken.name, looked.dark[-1])
 
     def _marker(
         self, name: str, *, again: TakenMarker | None = None, check: bool = False
@@ -321,7 +235,7 @@ class RegistrationSession:
         """Take a marker; once more in the pauses of the tissue's breath if its search shows that there is one."""
         try:
             return (yield from self._taken(name, again, check=check))
-        except _TissueBreathesError as found:
+        except TissueBreathesError as found:
             yield self._recorded(SpotRefused(name=name, reason=str(found), pulses=self._room.fired))
             return (yield from self._taken(name, again, check=check))
 
@@ -345,18 +259,26 @@ class RegistrationSession:
             )
         )
         if begin.elsewhere and begin.endoscope is not None:
-            _require_no_comparison(begin.endoscope, again, check=check)
+            require_no_comparison(begin.endoscope, again, check=check)
         self._room.arm()
         watch = SearchWatch(begin.texture, looked=begin.looked, spot_m=begin.seen.camera_m, stereo=self._room.stereo)
-        tissue = self._tissue(watch)
-        plan = plan_on(self._room.rig, self._search_plan(prediction))
-        search = new_run(self._room.rig, plan, tissue=tissue)
+        tissue = self._breath.tissue(watch, rotation=CameraRotation.of(self._possible))
+        run = new_run(self._room.rig, plan_on(self._room.rig, self._search_plan(prediction)), tissue=tissue)
         if journal is not None:
-            configuration = structs.replace(search.configuration, frames=not self._plan.no_frames)
-            search = replace(search, configuration=configuration, journal=Journal.create(journal, configuration))
-        kept: list[JournalEvent] = []
-        scene = yield from self._followed(begin, search, watch, tissue, kept=kept)
-        result = search.result()
+            configuration = structs.replace(run.configuration, frames=not self._plan.no_frames)
+            run = replace(run, configuration=configuration, journal=Journal.create(journal, configuration))
+        search = WatchedSearch(
+            run,
+            room=self._room,
+            name=name,
+            spot=begin.looked.spot,
+            watch=watch,
+            tissue=tissue,
+            breath=self._breath,
+            show=partial(self._show_motion, name, watch),
+        )
+        scene = yield from search.steps()
+        result = run.result()
         if isinstance(result.estimate, Found):
             self._curve = result.estimate.curve or self._curve
         if check and len(result.candidates) != 1:
@@ -367,7 +289,7 @@ class RegistrationSession:
         seen = begin.seen
         endoscope = begin.endoscope
         if scene is not None and scene.end is not None:
-            seen = watch.at_end(seen, scene.end, clock=self._clock)
+            seen = watch.at_end(seen, scene.end, clock=self._breath.offset)
             endoscope = begin.endoscope_at(scene.end)
         taken = TakenMarker(
             name=name,
@@ -391,19 +313,22 @@ class RegistrationSession:
             scene=scene,
         )
         if again is None and not check:
-            self._keep(taken, begin.looked)
-            self._keep_search(name, search.configuration, kept, watch, scene)
+            self._endoscope.keep(taken, begin.looked.dark[-1])
+            moving = self._breath.seen(watch, scene)
+            if moving is not None:
+                kept = KeptSearch(configuration=run.configuration, events=search.events, tissue=moving)
+                self._searches.keep(name, kept)
         yield self._recorded(taken)
         return taken
 
     def _begin(self, name: str, again: TakenMarker | None) -> _Begin:
         """Look for the spot, and whether the endoscope has moved; `SpotError` if there is no new spot."""
-        looked = self._look()
+        looked = self._breath.look(self._spots)
         seen = self._spots.seen(name, looked.spot)
         texture = scene_texture(looked.dark[-1], self._room.stereo.cameras)
-        self._require_texture(texture)
-        at_once = self._endoscope(looked)
-        endoscope = self._less_breath(at_once)
+        self._endoscope.require_texture(texture)
+        at_once = self._endoscope.look(looked.dark[-1], self.view.markers)
+        endoscope = self._breath.taken_out_of(at_once, self.view.markers)
         markers = carry(self.view.markers, now=endoscope)
         if again is None:
             _require_new(looked.spot, seen, markers.seen)
@@ -415,247 +340,26 @@ class RegistrationSession:
             looked=looked, seen=seen, texture=texture, at_once=at_once, endoscope=endoscope, elsewhere=elsewhere
         )
 
-    def _require_no_breath(self, name: str, watch: SearchWatch, scene: SearchScene | None) -> None:
-        """Raise `_TissueBreathesError` if a search that knew of no breath has shown one for which light can wait."""
-        if scene is None or scene.tissue is None or self._plan.gate == "never" or self._tissue(watch) is None:
-            return
-        moves = scene.tissue
-        raise _TissueBreathesError(
-            f"the tissue moves by ± {moves.amplitude_mm:.2f} mm: marker {name} is searched again, in the pauses of the "
-            "breath"
-        )
-
-    def _require_texture(self, texture: SceneTexture | NotKnown) -> None:
-        """Refuse images without texture, unless the endoscope is held."""
-        if self._watch is None or isinstance(texture, SceneTexture):
-            self._textureless = 0
-            return
-        self._textureless += 1
-        raise SpotError(
-            f"it would not be seen if the endoscope moved: {texture.reason}; light the tissue, focus on it, or say "
-            "that the endoscope is held"
-        )
-
     def _require_still(self, begin: _Begin, watch: SearchWatch, scene: SearchScene | None) -> None:
         """Refuse a spot that has slid during its search; where tissue or endoscope move, it moves with them.
 
         Tissue that breathes is taken to move, also where this search was seen in its pauses only.
         """
-        breathed = self._breath is not None
-        if scene is None or not (scene.moved or (scene.is_known and breathed)):
+        breathes = self._breath.moves is not None
+        if scene is None or not (scene.moved or (scene.is_known and breathes)):
             self._spots.require_still(begin.looked, watch.later)
         elif scene.spot is not None:
             reason = f"{scene.said}: light marker {begin.seen.name} again, and hold laser and tissue still"
             raise SpotError.at(begin.looked.spot, reason)
 
-    def _tissue(self, watch: SearchWatch) -> CameraTissue | None:
-        """Return the tissue for a search; None if it was not seen to breathe."""
-        breath = self._breath
-        offset = self._clock or watch.clock()
-        if breath is None or offset is None or not watch.follows:
-            return None
-        return CameraTissue(
-            watch=watch,
-            clock=self._room.rig.scanner.clock,
-            offset=offset,
-            breath=breath,
-            rotation=CameraRotation.of(self._possible),
-            waits=self._plan.gate != "never",
-        )
-
-    def _look(self) -> Looked:
-        """Look for the spot in a pause of the tissue's breath; where it is refused, find out whether there is one."""
-        if self._plan.gate == "always" and self._breath is None:
-            self._watch_tissue()
-        self._await_pause()
-        try:
-            return self._spots.look()
-        except SpotError:
-            if not self._watch_tissue():
-                raise
-        self._await_pause()
-        return self._spots.look()
-
-    def _watch_tissue(self) -> bool:
-        """Watch the tissue in the dark for up to two breaths; whether it was seen to breathe.
-
-        It is watched again only if it moved.
-        """
-        if self._rests or self._plan.gate == "never":
-            return False
-        try:
-            texture = scene_texture(self._spots.dark()[-1], self._room.stereo.cameras)
-        except SpotError:
-            return False
-        if isinstance(texture, NotKnown):
-            return False
-        places_m = texture.points.positions_m
-        middle = int(np.argmin(np.linalg.norm(places_m - np.median(places_m, axis=0), axis=1)))
-        watch = SceneWatch(texture, spot_m=places_m[middle], rng=np.random.default_rng(0))
-        clock = self._room.rig.scanner.clock
-        ahead_s = [-math.inf]
-
-        def look(pair: StereoPair) -> None:
-            ahead_s[0] = max(ahead_s[0], pair.at_s - clock.now_s())
-            watch.look(pair)
-
-        begun_s = clock.now_s()
-        breath: TissueMoves | None = None
-        with self._room.following(look):
-            while clock.now_s() - begun_s < MOST_LOOK_ON_S:
-                clock.wait(_LOOK_ON_S)
-                tissue = watch.told().tissue
-                if tissue and tissue[-1].breaths >= _WATCHED_BREATHS:
-                    breath = tissue[-1]
-                    break
-                if not tissue and clock.now_s() - begun_s >= _GLANCE_S:
-                    break
-        if breath is None or breath.pause_at_s is None:
-            self._rests = not watch.told().tissue
-            return False
-        # Without flashes, what comes last came now.
-        by_s = ahead_s[0] if self._clock is None else self._clock.offset_s
-        self._breath = structs.replace(
-            breath,
-            from_s=breath.from_s - by_s,
-            until_s=breath.until_s - by_s,
-            pause_at_s=breath.pause_at_s - by_s,
-        )
-        return True
-
-    def _await_pause(self) -> None:
-        """Wait for a pause of the tissue's breath: a spot that moves is not measured."""
-        breath = self._breath
-        if breath is None or breath.period_s is None:
-            return
-        clock = self._room.rig.scanner.clock
-        until_s = clock.now_s() + 2 * breath.period_s
-        # Most of the pause must be left for the look.
-        while not (breath.in_pause(clock.now_s()) and breath.in_pause(clock.now_s() + 0.8 * breath.pause_s)):
-            if clock.now_s() >= until_s:
-                return
-            clock.wait(_LOOK_ON_S / 10)
-
-    def _await_rest(self, tissue: CameraTissue) -> None:
-        """Wait in the dark until the tissue was seen at its rest, for two breaths at most."""
-        clock = self._room.rig.scanner.clock
-        until_s = clock.now_s() + 2 * (tissue.breath.period_s or 0.0)
-        while not tissue.rest_is_known and clock.now_s() < until_s:
-            clock.wait(_LOOK_ON_S / 5)
-
-    def _searched(
-        self, name: str, search: Run, watch: SearchWatch, tissue: CameraTissue | None, *, kept: list[JournalEvent]
-    ) -> Generator[Step, None, None]:
-        """Run a search while the cameras look on, and then until it can be told what moved.
-
-        ``kept``: takes its events, without frames.
-        """
-        try:
-            # Closed here, so that an interrupt also stops the stage and disarms the laser.
-            with (
-                self._room.following(watch.look) if watch.follows else nullcontext(),
-                closing(search.events()) as events,
-            ):
-                if tissue is not None:
-                    self._await_rest(tissue)
-                for event in self._looked_on(events, watch):
-                    lit = isinstance(event, Measured) and not event.sample.dark
-                    if not watch.follows and (lit or isinstance(event, Swept | Finished)):
-                        watch.keep(self._room.images.newest())
-                    if isinstance(event, Measured) and event.sample.frame is not None:
-                        watch.fire(event.sample.frame.header)
-                    kept.append(with_header(event))
-                    self._show_motion(name, watch)
-                    yield Searching(name=name, view=search.view)
-        except (KeyboardInterrupt, GeneratorExit) as stop:
-            search.interrupt(str(stop) or "the user")
-            raise
-        finally:
-            if search.journal is not None:
-                search.journal.close()
-
-    def _followed(
-        self, begin: _Begin, search: Run, watch: SearchWatch, tissue: CameraTissue | None, *, kept: list[JournalEvent]
-    ) -> Generator[Step, None, SearchScene | None]:
-        """Run a search, and return what the cameras saw move; None if nothing was followed.
-
-        ``kept``: as of `_searched`.
-
-        Raises `_TissueBreathesError` if it knew of no breath and there is one, and `SpotError` if what the breath does
-        to its sweeps makes them useless.
-        """
-        name = begin.seen.name
-        begun_s = self._room.rig.scanner.clock.now_s()
-        problem: AcquisitionError | None = None
-        try:
-            yield from self._searched(name, search, watch, tissue, kept=kept)
-        except AcquisitionError as error:
-            if self._room.rig.scanner.guard.state is State.FAULT:
-                # A person must look at the rig.
-                raise
-            problem = error
-        scene = self._told(watch, during_s=self._room.rig.scanner.clock.now_s() - begun_s)
-        if tissue is None and (problem is not None or not search.result().candidates):
-            self._require_no_breath(name, watch, scene)
-        if problem is not None and tissue is None:
-            raise problem
-        if problem is not None:
-            raise SpotError.at(begin.looked.spot, str(problem)) from problem
-        return scene
-
-    def _keep_search(
-        self,
-        name: str,
-        configuration: Configuration,
-        events: list[JournalEvent],
-        watch: SearchWatch,
-        scene: SearchScene | None,
-    ) -> None:
-        """Keep a search during which the tissue moved, to answer it again once more is known."""
-        if scene is None or scene.tissue is None or self._clock is None:
-            return
-        tissue = CameraTissue(
-            watch=SeenScene(moments=watch.moments),
-            clock=self._room.rig.scanner.clock,
-            offset=self._clock,
-            breath=scene.tissue,
-            rotation=None,
-        )
-        self._searches[name] = KeptSearch(configuration=configuration, events=events, tissue=tissue)
-
     def _corrected(self) -> Generator[Step, None, None]:
         """Answer the searches in moving tissue again, with the rotation that the markers so far tell."""
-        if not self._searches:
+        if self._searches.is_empty:
             return
         seen = carry(self.view.markers).seen
         poses = self._poses(seen, self._choose(seen))
-        rotation = CameraRotation.of(poses)
-        stations = station_names(self.view.markers)
-        here = stations[self.view.markers[-1].name]
-        for marker in self.view.markers:
-            search = self._searches.get(marker.name)
-            # Where the endoscope stood elsewhere, its rotation was another one.
-            if search is None or stations[marker.name] != here or not self._is_news(marker.name, rotation):
-                continue
-            answered = search.answered(rotation)
-            if answered is not None and (answered.candidates or not marker.candidates):
-                yield self._recorded(_correction(marker, answered))
-            self._rotations[marker.name] = rotation
-
-    def _is_news(self, name: str, rotation: CameraRotation | None) -> bool:
-        """Whether a search was not answered again yet, or less was known of the rotation then."""
-        return name not in self._rotations or _is_better(rotation, self._rotations[name])
-
-    def _looked_on(
-        self, events: Generator[JournalEvent, None, None], watch: SearchWatch
-    ) -> Generator[JournalEvent, None, None]:
-        """Give the events of a search, and look on after it, also where it is given up."""
-        try:
-            yield from events
-        except AcquisitionError:
-            self._look_on(watch)
-            raise
-        self._look_on(watch)
+        for step in self._searches.corrected(self.view.markers, CameraRotation.of(poses)):
+            yield self._recorded(step)
 
     def _show_motion(self, name: str, watch: SearchWatch, *, least_s: float = SHOWN_S) -> None:
         """Show what the cameras have seen move so far, if it was not shown for so many seconds."""
@@ -663,26 +367,8 @@ class RegistrationSession:
         if self._record is None or not watch.follows or now_s - self._shown_s < least_s:
             return
         self._shown_s = now_s
-        breath = on_cameras_clock(self._breath, self._clock)
+        breath = on_cameras_clock(self._breath.moves, self._breath.offset)
         show_motion(self._record.folder, watch.motion(name, breath=breath))
-
-    def _told(self, watch: SearchWatch, *, during_s: float) -> SearchScene | None:
-        """Return what moved during a search of so many seconds; None if nothing was followed."""
-        if not watch.follows:
-            return None
-        shown = watch.clock()
-        if shown is not None and (self._clock is None or shown.sigma_s < self._clock.sigma_s):
-            self._clock = shown
-        scene = watch.told(self._clock)
-        self._breath = _newer_breath(self._breath, scene, during_s=during_s)
-        return scene
-
-    def _look_on(self, watch: SearchWatch) -> None:
-        """Look on after a search, in the dark, until it can be told what moved."""
-        clock = self._room.rig.scanner.clock
-        until_s = clock.now_s() + MOST_LOOK_ON_S
-        while not watch.is_settled and clock.now_s() < until_s:
-            clock.wait(_LOOK_ON_S)
 
     def _prediction(self, seen: SeenMarker) -> Prediction | None:
         """Prediction for a spot from the markers so far; None if they allow none."""
@@ -806,66 +492,13 @@ class RegistrationSession:
 
     def _ended(self, *, in_time: bool) -> Ended:
         late = "" if in_time else "no new spot was accepted in the time allowed; "
-        if self._is_blind and self._refused is not None:
+        if self._endoscope.is_blind and self._refused is not None:
             _, reason, _ = self._refused
             late = f"{reason}; "
         took = f"{counted(len(self.view.markers), 'marker')} in {self.view.rig_s:.0f} s of the rig"
         registered = self.view.registration is not None
         go_on = f"; {GO_ON}" if self._plan.hold else ""
         return Ended(registered=registered, said=f"{late}{self.view.said}; {took}{go_on}", rig_s=self.view.rig_s)
-
-
-_BETTER = 0.7
-_TURNED_RAD = 0.01
-"""Standard deviation of a rotation over that of the former one, and angle from it, with which a search is answered
-again."""
-
-
-def _is_better(rotation: CameraRotation | None, former: CameraRotation | None) -> bool:
-    """Whether more is known of a rotation than when a search was answered last."""
-    if rotation is None or former is None:
-        return rotation is not former
-    turned = Rotation.from_matrix(rotation.matrix @ former.matrix.T).magnitude()
-    return rotation.sigma_rad < _BETTER * former.sigma_rad or float(turned) > _TURNED_RAD
-
-
-def _correction(marker: TakenMarker, answered: Answered) -> CorrectedMarker:
-    """Return the step by which a marker gets another answer."""
-    name = answer_name(answered.estimate)
-    candidates = list(answered.candidates)
-    moved = ""
-    if candidates and marker.candidates:
-        way_m = np.subtract(candidates[0].position.position_m, marker.candidates[0].position.position_m)
-        moved = f", {1e3 * float(np.linalg.norm(way_m)):.2f} mm from before"
-    where = f" at {candidates[0].angle_deg:.2f} deg" if candidates else ""
-    return CorrectedMarker(
-        name=marker.name,
-        answer=name,
-        reason=answer_reason(answered.estimate),
-        candidates=candidates,
-        said=f"marker {marker.name} again, with the tissue's motion taken out: {name}{where}{moved}",
-    )
-
-
-def _newer_breath(breath: TissueMoves | None, scene: SearchScene, *, during_s: float) -> TissueMoves | None:
-    """Return the breath after a search: the one that was known, another one, or none.
-
-    A search that saw a part of a breath does not replace what is known; one that saw none for longer than a breath ends
-    it.
-    """
-    tissue = scene.tissue
-    if not scene.is_known:
-        return breath
-    if tissue is None:
-        over = breath is not None and during_s > _OVER_BREATHS * (breath.period_s or math.inf)
-        return None if over else breath
-    if tissue.period_s is None or scene.clock is None:
-        return breath
-    return tissue if breath is None or tissue.breaths >= min(breath.breaths, _ENOUGH_BREATHS) else breath
-
-
-class _TissueBreathesError(Exception):
-    """A search that waited for no pause has shown that the tissue breathes."""
 
 
 def is_enough(tre_m: float, place: Place | None, *, goal_m: float) -> bool:
@@ -895,14 +528,6 @@ class _Begin:
     def endoscope_at(self, end: SceneMove) -> SeenEndoscope | None:
         """Return whether the endoscope has moved by the end of the search."""
         return self.at_once.until(end) if isinstance(self.at_once, EndoscopeMotion) else self.at_once
-
-
-def _require_no_comparison(endoscope: SeenEndoscope, again: TakenMarker | None, *, check: bool) -> None:
-    """Refuse to compare a marker with what was measured where the endoscope stood before."""
-    if again is not None and isinstance(endoscope, EndoscopeNotKnown):
-        raise SpotError(f"{endoscope.said}, so that marker {again.name} cannot be compared with where it was")
-    if check:
-        raise SpotError(f"{endoscope.said}, so that there is no registration to be checked: light one more marker")
 
 
 def _require_new(spot: Spot, seen: SeenMarker, markers: Sequence[SeenMarker]) -> None:

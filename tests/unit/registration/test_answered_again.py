@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
 from msgspec import structs
 from scipy.spatial.transform import Rotation
 
-from markerseek.core import Found, Measured, SearchPlan
+from markerseek.core import Found, MarkerCandidate, MarkerPosition, Measured, RecordError, SearchPlan
 from markerseek.records.journal import JournalEvent
-from markerseek.registration.answered_again import KeptSearch, with_header
+from markerseek.registration import CorrectedMarker, SessionView
+from markerseek.registration.answered_again import KeptSearch, KeptSearches, with_header
 from markerseek.registration.camera_tissue import CameraRotation, CameraTissue, SeenScene
 from markerseek.rigs import simulated
 from markerseek.runs import new_run, plan_on
 from markerseek.sim import STREAMING, TissueMotion
 from markerseek.vision import ClockOffset, Moment, Sighting, TissueMoves
+from tests.registration_sessions import taken
 
 MOTION = TissueMotion(breathing_mm=1.0, phase=0.2, direction=(0.8, 0.5, 0.3))
 LATERAL_M = 4e-3
@@ -112,3 +115,45 @@ def test_what_cameras_did_not_see_is_not_answered_again(kept: tuple[KeptSearch, 
     moments = search.tissue.watch.moments
     late = tuple(moment for moment in moments if moment.at_s > moments[-1].at_s - 1.0)
     assert replace(search, tissue=replace(search.tissue, watch=SeenScene(moments=late))).answered(None) is None
+
+
+def test_a_search_is_answered_again_only_where_more_is_known_of_the_rotation(kept: tuple[KeptSearch, float]) -> None:
+    search, truth_deg = kept
+    searches = KeptSearches()
+    assert searches.is_empty
+    asked = mock.Mock(spec=search)
+    asked.answered.side_effect = search.answered
+    searches.keep("1", asked)
+    assert not searches.is_empty
+    # Of marker 2, no search is kept: the tissue did not move then.
+    markers = [taken("1"), taken("2")]
+    rough = CameraRotation(matrix=TURN, sigma_rad=0.1)
+    (step,) = searches.corrected(markers, rough)
+    assert step.name == "1"
+    assert step.answer == "found"
+    assert step.candidates[0].angle_deg == pytest.approx(truth_deg, abs=0.5)
+    assert f"at {step.candidates[0].angle_deg:.2f} deg" in step.said
+    assert list(searches.corrected(markers, replace(rough, sigma_rad=0.09))) == []
+    assert list(searches.corrected(markers, rough)) == []
+    assert asked.answered.call_count == 1
+    better = replace(rough, sigma_rad=0.05)
+    (again,) = searches.corrected(markers, better)
+    turned = replace(better, matrix=Rotation.from_rotvec([0.0, 0.0, 0.02]).as_matrix() @ TURN)
+    assert len(list(searches.corrected(markers, turned))) == 1
+    assert again.name == "1"
+    assert asked.answered.call_args_list == [mock.call(rough), mock.call(better), mock.call(turned)]
+
+
+def test_a_marker_that_is_answered_again_has_the_new_answer_and_its_own_spot() -> None:
+    candidate = MarkerCandidate(
+        angle_deg=3.0,
+        probability=1.0,
+        position=MarkerPosition(position_m=(1e-3, 2e-3, 6e-2), sigma_m=(1e-4, 1e-4, 1e-4)),
+    )
+    spot = {"camera_covariance_m2": (1e-8 * np.eye(3)).tolist()}
+    step = CorrectedMarker(name="1", answer="found", reason=None, candidates=[candidate], said="marker 1 again: found")
+    view = SessionView().after(taken("1", **spot)).after(taken("2", **spot)).after(step)
+    assert [marker.answer for marker in view.markers] == ["found", "not found"]
+    assert view.markers[0] == structs.replace(taken("1", **spot), answer="found", candidates=[candidate])
+    with pytest.raises(RecordError, match="marker 3 is corrected, which is not recorded"):
+        view.after(structs.replace(step, name="3"))

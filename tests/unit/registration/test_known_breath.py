@@ -1,14 +1,12 @@
-"""What a session knows of the tissue's breath after each search."""
+"""What a session knows of the tissue's breath after each search, and how a spot waits for its pause."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from msgspec import structs
 
-from markerseek.core import MarkerCandidate, MarkerPosition, RecordError
-from markerseek.registration import CorrectedMarker, SearchScene, SessionView
-from markerseek.registration.session import _newer_breath
+from markerseek.registration import SearchScene, SimulatedRoom, SimulatedRoomSettings
+from markerseek.registration.known_breath import KnownBreath, newer_breath
 from markerseek.vision import ClockOffset, TissueMoves
 from tests.registration_sessions import taken
 
@@ -62,7 +60,7 @@ def scene(tissue: TissueMoves | None, *, known: float = 1.0, clock: ClockOffset 
 def test_a_breath_stays_known_until_a_search_shows_another_or_none(
     before: TissueMoves | None, seen: SearchScene, during_s: float, after: TissueMoves | None
 ) -> None:
-    assert _newer_breath(before, seen, during_s=during_s) == after
+    assert newer_breath(before, seen, during_s=during_s) == after
 
 
 def test_a_breath_is_counted_by_its_period() -> None:
@@ -70,16 +68,26 @@ def test_a_breath_is_counted_by_its_period() -> None:
     assert structs.replace(BREATH, period_s=None).breaths == 0.0
 
 
-def test_a_marker_that_is_answered_again_has_the_new_answer_and_its_own_spot() -> None:
-    candidate = MarkerCandidate(
-        angle_deg=3.0,
-        probability=1.0,
-        position=MarkerPosition(position_m=(1e-3, 2e-3, 6e-2), sigma_m=(1e-4, 1e-4, 1e-4)),
-    )
-    spot = {"camera_covariance_m2": (1e-8 * np.eye(3)).tolist()}
-    step = CorrectedMarker(name="1", answer="found", reason=None, candidates=[candidate], said="marker 1 again: found")
-    view = SessionView().after(taken("1", **spot)).after(taken("2", **spot)).after(step)
-    assert [marker.answer for marker in view.markers] == ["found", "not found"]
-    assert view.markers[0] == structs.replace(taken("1", **spot), answer="found", candidates=[candidate])
-    with pytest.raises(RecordError, match="marker 3 is corrected, which is not recorded"):
-        view.after(structs.replace(step, name="3"))
+def test_a_session_that_is_continued_knows_the_breath_of_its_markers() -> None:
+    room = SimulatedRoom(SimulatedRoomSettings(), seed=5)
+    markers = [
+        structs.replace(taken("1"), scene=scene(BREATH), rig_s=12.0),
+        structs.replace(taken("2"), scene=scene(PART), rig_s=5.9),
+    ]
+    assert KnownBreath(room, gate="found", markers=markers).moves == BREATH
+    assert KnownBreath(room, gate="found").moves is None
+
+
+def test_a_spot_waits_for_a_pause_of_the_breath() -> None:
+    room = SimulatedRoom(SimulatedRoomSettings(), seed=5)
+    breath = KnownBreath(room, gate="found")
+    clock = room.rig.scanner.clock
+    breath.await_pause()
+    assert clock.now_s() < 1.0
+    breath.moves = structs.replace(BREATH, pause_at_s=-1.0)
+    clock.wait(0.6 - clock.now_s())
+    breath.await_pause()
+    # The next pause begins at 3 s.
+    assert 3.0 <= clock.now_s() <= 3.1
+    breath.await_pause()
+    assert clock.now_s() <= 3.1

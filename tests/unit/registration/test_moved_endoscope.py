@@ -230,7 +230,7 @@ def after_four_markers(now: SeenEndoscope | None) -> tuple[ForgedScene, Registra
     for marker in scene.markers(scene.wide(4)):
         session.view = session.view.after(as_taken(marker, None))
     session.view = session.view.after(session._state())
-    session._watch = mock.Mock(look=mock.Mock(return_value=now))
+    session._endoscope._watch = mock.Mock(look=mock.Mock(return_value=now))
     session._spots = mock.Mock(dark=mock.Mock(return_value=[mock.Mock()]))
     return scene, session
 
@@ -257,7 +257,7 @@ def test_a_move_after_the_last_marker_is_noticed_and_the_registration_is_that_of
     before = session.view.registration
     assert before is not None
     motion = moved_scene(scene)
-    session._watch.look.return_value = motion
+    session._endoscope._watch.look.return_value = motion
     (state,) = session._last_look()
     assert isinstance(state, Registered)
     assert state.endoscope == motion
@@ -340,20 +340,8 @@ def after_a_breath() -> RegistrationSession:
     session.view = replace(
         session.view, markers=(*session.view.markers[:-1], structs.replace(session.view.markers[-1], scene=scene))
     )
-    session._breath = breath
+    session._breath.moves = breath
     return session
-
-
-def test_a_spot_is_looked_for_in_a_pause_of_the_breath() -> None:
-    session = after_a_breath()
-    clock = session._room.rig.scanner.clock
-    begun_s = clock.now_s()
-    session._await_pause()
-    # The next pause begins at 3 s.
-    assert 3.0 <= clock.now_s() <= 3.1
-    assert begun_s < 1.0
-    session._await_pause()
-    assert clock.now_s() <= 3.1
 
 
 def test_a_spot_on_tissue_that_breathes_is_not_compared_in_pixels_where_only_pauses_were_seen() -> None:
