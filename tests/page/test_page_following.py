@@ -103,6 +103,7 @@ def test_a_click_into_the_left_image_turns_the_probe_there_and_stop_ends_it(brow
         # Without light nothing confirms the registration: a person must.
         repeat(yes.click, watched.tab.get_by_text("without light nothing confirms the registration").first)
         watched.press("cancel")
+        sync_api.expect(yes).to_be_hidden()
         permit_a_click(watched)
         for scheme in ("dark", "light"):
             watched.tab.emulate_media(color_scheme=scheme)
