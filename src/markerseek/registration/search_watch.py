@@ -9,6 +9,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -217,13 +218,17 @@ class SearchWatch:
 
     @property
     def is_settled(self) -> bool:
-        """Whether it can be told what moved: nothing did lately, or it was seen long enough."""
+        """Whether it can be told what moved: nothing did lately, a breath came back, or a move stayed long enough."""
         last_s = max((moment.at_s for moment in self.moments), default=0.0)
-        lately = [moment for moment in self.moments if moment.scene and moment.at_s > last_s - RETURN_S]
-        if not any(_stands_elsewhere(moment, self._spot_m) for moment in lately):
+        moments = sorted(self.moments, key=lambda moment: moment.at_s)
+        lately = [moment for moment in moments if moment.scene and moment.at_s > last_s - RETURN_S]
+        elsewhere = [_stands_elsewhere(moment, self._spot_m) for moment in lately]
+        if not any(elsewhere):
             return True
         told = self._told()
-        if told.tissue and told.tissue[-1].period_s is not None:
+        # One step fits the begin of a breath as well as a move of the endoscope.
+        came_back = any(was and not now for was, now in pairwise(elsewhere))
+        if came_back and told.tissue and told.tissue[-1].period_s is not None:
             return True
         return bool(told.endoscope) and told.endoscope[-1].until_s <= last_s - RETURN_S
 

@@ -361,7 +361,7 @@ def test_a_spot_on_tissue_that_breathes_is_not_compared_in_pixels_where_only_pau
 
 @pytest.mark.long
 def test_a_session_goes_on_where_the_endoscope_moves_during_a_search() -> None:
-    move = EndoscopeMove(marker=2, after_s=3.0, shift_m=(3e-3, -2e-3, 4e-3), turn_deg=(2.0, -3.0, 4.0), lasts_s=0.5)
+    move = EndoscopeMove(marker=2, after_s=5.0, shift_m=(3e-3, -2e-3, 4e-3), turn_deg=(2.0, -3.0, 4.0), lasts_s=0.5)
     settings = SimulatedRoomSettings(rig=STREAMING, textured=True, moves=(move,), endoscope_held=False)
     room = SimulatedRoom(settings, seed=5)
     view, _ = steps_of(room, 4)

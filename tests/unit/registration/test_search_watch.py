@@ -141,6 +141,9 @@ def test_a_spot_is_carried_to_the_end_of_a_search_in_which_the_endoscope_moved(w
 
 def test_a_move_that_has_just_begun_is_not_settled(world: World) -> None:
     assert not followed(world, [moved()] * 10 + [moved(shift_mm=(2, 0, 0))] * 4).is_settled
+    # One step, of which a cosine makes a breath: nothing has come back.
+    stays = [moved(shift_mm=(1.5, 3.5, -5.0))] * 26
+    assert not followed(world, [moved()] * 14 + stays, every_s=0.15).is_settled
 
 
 def test_tissue_that_breathes_is_told_with_its_period_and_its_rest(world: World) -> None:
