@@ -21,6 +21,7 @@ from markerseek.core import (
     Refused,
     Sample,
     SaturationError,
+    Sweep,
     SweepingPolicy,
     Swept,
 )
@@ -145,7 +146,7 @@ def tell_recorded(policy: AnyPolicy, entries: Iterable[JournalEntry]) -> None:
             case Measured(role="dark", sample=sample) if not lit:
                 policy.tell(sample)
             # The light of a sweep that is not wanted any more goes out a little later.
-            case Measured(role="search", sample=sample) if sample.sweep is not None or policy.ask() is not None:
+            case Measured(role="search", sample=sample) if sample.sweep is not None or _asks_at_rest(policy):
                 lit = True
                 policy.tell(sample)
             case Swept() if isinstance(policy, SweepingPolicy):
@@ -154,6 +155,12 @@ def tell_recorded(policy: AnyPolicy, entries: Iterable[JournalEntry]) -> None:
     if sweeping is not None and isinstance(policy, SweepingPolicy) and policy.ask() is None:
         # Killed after the policy had ended the sweep, and before the probe was at rest.
         policy.end_sweep()
+
+
+def _asks_at_rest(policy: AnyPolicy) -> bool:
+    """Whether a policy takes a sample at rest now; told other samples than at first, it may ask for a sweep instead."""
+    asked = policy.ask()
+    return asked is not None and not isinstance(asked, Sweep)
 
 
 def strongest_of(entries: Sequence[JournalEntry]) -> Sample | None:

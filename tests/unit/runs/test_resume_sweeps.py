@@ -30,7 +30,7 @@ from markerseek.guard import FiringLimits
 from markerseek.records.journal import Configuration, JournalEntry, read_journal, salvage
 from markerseek.rigs import Rig
 from markerseek.runs import configuration_of
-from markerseek.runs.resume import commanded_deg, pulses_before
+from markerseek.runs.resume import commanded_deg, pulses_before, tell_recorded
 from markerseek.search import build_sweeping
 from markerseek.sim import GaussianCurve, SimulatedSettings
 from tests.unit.runs import journalled_runs
@@ -133,3 +133,21 @@ def entries(*events: Event) -> tuple[JournalEntry, ...]:
         JournalEntry(number=number, event=event, clock_s=0.0, written="")
         for number, event in enumerate(events, start=1)
     )
+
+
+class AsksForSweeps:
+    """A policy that asks for a sweep, whatever it is told."""
+
+    name = "sweeps"
+
+    def ask(self) -> Sweep:
+        return Sweep(from_deg=-35.0, to_deg=35.0, speed_deg_s=10.0)
+
+    def tell(self, sample: Sample) -> None:
+        assert sample.sweep is not None, "it was told a sample at rest, and had asked for a sweep"
+
+
+def test_a_sample_at_rest_is_left_out_where_a_policy_asks_for_a_sweep_instead() -> None:
+    at_rest = Sample(angle_deg=3.0, reading=Reading(intensity=5.0))
+    event = Measured(index=0, role="search", sample=at_rest)
+    tell_recorded(AsksForSweeps(), [JournalEntry(number=1, written="", clock_s=0.0, event=event)])
