@@ -243,7 +243,7 @@ class PairSource(Closing):
 
     @contextmanager
     def _in_library(self, side: int) -> Iterator[None]:
-        """Yield the work in a library, for one camera or, as 0, for both; `ClosedError` once the source is closed."""
+        """Work in a library, for one camera or, as 0, for both; `ClosedError` once the source is closed."""
         with self._libraries[side]:
             if self._over.is_set():
                 raise ClosedError

@@ -443,7 +443,7 @@ class OwnMessages(OwnDevice):
         return list(frames), bool(frames)
 
     def samples(self, messages: list[np.ndarray]) -> Int16[np.ndarray, "channels samples"]:
-        """Return their mean; `AcquisitionError` if their shapes differ."""
+        """Return the mean of frames; `AcquisitionError` if their shapes differ."""
         if len({each.shape for each in messages}) > 1:
             shapes = [each.shape for each in messages]
             raise AcquisitionError(f"{self.driver}: frames of the shapes {shapes} in one acquisition")

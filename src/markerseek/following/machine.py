@@ -163,7 +163,7 @@ class FollowMachine:
         self._heard_s = now_s
 
     def decide(self, now_s: float, *, probe_deg: float, turning: bool = False) -> Decision:
-        """Return the decide what is to be done; ``turning``: the probe turns, so that a lit target cannot be seen."""
+        """Decide what is to be done; ``turning``: the probe turns, so that a lit target cannot be seen."""
         if not now_s <= self._ends_s:
             self.hold("expired", f"the permit of {self._plan.minutes:g} min is over; a person must renew it")
         if self._held is not None:
@@ -222,7 +222,7 @@ class FollowMachine:
         return None if objection is None else ("out of reach", objection)
 
     def _within(self, aim: Aim, now_s: float, *, probe_deg: float, turning: bool) -> Decision:
-        """Return the decide whether to turn to a target that is followed."""
+        """Decide whether to turn to a target that is followed."""
         off_deg = aim.angle_deg - probe_deg
         speed_deg_s = self._speed_deg_s
         band_deg = max(self._plan.within_deg, aim.sigma_deg)

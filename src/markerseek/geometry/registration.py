@@ -457,14 +457,14 @@ class _Points:
         return left_m, effect, middle_m
 
     def chi_squared(self, fit: _Fit) -> float:
-        """Return the minus twice the logarithm of the probability of all errors, but for a constant."""
+        """Return minus twice the logarithm of the probability of all errors, but for a constant."""
         left = self.unexplained(fit)
         inverse = np.linalg.inv(self.noise(fit.rotation))
         return float(np.einsum("ni,nij,nj->", left, inverse, left) + fit.shared @ fit.shared)
 
 
 def _refine(points: _Points, fit: _Fit) -> _Fit:
-    """Return the maximum likelihood by Gauss-Newton steps."""
+    """Maximise the likelihood by Gauss-Newton steps."""
     misfit = points.chi_squared(fit)
     prior = np.concatenate([np.zeros(6), np.ones(len(fit.shared))])
     for _ in range(_STEPS):

@@ -492,7 +492,7 @@ def _part(table: Mapping[str, Any], axis: str, whole: str) -> tuple[int, int, in
 
 
 def _of_camera_infos(left: _CameraInfo, right: _CameraInfo) -> StereoCameras:
-    """Return both cameras are turned into one rectified frame, in which the right one is shifted along x."""
+    """Return both cameras turned into one rectified frame, in which the right one is shifted along x."""
     if left.shift_m != 0 or not right.shift_m < 0:
         raise ConfigError(
             f"their projection matrices shift them by {left.shift_m:g} and {right.shift_m:g} m, a left camera has 0, "

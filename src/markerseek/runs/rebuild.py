@@ -83,7 +83,7 @@ def rebuild_image_reader(configuration: Configuration) -> ImageReader | None:
 
 @lru_cache(maxsize=2)
 def _reader(imaging: bytes) -> ImageReader | IntensityReader:
-    """Return the cached, because its tables take a quarter of a second."""
+    """Return the imaging chain; cached, because its tables take a quarter of a second."""
     try:
         preset = recorded_settings(imaging, ProbePreset | None)
     except (msgspec.MsgspecError, RecursionError) as problem:

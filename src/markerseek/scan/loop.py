@@ -85,7 +85,7 @@ class Tally:
 
     @classmethod
     def of(cls, events: Iterable[object], *, elapsed_s: float = 0.0) -> Tally:
-        """Return that of recorded events; ``elapsed_s``: how long the run has taken."""
+        """Return the tally of recorded events; ``elapsed_s``: how long the run has taken."""
         tally = cls(elapsed_s=elapsed_s)
         for event in events:
             tally.add(event)

@@ -57,7 +57,7 @@ def answer_reason(estimate: Estimate) -> str | None:
 
 
 def _which_of(estimate: Ambiguous) -> str:
-    """Return the between which places an answer does not decide, and how strong they are."""
+    """Return the places between which an answer does not decide, and how strong they are."""
     named = {each.angle_deg: each for each in estimate.others if each.angle_deg in estimate.modes_deg}
     places = [
         f"{mode:.2f} deg" + (f" ({named[mode].relative_db:+.1f} dB)" if mode in named else "")

@@ -167,7 +167,7 @@ def at_full_scale(
     middle: Int64[np.ndarray, " used"],
     full_scale: int,
 ) -> tuple[int, ...]:
-    """Return those of the rows, channels or lines, that touch full scale near their sample in ``middle``.
+    """Return the rows, channels or lines that touch full scale near their sample in ``middle``.
 
     The pick-up, which is blanked, does not count.
     """

@@ -157,7 +157,7 @@ def _whole_trials(table: IO[bytes], study: Study) -> int:
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Yield the errors of the disk as `RecordError`."""
+    """Raise the errors of the disk as `RecordError`."""
     try:
         yield
     except OSError as problem:

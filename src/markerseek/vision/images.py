@@ -37,7 +37,7 @@ def opencv(purpose: str) -> ModuleType:
 
 
 def brightness(image: np.ndarray) -> UInt8[np.ndarray, "rows columns"]:
-    """Return the of each pixel the brightest colour, without transparency, as `find_spot` has it.
+    """Return the brightest colour of each pixel, without transparency, as `find_spot` has it.
 
     ``image``: shape (rows, columns), or (rows, columns, channels) with 1, 3 or 4 channels. Raises `ConfigError` if a
     pixel has more than 8 bits.
@@ -146,7 +146,7 @@ class Rectangle:
         return replace(self, row=round(row - (self.rows - 1) / 2), column=round(column - (self.columns - 1) / 2))
 
     def grown(self, rows: int, columns: int, *, shape: tuple[int, int]) -> Rectangle:
-        """Return the larger by these numbers of pixels on each side, as far as the image reaches."""
+        """Return a rectangle larger by these numbers of pixels on each side, as far as the image reaches."""
         row = max(0, self.row - rows)
         column = max(0, self.column - columns)
         return Rectangle(

@@ -144,13 +144,13 @@ class _Expected:
 
     @classmethod
     def of(cls, texture: SceneTexture, near: RigidTransform) -> _Expected:
-        """Return the expect that all patches move with the scene."""
+        """Expect that all patches move with the scene."""
         nothing = np.zeros((len(texture.parts), 2))
         return cls(near=near, left_px=nothing, right_px=nothing)
 
     @classmethod
     def after(cls, seen: SceneSeen) -> _Expected:
-        """Return the expect patches where they were last."""
+        """Expect patches where they were last."""
         view = predict(seen.texture, seen.near)
         left_px = np.zeros((len(seen.found), 2))
         right_px = np.zeros((len(seen.found), 2))

@@ -273,7 +273,7 @@ def _fitted(
     frames: Sequence[UInt8[np.ndarray, "rows columns"]],
     first: tuple[int, int],
 ) -> _Fit | None:
-    """Return the least squares of a super-Gaussian profile, of any ellipse, on a plane; None if it has no such form.
+    """Fit a super-Gaussian profile of any ellipse, on a plane, by least squares; None if it has no such form.
 
     ``image``: the mean of the frames over their background.
 

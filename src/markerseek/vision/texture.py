@@ -315,7 +315,7 @@ def between_depths(nearness_per_m: Float64[np.ndarray, " points"]) -> Bool[np.nd
 def _parts(
     places: Float64[np.ndarray, "patches 2"], shape: tuple[int, ...], number: tuple[int, int]
 ) -> Int64[np.ndarray, " patches"]:
-    """Return the number the parts of an image, so many across and down, that places are in."""
+    """Return which part of an image each place is in, by its number; ``number``: of parts across and down."""
     column = np.floor(places[:, 0] / shape[1] * number[0]).astype(np.int64)
     row = np.floor(places[:, 1] / shape[0] * number[1]).astype(np.int64)
     return np.asarray(row * number[0] + column)

@@ -158,7 +158,7 @@ class IgtlServer:
         self._server: asyncio.Server | None = None
 
     async def open(self, host: str, port: int) -> int:
-        """Return the listen, and return the port, which port 0 leaves to the operating system."""
+        """Listen, and return the port, which port 0 leaves to the operating system."""
         loop = asyncio.get_running_loop()
         try:
             listening = self._listening(host, port)

@@ -99,7 +99,7 @@ class Streams:
         return igtl.NOT_READY, "NOT_ARMED", outcome.message
 
     def idle(self) -> list[StreamMessage]:
-        """Return the before the first search; no angle is known, and TRANSFORM says so."""
+        """Return the messages before the first search; no angle is known, and TRANSFORM says so."""
         streams = [self.status, self._state_message(), _transform(0.0, known=False), *_marker(None)]
         if self.registration is not None:
             streams.append(_registration_status(self.registration, withdrawn=False))
@@ -118,7 +118,7 @@ class Streams:
         return [*streams, _registration_status(view, withdrawn=self._withdrawn), self._state_message()]
 
     def started(self) -> list[StreamMessage]:
-        """Return a search begins: the marker of the one before is withdrawn."""
+        """Begin a search: the marker of the one before is withdrawn."""
         self._begin("running")
         return [*_marker(None), self.status, self._state_message()]
 
@@ -154,7 +154,7 @@ class Streams:
         return [self.status, *marker, self._state_message()]
 
     def _state_message(self) -> StreamMessage:
-        """Return the STRING: the state as JSON."""
+        """Return the state as JSON, a STRING."""
         state: dict[str, Any] = {"state": self._state}
         if self.registration is not None:
             state["registration"] = self.registration.known
@@ -238,7 +238,7 @@ def camera_transform(
 
 
 def _registration_status(view: SessionView, *, withdrawn: bool) -> StreamMessage:
-    """Return the STATUS of the registration: sent on each change."""
+    """Return the STATUS of the registration, which is sent on each change."""
     holds = view.registration is not None
     name = "REGISTERED" if holds else "WITHDRAWN" if withdrawn else "NOT_REGISTERED"
     status = igtl.Status(code=igtl.OK if holds else igtl.NOT_READY, name=name, message=view.sentence)

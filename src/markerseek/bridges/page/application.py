@@ -250,7 +250,7 @@ def _add_stop(application: FastAPI, searches: PageSearches) -> None:
 
     @application.post(STOP_PATH)
     async def stop() -> Response:
-        """Return the STOP, by a plain request: it needs no connection of NiceGUI, and does not wait for a thread."""
+        """Stop, by a plain request: it needs no connection of NiceGUI, and does not wait for a thread."""
         searches.stop()
         return Response(status_code=204)
 

@@ -50,7 +50,7 @@ class Listener(socket.socket):
         self._spare = os.open(os.devnull, os.O_RDONLY)
 
     def accept(self) -> tuple[socket.socket, tuple[str, int]]:
-        """Return the accept a connection; `BlockingIOError` if none waits, or others are to be served first."""
+        """Accept a connection; `BlockingIOError` if none waits, or others are to be served first."""
         self._accepted += 1
         if self._accepted > BATCH:
             self._accepted = 0

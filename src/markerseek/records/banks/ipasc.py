@@ -339,7 +339,7 @@ def walk_bank(path: Path) -> None:
 
 
 def as_bank_error(path: Path) -> AbstractContextManager[None]:
-    """Return the errors of the library as those of a bank."""
+    """Return a context in which the errors of the library become those of a bank."""
     cure = "it is damaged, or of another kind: take it from a backup or scan again"
     return as_record_error(path, what="bank in HDF5", cure=cure)
 

@@ -452,7 +452,7 @@ def _as_meta(path: Path, said: Mapping[str, str]) -> dict[str, str]:
 
 
 def _sizes(path: Path, said: Mapping[str, str]) -> tuple[int, int, int, int]:
-    """Return the columns, rows, components and frames, refused where they are no images in a row."""
+    """Return the columns, rows, components and frames; refused where they are no images in a row."""
     sizes = said.get("DimSize", "").split()
     kind = said.get("ElementType", "")
     kinds = said.get("Kinds", "").lower().split() or ["domain"] * (len(sizes) - 1) + ["list"]

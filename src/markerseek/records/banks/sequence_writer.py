@@ -122,9 +122,10 @@ def probe_to_probe_home(angle_deg: float) -> Float64[np.ndarray, "4 4"]:
 
 
 def image_to_probe(geometry: ScanGeometry, *, face_radius_m: float) -> Float64[np.ndarray, "4 4"]:
-    """Return the pixels (column, row, 0) to millimetres: the column along y, the row along z from the axis of rotation.
+    """Return the transform from pixels (column, row, 0) to millimetres.
 
-    The third axis of the image is one millimetre of x long.
+    The column is along y, the row along z from the axis of rotation. The third axis of the image is
+    one millimetre of x long.
     """
     matrix = np.zeros((4, 4))
     matrix[0, 2] = matrix[3, 3] = 1.0

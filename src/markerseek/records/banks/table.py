@@ -273,7 +273,7 @@ def _head(rows: CsvRows) -> str:
 def amplitudes(
     values: Float64[np.ndarray, " n"], *, db: bool, where: Callable[[int], str]
 ) -> Float64[np.ndarray, " n"]:
-    """Return the finite intensities as amplitudes, or refused.
+    """Return the finite intensities as amplitudes; others are refused.
 
     ``db``: whether they are in dB. ``where``: file and line of each, for the messages.
     """

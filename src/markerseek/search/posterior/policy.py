@@ -376,7 +376,7 @@ class Posterior(SearchPolicy):
         return None if first.missing is not None else self._progress_of(first)
 
     def progress_near(self, other: Posterior) -> Progress | None:
-        """Return how well that source is known which is the strongest of another posterior.
+        """Return how well the source is known here that is the strongest of another posterior.
 
         None if it is not detected.
         """

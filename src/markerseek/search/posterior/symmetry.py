@@ -392,7 +392,7 @@ def _covariance(
 
 @compiled
 def factor_and_invert(matrix: Float64[np.ndarray, "n n"], inverse: Float64[np.ndarray, "n n"]) -> float:
-    """Return the Cholesky's factor in place of the lower half, and its inverse; returns ln of the determinant."""
+    """Put Cholesky's factor in place of the lower half, and its inverse; return ln of the determinant."""
     # 3 to 8 times as fast as LAPACK through Numba for 3 to 16 samples (`benchmarks.kernels`): its calls allocate, and
     # the matrices are small. A decision makes some 300 of them.
     count = matrix.shape[0]

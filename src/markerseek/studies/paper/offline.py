@@ -245,7 +245,7 @@ def fig6(searches: Sequence[PaperSearch], own: OfflineBank | None = None) -> Sec
 
 
 def table1(searches: Sequence[PaperSearch], own: OfflineBank | None = None) -> Section:
-    """Return the table 1: errors after 16 acquisitions; ``own`` as in `fig6`."""
+    """Return Table 1: errors after 16 acquisitions; ``own`` as in `fig6`."""
     errors = {group: each for group, each in errors_by_group(searches).items() if group[3] == TABLE_ACQUISITIONS}
     comparisons = _of_own_bank(errors)
     if own is None:

@@ -115,7 +115,7 @@ def search_online(given: OnlineRun) -> PaperSearch:
 
 
 def table2(searches: Sequence[PaperSearch]) -> Section:
-    """Return the table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
+    """Return Table 2: errors of WA with its early end, and of TS and GSS after 16 acquisitions."""
     comparisons: list[Comparison] = []
     rows: list[tuple[TableCell, ...]] = []
     for level_db in LEVELS_DB:
