@@ -8,22 +8,17 @@ nothing was built: a saw, or a trace with breaths of uneven length and depth, he
 
 from __future__ import annotations
 
-import argparse
-import csv
-import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from multiprocessing import get_context
-from pathlib import Path
+from dataclasses import dataclass
 from time import process_time
 from typing import cast
 
-import msgspec
 import numpy as np
 from msgspec import structs
 
 from benchmarks.moving_tissue import Saw, Trace
+from benchmarks.registration.session_rows import SessionOutcome, run_missing, session_parser
 from markerseek.core import MarkerseekError
 from markerseek.registration import RegistrationSession, SessionPlan, SimulatedRoom, SimulatedRoomSettings, SpotRefused
 from markerseek.sim import STREAMING, TissueMotion
@@ -56,11 +51,9 @@ ROWS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class Outcome(SessionOutcome):
     """What came of one session; lengths in millimetres."""
 
-    row: str
-    seed: int
     registered: bool
     said: str
     """How the session ended, in words."""
@@ -117,26 +110,6 @@ def run(name: str, seed: int, *, commit: str) -> Outcome:
     )
 
 
-def read(path: Path) -> list[Outcome]:
-    """Outcomes of a file; none where there is no file."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [{key: value or None for key, value in row.items()} for row in csv.DictReader(file)]
-    return msgspec.convert(rows, list[Outcome], strict=False)
-
-
-def append(path: Path, outcome: Outcome) -> None:
-    """Write one more session to a file."""
-    names = [each.name for each in fields(Outcome)]
-    new = not path.exists()
-    with path.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if new:
-            writer.writerow(names)
-        writer.writerow(["" if (value := getattr(outcome, name)) is None else value for name in names])
-
-
 def table(found: Sequence[Outcome]) -> str:
     """The table of all rows as Markdown."""
     lines = [
@@ -169,33 +142,10 @@ def _cells(mine: Sequence[Outcome]) -> list[str]:
     ]
 
 
-def _run(task: tuple[str, int, str]) -> Outcome:
-    name, seed, commit = task
-    return run(name, seed, commit=commit)
-
-
 def main() -> None:
     """Run what is missing, and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.registration.breathing", description=__doc__)
-    parser.add_argument("--sessions", type=int, default=8, help="sessions of each row (8)")
-    parser.add_argument("--rows", nargs="+", choices=[*ROWS], default=[*ROWS], help="rows to run (all)")
-    parser.add_argument("--workers", type=int, default=2, help="processes (2)")
-    parser.add_argument("--out", type=Path, required=True, help="the CSV file of all sessions, which is added to")
-    arguments = parser.parse_args()
-    done = {(each.row, each.seed) for each in read(arguments.out)}
-    command = ["git", "rev-parse", "--short", "HEAD"]
-    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    tasks = [
-        (name, seed, commit)
-        for seed in range(FIRST_SEED, FIRST_SEED + arguments.sessions)
-        for name in arguments.rows
-        if (name, seed) not in done
-    ]
-    with get_context("spawn").Pool(arguments.workers) as pool:
-        for outcome in pool.imap_unordered(_run, tasks):
-            append(arguments.out, outcome)
-            sys.stderr.write(f"{outcome}\n")
-    sys.stdout.write(table(read(arguments.out)))
+    asked = session_parser("benchmarks.registration.breathing", __doc__, ROWS, sessions=8).parse_args()
+    sys.stdout.write(table(run_missing(asked, run, Outcome, first_seed=FIRST_SEED)))
 
 
 if __name__ == "__main__":

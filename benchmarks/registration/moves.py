@@ -13,22 +13,17 @@ in one direction, and smooth tissue with highlights alone, on which nothing can 
 
 from __future__ import annotations
 
-import argparse
-import csv
 import math
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
-from multiprocessing import get_context
-from pathlib import Path
 from time import process_time
 
-import msgspec
 import numpy as np
 
 from benchmarks.registration.forged_markers import CAMERAS, TISSUE_M, PriorScene
+from benchmarks.registration.session_rows import SessionOutcome, run_missing, session_parser
 from markerseek.core import Float32, Float64, SpotToSource
 from markerseek.registration import EndoscopeMove, SeenEndoscope, Spot, TakenMarker
 from markerseek.registration.choice import SeenMarker, choose
@@ -181,11 +176,9 @@ class _Scene(PriorScene):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class Outcome(SessionOutcome):
     """What came of one session; lengths in millimetres."""
 
-    row: str
-    seed: int
     texture: str
     when: str
     """Of `WHEN`; empty: nothing moves."""
@@ -316,35 +309,6 @@ def _taken(seen: SeenMarker, endoscope: SeenEndoscope | None) -> TakenMarker:
     )
 
 
-def _run(task: tuple[str, int, str]) -> Outcome:
-    name, seed, commit = task
-    return run(name, seed, commit=commit)
-
-
-def read(path: Path) -> list[Outcome]:
-    """Outcomes of a file; none where there is no file."""
-    if not path.exists():
-        return []
-    texts = {each.name for each in fields(Outcome) if each.type == "str"}
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [
-            {key: value if value or key in texts else None for key, value in row.items()}
-            for row in csv.DictReader(file)
-        ]
-    return msgspec.convert(rows, list[Outcome], strict=False)
-
-
-def append(path: Path, outcome: Outcome) -> None:
-    """Write one more session to a file."""
-    names = [each.name for each in fields(Outcome)]
-    new = not path.exists()
-    with path.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if new:
-            writer.writerow(names)
-        writer.writerow(["" if (value := getattr(outcome, name)) is None else value for name in names])
-
-
 HEADS = (
     "sessions",
     "move noticed",
@@ -399,26 +363,8 @@ def _row_cells(mine: Sequence[Outcome]) -> Iterator[str]:
 
 def main() -> None:
     """Run what is missing, and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.registration.moves", description=__doc__)
-    parser.add_argument("--sessions", type=int, default=30, help="sessions of each row (30)")
-    parser.add_argument("--rows", nargs="+", choices=[*ROWS], default=[*ROWS], help="rows to run (all)")
-    parser.add_argument("--workers", type=int, default=2, help="processes (2)")
-    parser.add_argument("--out", type=Path, required=True, help="the CSV file of all sessions, which is added to")
-    arguments = parser.parse_args()
-    done = {(each.row, each.seed) for each in read(arguments.out)}
-    command = ["git", "rev-parse", "--short", "HEAD"]
-    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    tasks = [
-        (name, seed, commit)
-        for seed in range(FIRST_SEED, FIRST_SEED + arguments.sessions)
-        for name in arguments.rows
-        if (name, seed) not in done
-    ]
-    with get_context("spawn").Pool(arguments.workers) as pool:
-        for outcome in pool.imap_unordered(_run, tasks):
-            append(arguments.out, outcome)
-            sys.stderr.write(f"{outcome}\n")
-    sys.stdout.write(table(read(arguments.out)))
+    asked = session_parser("benchmarks.registration.moves", __doc__, ROWS, sessions=30).parse_args()
+    sys.stdout.write(table(run_missing(asked, run, Outcome, first_seed=FIRST_SEED)))
 
 
 if __name__ == "__main__":

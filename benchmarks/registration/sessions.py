@@ -6,23 +6,19 @@ not have yet, and prints the table; the file grows session by session, so that a
 
 from __future__ import annotations
 
-import argparse
-import csv
 import math
-import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
-from multiprocessing import get_context
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from time import process_time
 from typing import cast
 
-import msgspec
 import numpy as np
 from msgspec import structs
 
 from benchmarks.registration.forged_markers import REACH, STEREO, ForgedScene
+from benchmarks.registration.session_rows import SessionOutcome, run_missing, session_parser
 from benchmarks.registration.trials import GRID_STEP_M, MARKER_PLACES
 from markerseek.acoustics import Absorber, Clutter
 from markerseek.core import AnglePrior, ConfigError, MarkerseekError, StereoPair
@@ -195,11 +191,9 @@ ROWS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class Outcome(SessionOutcome):
     """What came of one session; lengths in millimetres."""
 
-    row: str
-    seed: int
     registered: bool
     rig_s: float
     acquisitions: int
@@ -325,39 +319,6 @@ def _drawn(name: str, seed: int, *, commit: str) -> Outcome:
     )
 
 
-def _run(task: tuple[str, int, str, bool]) -> Outcome:
-    name, seed, commit, images = task
-    return run(name, seed, commit=commit, images=images)
-
-
-def read(path: Path) -> list[Outcome]:
-    """Outcomes of a file; none where there is no file."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [{key: value or None for key, value in row.items()} for row in csv.DictReader(file)]
-    texts = {each.name for each in fields(Outcome) if each.type == "str"}
-    full = [{key: ("" if value is None and key in texts else value) for key, value in row.items()} for row in rows]
-    return msgspec.convert(full, list[Outcome], strict=False)
-
-
-def outcomes(tasks: list[tuple[str, int, str, bool]], *, workers: int) -> Iterator[Outcome]:
-    """Run sessions, and give each when it is done."""
-    with get_context("spawn").Pool(workers) as pool:
-        yield from pool.imap_unordered(_run, tasks)
-
-
-def append(path: Path, outcome: Outcome) -> None:
-    """Write one more session to a file."""
-    names = [each.name for each in fields(Outcome)]
-    new = not path.exists()
-    with path.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if new:
-            writer.writerow(names)
-        writer.writerow(["" if (value := getattr(outcome, name)) is None else value for name in names])
-
-
 def table(found: list[Outcome]) -> str:
     """The table of all rows as Markdown."""
     lines = [
@@ -419,26 +380,18 @@ def markers_until(found: list[Outcome], name: str, goal_mm: float) -> str:
 
 def main() -> None:
     """Run what is missing, and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.registration.sessions", description=__doc__)
-    parser.add_argument("--sessions", type=int, default=30, help="sessions of each row (30)")
-    parser.add_argument("--rows", nargs="+", choices=[*ROWS], default=[*ROWS], help="rows to run (all)")
-    parser.add_argument("--workers", type=int, default=2, help="processes (2)")
+    parser = session_parser("benchmarks.registration.sessions", __doc__, ROWS, sessions=30)
     parser.add_argument("--images", action="store_true", help="with camera images, at three times the computing time")
-    parser.add_argument("--out", type=Path, required=True, help="the CSV file of all sessions, which is added to")
-    arguments = parser.parse_args()
-    done = {(each.row, each.seed, each.images) for each in read(arguments.out)}
-    command = ["git", "rev-parse", "--short", "HEAD"]
-    commit = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-    tasks = [
-        (name, seed, commit, arguments.images)
-        for seed in range(FIRST_SEED, FIRST_SEED + arguments.sessions)
-        for name in arguments.rows
-        if (name, seed, arguments.images) not in done
-    ]
-    for outcome in outcomes(tasks, workers=arguments.workers):
-        append(arguments.out, outcome)
-        sys.stderr.write(f"{outcome}\n")
-    sys.stdout.write(table(read(arguments.out)))
+    asked = parser.parse_args()
+    images: bool = asked.images
+    found = run_missing(
+        asked,
+        partial(run, images=images),
+        Outcome,
+        first_seed=FIRST_SEED,
+        counts=lambda each: each.images == images,
+    )
+    sys.stdout.write(table(found))
 
 
 if __name__ == "__main__":
