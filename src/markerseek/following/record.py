@@ -19,7 +19,7 @@ from markerseek.core import RecordError
 from markerseek.files import as_read_error, open_input
 from markerseek.following.follower import FollowStep
 from markerseek.following.plan import FollowPlan
-from markerseek.records.journal import LineFile, LineReader, line_of
+from markerseek.records.journal import LineFile, LineReader, await_file, line_of, yield_new
 
 WRITTEN_S = 0.1
 """Least time between two steps that say the same."""
@@ -149,16 +149,8 @@ def follow_record(path: Path, *, is_over: Callable[[], bool], wait: Callable[[],
     ``is_over``: whether no more will be written. ``wait``: called where nothing new is there. Raises `RecordError` at
     the first line that does not agree with its check sum.
     """
-    while not path.exists():
-        if is_over() and not path.exists():
-            return
-        wait()
+    if not await_file(path, is_over=is_over, wait=wait):
+        return
     with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
-        reader = _Lines(path, file.fileno())
-        while True:
-            over = is_over()
-            while (line := reader.next()) is not None:
-                yield line
-            if over:
-                return
-            wait()
+        lines: Iterator[FollowLine] = yield_new(_Lines(path, file.fileno()).next, is_over=is_over, wait=wait)
+        yield from lines

@@ -17,8 +17,11 @@ from markerseek.vision import ClockOffset, Moment, Sighting, TissueMoves
 MIN_RESTS = 2
 """Fewest pairs in a pause by which the rest of the tissue is placed."""
 
-NEAR_MM = 0.1, 0.25
-"""Distances from the end of exhalation within which the tissue is at its rest, and within which it pauses."""
+RESTS_WITHIN_MM = 0.1
+"""Distance from the end of exhalation within which the tissue is at its rest."""
+
+PAUSES_WITHIN_MM = 0.25
+"""Distance from it within which the tissue pauses."""
 
 MOST_LEFT_MM = 0.1
 """Largest error of a displacement, by that of the rotation, with which nothing has to wait for a pause."""
@@ -126,7 +129,7 @@ class CameraTissue:
     def _pause_at_s(self) -> float | None:
         """Return when the last pause began that was seen to begin, on the rig's clock; else as it was seen before."""
         way_mm = self._way_mm()
-        near = way_mm <= NEAR_MM[1]
+        near = way_mm <= PAUSES_WITHIN_MM
         times_s = np.array([at_s for at_s, _ in self._seen()])
         if not self._is_whole(way_mm):
             return self.breath.pause_at_s
@@ -187,7 +190,7 @@ class CameraTissue:
         seen = self._seen()
         way_mm = self._way_mm()
         if self._is_whole(way_mm):
-            rests = [sighting for (_, sighting), mm in zip(seen, way_mm, strict=True) if abs(mm) <= NEAR_MM[0]]
+            rests = [sighting for (_, sighting), mm in zip(seen, way_mm, strict=True) if abs(mm) <= RESTS_WITHIN_MM]
         else:
             rests = [sighting for at_s, sighting in seen if self.breath.in_pause(at_s - self.offset.offset_s)]
         if len(rests) < MIN_RESTS:

@@ -22,7 +22,17 @@ import numpy as np
 
 from markerseek.core import ConfigError, RecordError, StereoPair, UInt8
 from markerseek.files import MIB, as_read_error, data_folder, open_input, read_input, replace_file
-from markerseek.records.journal import MAGIC, LineFile, LineReader, is_written, line_of, lock, make_folder
+from markerseek.records.journal import (
+    MAGIC,
+    LineFile,
+    LineReader,
+    await_file,
+    is_written,
+    line_of,
+    lock,
+    make_folder,
+    yield_new,
+)
 from markerseek.registration.steps import Begun, RecordedStep
 from markerseek.registration.stereo_files import StereoSettings
 from markerseek.registration.view import SessionView
@@ -448,20 +458,14 @@ def follow_session(
     first line that does not agree with its check sum, and if the file is deleted or steps are cut off.
     """
     path = folder / NAME
-    while is_over is not None and not path.exists():
-        if is_over() and not path.exists():
-            return
-        wait()
+    if is_over is not None and not await_file(path, is_over=is_over, wait=wait):
+        return
     with as_read_error(path), open_input(path, most_bytes=_MOST_BYTES) as file:
         reader = _reader(path, file.fileno())
-        while True:
-            # Asked before the file is read: what was written before the end is read after it.
-            over = not is_written(file.fileno()) if is_over is None else is_over()
-            while (step := reader.next()) is not None:
-                yield step
-            if over:
-                return
-            wait()
+        steps: Iterator[RecordedStep] = yield_new(
+            reader.next, is_over=is_over or (lambda: not is_written(file.fileno())), wait=wait
+        )
+        yield from steps
 
 
 def sessions_folder() -> Path:

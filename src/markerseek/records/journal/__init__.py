@@ -28,6 +28,7 @@ from markerseek.records.journal.file import (
     make_folder,
     size_bytes_of,
 )
+from markerseek.records.journal.growing import await_file, yield_new
 from markerseek.records.journal.line_file import LineFile
 from markerseek.records.journal.lines import LineReader, line_of
 from markerseek.records.journal.reader import (
@@ -59,6 +60,7 @@ __all__ = [
     "Resuming",
     "RunPhase",
     "RunView",
+    "await_file",
     "decode_entry",
     "default_journal",
     "encode_entry",
@@ -77,4 +79,5 @@ __all__ = [
     "since_started",
     "size_bytes_of",
     "versions",
+    "yield_new",
 ]

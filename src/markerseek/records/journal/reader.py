@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from markerseek.core import RecordError, Started
 from markerseek.records.journal.entries import Configuration, JournalEntry, without_frame
 from markerseek.records.journal.file import as_journal_error, is_written, open_for_reading
+from markerseek.records.journal.growing import await_file, yield_new
 from markerseek.records.journal.lines import EntryReader, UnfinishedError
 
 JournalItem: TypeAlias = Configuration | JournalEntry
@@ -105,20 +106,11 @@ def follow_journal(
     ``is_over``: whether no more will be written; None: once no program has it open for writing. Where it is given, the
     file need not exist yet. ``wait``: called where nothing new is there. Raises `RecordError` at the first damage.
     """
-    while is_over is not None and not path.exists():
-        if is_over() and not path.exists():
-            return
-        wait()
+    if is_over is not None and not await_file(path, is_over=is_over, wait=wait):
+        return
     with _opened(path) as reader:
         yield reader.configuration
-        while True:
-            # Asked before the file is read: what was written before the end is read after it.
-            over = not is_written(reader.descriptor) if is_over is None else is_over()
-            while (entry := reader.next()) is not None:
-                yield entry
-            if over:
-                return
-            wait()
+        yield from yield_new(reader.next, is_over=is_over or (lambda: not is_written(reader.descriptor)), wait=wait)
 
 
 def since_started(entries: Sequence[JournalEntry]) -> tuple[JournalEntry, ...]:
