@@ -16,6 +16,7 @@ from markerseek.bridges.page.children import ChildRegistration, ChildSearch
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
 from markerseek.core import Failed, MoveError, RecordError, SearchError, SearchPlan
+from markerseek.files import replace_file
 from markerseek.records.journal import Interrupted, Journal, JournalEntry
 from markerseek.registration import SPOT_IS_SET, Ended, MovedMarker, SessionRecord, Spot, SpotSeen, Waiting
 from markerseek.rigs import read_rig_file
@@ -569,7 +570,9 @@ def test_the_images_of_the_cameras_are_live_while_a_session_waits(tmp_path):
     )
     for content in (b"a", b"b"):
         before = live.images_ns
-        (folder / "right.jpg").write_bytes(content)
+        # In one step, as a session does.
+        with replace_file(folder / "right.jpg") as part:
+            part.write_bytes(content)
         # No step comes meanwhile.
         wait_until(lambda before=before: live.images_ns != before)
         assert live.images_ns == (folder / "right.jpg").stat().st_mtime_ns
