@@ -227,3 +227,14 @@ def violations(watched: Watched) -> list[tuple[str, list[str]]]:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
     found = axe.Axe().run(watched.tab, options=AA).response["violations"]
     return [(each["id"], [node["html"] for node in each["nodes"]]) for each in found]
+
+
+def require_legible(watched: Watched, *widths: int) -> None:
+    """In both themes axe-core finds nothing, and at none of these widths in pixels the page scrolls sideways."""
+    for scheme in ("dark", "light"):
+        watched.tab.emulate_media(color_scheme=scheme)
+        assert violations(watched) == [], scheme
+    for width in widths:
+        watched.tab.set_viewport_size({"width": width, "height": 900})
+        watched.tab.wait_for_timeout(300)
+        assert watched.tab.evaluate("document.documentElement.scrollWidth") <= width

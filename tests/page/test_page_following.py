@@ -12,7 +12,7 @@ from markerseek.following import FollowBegun, FollowedRoom, FollowEnded, FollowS
 from markerseek.registration import SessionRecord, SimulatedRoomSettings, camera_text
 from markerseek.sim import STREAMING
 from tests import registration_sessions as sessions
-from tests.page.page_browser import LOST_MS, needs_browser, open_tab, served, sync_api, violations
+from tests.page.page_browser import LOST_MS, needs_browser, open_tab, require_legible, served, sync_api, violations
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
@@ -105,13 +105,7 @@ def test_a_click_into_the_left_image_turns_the_probe_there_and_stop_ends_it(brow
         watched.press("cancel")
         sync_api.expect(yes).to_be_hidden()
         permit_a_click(watched)
-        for scheme in ("dark", "light"):
-            watched.tab.emulate_media(color_scheme=scheme)
-            assert violations(watched) == [], scheme
-        for width in (390, 900, 1280):
-            watched.tab.set_viewport_size({"width": width, "height": 900})
-            watched.tab.wait_for_timeout(300)
-            assert watched.tab.evaluate("document.documentElement.scrollWidth") <= width
+        require_legible(watched, 390, 900, 1280)
         # Another place, under the same permit.
         repeat(lambda: click_at(watched, 0.47, 0.5), watched.tab.get_by_text("TURNING", exact=True))
         watched.tab.locator(".ms-stop").click()

@@ -14,7 +14,7 @@ import pytest
 
 from markerseek.records.journal import Interrupted, read_journal
 from markerseek.registration import Registered, SpotSeen, TakenMarker, Waiting, read_session
-from tests.page.page_browser import needs_browser, open_tab, served, sync_api, violations
+from tests.page.page_browser import needs_browser, open_tab, require_legible, served, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
@@ -98,13 +98,7 @@ def test_a_whole_session_is_seen_and_a_reload_shows_it_too(browser, tmp_path):
         given = json.loads(Path(waiting.value.path()).read_bytes())
         assert given.pop("simulation") == {"simulated": True, "seed": 3}
         assert given == json.loads(msgspec.json.encode(last.report))
-        for scheme in ("dark", "light"):
-            watched.tab.emulate_media(color_scheme=scheme)
-            assert violations(watched) == [], scheme
-        for width in (390, 900, 1400):
-            watched.tab.set_viewport_size({"width": width, "height": 900})
-            watched.tab.wait_for_timeout(300)
-            assert watched.tab.evaluate("document.documentElement.scrollWidth") <= width
+        require_legible(watched, 390, 900, 1400)
         assert watched.problems == []
         watched.tab.context.close()
 

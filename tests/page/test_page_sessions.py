@@ -10,7 +10,7 @@ from msgspec import structs
 from markerseek.registration import SessionRecord, camera_text, read_session
 from markerseek.registration.steps import SpotChecked
 from tests import registration_sessions as sessions
-from tests.page.page_browser import needs_browser, open_tab, served, sync_api, violations
+from tests.page.page_browser import needs_browser, open_tab, require_legible, served, sync_api
 
 pytestmark = [pytest.mark.real_time, needs_browser]
 
@@ -53,13 +53,7 @@ def test_sessions_are_listed_opened_and_deleted_after_a_question(browser, tmp_pa
         assert cards.nth(0).get_by_role("button", name="go on").count() == 1
         assert cards.nth(1).get_by_role("button", name="go on").count() == 0
         assert cards.nth(1).get_by_role("button", name="one more marker").count() == 1
-        for scheme in ("dark", "light"):
-            watched.tab.emulate_media(color_scheme=scheme)
-            assert violations(watched) == [], scheme
-        for width in (390, 1400):
-            watched.tab.set_viewport_size({"width": width, "height": 900})
-            watched.tab.wait_for_timeout(300)
-            assert watched.tab.evaluate("document.documentElement.scrollWidth") <= width
+        require_legible(watched, 390, 1400)
         cards.nth(0).get_by_role("button", name="delete").click()
         watched.tab.wait_for_selector("text=are removed from the disk for good")
         watched.press("keep it")
