@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from msgspec import structs
 from markerseek.bridges.follow_feed import SILENT_S
 from markerseek.bridges.igtl import FollowService
 from markerseek.bridges.igtl.follow_service import follow_messages
+from markerseek.core import ConfigError
 from markerseek.following import FollowStep
 from markerseek.wire import igtl
 
@@ -70,6 +73,20 @@ def received(connection: socket.socket, *, for_s: float) -> Iterator[tuple[float
         for header, body in framer.feed(data):
             if header.kind == "TRANSFORM":
                 yield now_s, igtl.decode(header, body)
+
+
+def test_it_opens_where_an_event_loop_runs_already_as_in_a_notebook() -> None:
+    async def opened() -> int:
+        with FollowService("127.0.0.1", 0, simulated=True, on_note=print) as service:
+            return service.port
+
+    with ThreadPoolExecutor(1) as alone:
+        assert alone.submit(lambda: asyncio.run(opened())).result() > 0
+
+
+def test_a_port_that_is_taken_is_the_callers_error() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(ConfigError, match="port"):
+        FollowService("127.0.0.1", taken.getsockname()[1], simulated=True, on_note=print)
 
 
 @pytest.mark.real_time

@@ -41,16 +41,18 @@ class FollowService(Closing):
         on_note: Callable[[str], None],
     ) -> None:
         self._feed = FollowFeed(simulated=simulated)
-        self._loop = asyncio.new_event_loop()
         self._server = IgtlServer(on_request=_refused, allowed=allowed, on_note=on_note)
-        try:
-            self.port = self._loop.run_until_complete(self._server.open(host, port))
-        except BaseException:
-            self._loop.close()
-            raise
+        self._loop = asyncio.new_event_loop()
         self._closing = asyncio.Event()
-        self._thread = threading.Thread(target=self._serve, name="follow-igtl", daemon=True)
+        # Opened in its own thread too: a notebook's thread runs an event loop already.
+        self._thread = threading.Thread(target=self._loop.run_forever, name="follow-igtl", daemon=True)
         self._thread.start()
+        try:
+            self.port = asyncio.run_coroutine_threadsafe(self._server.open(host, port), self._loop).result()
+        except BaseException:
+            self._end_loop()
+            raise
+        self._sending = asyncio.run_coroutine_threadsafe(self._send(), self._loop)
 
     def show(self, step: FollowStep) -> None:
         """Take a step of the run."""
@@ -60,13 +62,13 @@ class FollowService(Closing):
         """End all connections; allowed twice."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._closing.set)
-            self._thread.join()
+            self._sending.result()
+            self._end_loop()
 
-    def _serve(self) -> None:
-        try:
-            self._loop.run_until_complete(self._send())
-        finally:
-            self._loop.close()
+    def _end_loop(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
 
     async def _send(self) -> None:
         simulated = self._feed.simulated
