@@ -12,16 +12,18 @@ logarithm of the intensity is a parabola near its maximum, whose vertex is at
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
+from scipy.special import chdtri
 
 from markerseek.core import Float64, Reading, Sample, SpotToSource, place_sigmas_m
 from markerseek.following.aim import Aim
 from markerseek.search import noise_factor
 
-AGREE_SIGMAS = 3.0
-"""Standard deviations by which place and prediction may differ."""
+AGREES = 0.9973
+"""Probability with which a place agrees with a right prediction: that of three standard deviations along one axis."""
 
 CONFIRMED_M = 2e-3
 """Largest distance from the prediction that confirms it: twice the error at which a registration session ends."""
@@ -48,22 +50,13 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     lateral_sigma_m: float = 1.0
     depth_sigma_m: float = 1.0
     """``lateral_sigma_m``, ``depth_sigma_m``: standard deviations of these differences."""
+    squared: float = 0.0
+    """Square of the difference in its standard deviations, along both axes together."""
 
     @property
     def agrees(self) -> bool:
-        """Whether there is a source, and no place differs by more than `AGREE_SIGMAS`."""
-        return self.seen and all(
-            abs(off_m) <= AGREE_SIGMAS * sigma_m
-            for off_m, sigma_m in (
-                (self.lateral_off_m, self.lateral_sigma_m),
-                (self.depth_off_m, self.depth_sigma_m),
-            )
-        )
-
-    @property
-    def distance_m(self) -> float:
-        """Distance from the prediction in the image plane."""
-        return math.hypot(self.lateral_off_m, self.depth_off_m)
+        """Whether there is a source, and its place is one of the likeliest by the prediction."""
+        return self.seen and bool(self.squared <= chdtri(2, 1 - AGREES))
 
     @property
     def said(self) -> str:
@@ -87,25 +80,35 @@ def compare(sample: Sample, aim: Aim, *, face_radius_m: float, spot: SpotToSourc
         return Comparison(seen=False)
     turn = math.radians(aim.angle_deg - sample.angle_deg)
     slant_m = math.sqrt(face_radius_m**2 + aim.radius_m**2 - 2 * face_radius_m * aim.radius_m * math.cos(turn))
-    read_lateral_m, read_depth_m = place_sigmas_m(reading.coherence)
-    x, _, z = aim.trus_m
-    away = np.array([x, 0.0, z]) / aim.radius_m
     lateral_m = reading.lateral_m if reading.spot is None else reading.spot.lateral_m
     depth_m = reading.depth_m if reading.spot is None else reading.spot.depth_m
+    off_m = np.array([lateral_m - float(aim.trus_m[1]), depth_m - slant_m])
+    covariance_m2 = _expected_m2(aim, place_sigmas_m(reading.coherence), spot)
+    lateral_sigma_m, depth_sigma_m = np.sqrt(np.diag(covariance_m2))
     return Comparison(
         seen=True,
-        lateral_off_m=lateral_m - float(aim.trus_m[1]),
-        depth_off_m=depth_m - slant_m,
-        lateral_sigma_m=_sigma(aim.covariance_m2, np.array([0.0, 1.0, 0.0]), read_lateral_m, spot),
-        depth_sigma_m=_sigma(aim.covariance_m2, away, read_depth_m, spot),
+        lateral_off_m=float(off_m[0]),
+        depth_off_m=float(off_m[1]),
+        lateral_sigma_m=float(lateral_sigma_m),
+        depth_sigma_m=float(depth_sigma_m),
+        squared=_squared(off_m, covariance_m2),
     )
 
 
-def _sigma(
-    covariance_m2: Float64[np.ndarray, "3 3"], along: Float64[np.ndarray, " 3"], read_m: float, spot: SpotToSource
-) -> float:
-    """Return the standard deviation of a difference along a direction; ``read_m``: of the reading."""
-    return math.sqrt(float(along @ covariance_m2 @ along) + read_m**2 + spot.offset_sigma_m**2)
+def _expected_m2(aim: Aim, read_m: Sequence[float], spot: SpotToSource) -> Float64[np.ndarray, "axes axes"]:
+    """Return the covariance of the differences along the array, away from the axis, and about it, or of the first two.
+
+    ``read_m``: standard deviation of the reading along each of them.
+    """
+    x, _, z = aim.trus_m / aim.radius_m
+    axes = np.array([[0.0, 1.0, 0.0], [x, 0.0, z], [z, 0.0, -x]])[: len(read_m)]
+    own_m2 = np.square(read_m) + spot.offset_sigma_m**2
+    return np.asarray(axes @ aim.covariance_m2 @ axes.T + np.diag(own_m2))
+
+
+def _squared(off_m: Float64[np.ndarray, " axes"], covariance_m2: Float64[np.ndarray, "axes axes"]) -> float:
+    """Return the square of a difference in its standard deviations."""
+    return float(off_m @ np.linalg.solve(covariance_m2, off_m))
 
 
 def shows_source(reading: Reading) -> bool:
@@ -163,11 +166,12 @@ def confirm(
             "more pulses, or light tissue that absorbs more"
         )
     off_deg = angle_deg - aim.angle_deg
-    beside_deg = math.degrees(spot.offset_sigma_m / aim.radius_m)
     along_m = math.radians(off_deg) * aim.radius_m
-    distance_m = math.hypot(middle.distance_m, along_m)
-    right = abs(off_deg) <= AGREE_SIGMAS * math.hypot(aim.sigma_deg, sigma_deg, beside_deg)
-    if not (right and middle.agrees and distance_m <= CONFIRMED_M):
+    off_m = np.array([middle.lateral_off_m, middle.depth_off_m, along_m])
+    read_m = (*place_sigmas_m(samples[1].reading.coherence), math.radians(sigma_deg) * aim.radius_m)
+    distance_m = float(np.linalg.norm(off_m))
+    agrees = _squared(off_m, _expected_m2(aim, read_m, spot)) <= chdtri(3, 1 - AGREES)
+    if not (agrees and distance_m <= CONFIRMED_M):
         return NotConfirmed(
             reason=f"the source is {1e3 * distance_m:.1f} mm from the prediction: {off_deg:+.1f} ± "
             f"{math.hypot(aim.sigma_deg, sigma_deg):.1f} deg about the axis; {middle.said}; the registration is wrong, "

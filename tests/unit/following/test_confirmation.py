@@ -55,18 +55,26 @@ def test_a_frame_of_the_predicted_source_agrees(angle_deg: float, radius_m: floa
     expected = aim(radius_m * math.sin(angle), y_m, radius_m * math.cos(angle))
     compared = compare(sample(angle_deg + off_deg, expected.trus_m), expected, face_radius_m=FACE_M, spot=SPOT)
     assert compared.agrees
-    assert compared.distance_m == pytest.approx(0.0, abs=1e-9)
+    assert (compared.lateral_off_m, compared.depth_off_m) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("moved_mm", "agrees"), [((0, 1.0, 0), True), ((0, 3.0, 0), False), ((0, 0, 1.0), True), ((0, 0, -3.0), False)]
+    ("moved_mm", "agrees"),
+    [
+        ((0, 1.0, 0), True),
+        ((0, 3.0, 0), False),
+        ((0, 0, 1.0), True),
+        ((0, 0, -3.0), False),
+        # Along both axes less than three standard deviations, together more.
+        ((0, 1.0, 1.0), False),
+    ],
 )
 def test_a_source_elsewhere_does_not(moved_mm: tuple[float, float, float], agrees: bool) -> None:
     expected = aim(0.0, 0.0, 60e-3)
     source_m = expected.trus_m + 1e-3 * np.array(moved_mm)
     compared = compare(sample(0.0, source_m), expected, face_radius_m=FACE_M, spot=SPOT)
     assert compared.agrees is agrees
-    assert compared.distance_m == pytest.approx(1e-3 * np.linalg.norm(moved_mm), rel=1e-6)
+    assert (compared.lateral_off_m, compared.depth_off_m) == pytest.approx(1e-3 * np.array(moved_mm[1:]), rel=1e-6)
     # 0.3 mm of the prediction, 0.2 mm from spot to source, 0.05 mm of the image.
     assert compared.depth_sigma_m == pytest.approx(math.hypot(0.3e-3, 0.2e-3, 0.05e-3))
     assert f"{compared.depth_off_m * 1e3:+.1f}" in compared.said
@@ -113,6 +121,34 @@ def test_a_source_3_mm_beside_confirms_nothing(direction: tuple[float, float, fl
     beside_m = 3e-3 * np.array(direction) / np.linalg.norm(direction)
     verdict = confirm(around(expected.trus_m + beside_m, 0.0), expected, face_radius_m=FACE_M, spot=SPOT)
     assert isinstance(verdict, NotConfirmed)
+
+
+def test_a_source_unlikely_along_three_axes_together_confirms_nothing() -> None:
+    expected = aim(0.0, 0.0, 60e-3)
+    verdict = confirm(around(expected.trus_m + 0.95e-3, 0.0), expected, face_radius_m=FACE_M, spot=SPOT)
+    assert isinstance(verdict, NotConfirmed)
+    assert "the source is 1.6 mm from the prediction" in verdict.said
+
+
+def test_errors_that_go_together_are_looked_at_together() -> None:
+    """A registration known badly along one oblique line: a source on the line agrees, beside it not."""
+    line = np.array([0.0, 1.0, 1.0]) / math.sqrt(2)
+    covariance_m2 = 1e-6 * np.outer(line, line)
+    oblique = Aim(at_s=0.0, trus_m=np.array([0.0, 0.0, 60e-3]), covariance_m2=covariance_m2, noise_m2=0 * covariance_m2)
+    for moved_mm, agrees in (((0, 1.2, 1.2), True), ((0, 1.2, -1.2), False)):
+        seen = compare(
+            sample(0.0, oblique.trus_m + 1e-3 * np.array(moved_mm)), oblique, face_radius_m=FACE_M, spot=SPOT
+        )
+        assert seen.agrees is agrees
+
+
+def test_the_share_of_right_predictions_that_agree_is_that_of_three_standard_deviations() -> None:
+    rng = np.random.default_rng(5)
+    expected = aim(0.0, 0.0, 60e-3)
+    # The image's own 0.05 mm along the array and in depth, and 0.2 mm from spot to source.
+    places_m = expected.trus_m + rng.normal(scale=math.hypot(0.3e-3, 0.2e-3, 0.05e-3), size=(4000, 3))
+    agree = [compare(sample(0.0, each), expected, face_radius_m=FACE_M, spot=SPOT).agrees for each in places_m]
+    assert np.mean(agree) == pytest.approx(0.9973, abs=0.0025)
 
 
 def test_an_angle_that_is_hardly_known_confirms_nothing() -> None:
