@@ -30,9 +30,9 @@ def _of_commands() -> str:
     import typer
     from typer.cli import get_docs_for_click
 
-    from markerseek.cli.app import app
+    from markerseek.cli.app import all_commands
 
-    command = typer.main.get_command(app)
+    command = all_commands()
     text = get_docs_for_click(obj=command, ctx=typer.Context(command, info_name="markerseek"), name="markerseek")
     # Headings of commands stand under a heading of the page; what is shown of their use is no session.
     text = re.sub(r"^#(#+) `(.+)`$", r"##\1 \2", text.removeprefix("# `markerseek`"), flags=re.MULTILINE)

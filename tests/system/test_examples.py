@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 
-from markerseek.cli.app import app
+from markerseek.cli.app import all_commands
 from markerseek.core import ConfigError
 from markerseek.drivers import bench_settings_from
 from markerseek.records.journal import read_journal
@@ -126,7 +125,7 @@ def console_lines() -> list[str]:
 @pytest.mark.parametrize("line", console_lines())
 def test_the_commands_of_the_pages_are_understood(line: str) -> None:
     """Parsed as the shell and the command would, and not run."""
-    command = typer.main.get_command(app)
+    command = all_commands()
     words = shlex.split(line)[1:]
     # Typer has a Click of its own, so that isinstance would not know a group.
     while hasattr(command, "commands"):

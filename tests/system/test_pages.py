@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 
-from markerseek.cli.app import app
+from markerseek.cli.app import all_commands
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -85,7 +84,7 @@ def inline_commands() -> Iterator[str]:
 @pytest.mark.parametrize("line", sorted(set(inline_commands())))
 def test_a_command_in_the_text_is_understood(line: str) -> None:
     """The command exists, and so do its options; values that it would require may be missing in a sentence."""
-    command: Any = typer.main.get_command(app)
+    command: Any = all_commands()
     words = shlex.split(line)[1:]
     # Typer has a Click of its own, so that isinstance would not know a group.
     while hasattr(command, "commands") and words and not words[0].startswith("--"):
@@ -109,7 +108,7 @@ OTHERS = {"--no-deps", "--network", "--group", "--ros-args", "--folder", "--firs
 
 
 def test_an_option_in_the_text_is_one_of_some_command() -> None:
-    known = {*all_options(typer.main.get_command(app)), "--help", "--version", *OTHERS}
+    known = {*all_options(all_commands()), "--help", "--version", *OTHERS}
     named = {(page.name, option) for page in PAGES for option in re.findall(r"`(--[a-z][a-z0-9-]*)[ `]", prose(page))}
     assert len(named) > 50
     assert [each for each in sorted(named) if each[1] not in known] == []

@@ -1,128 +1,153 @@
 """The Typer application: all commands, their help, and the exit codes of expected errors.
 
-The help of a command has its examples before its options, the most used options first, and the others in panels.
+A command is imported when it is run, and all are for the help that lists them. The help of a command has its examples
+before its options, the most used options first, and the others in panels.
 """
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import io
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any
 
 import typer
 
 from markerseek._version import __version__
-from markerseek.cli import (
-    STOPPED_BY_USER,
-    bank,
-    calibrate,
-    doctor,
-    emulate,
-    follow,
-    frame,
-    igtl,
-    journal,
-    page,
-    register,
-    replay,
-    reproduce,
-    resume,
-    ros2,
-    search,
-    study,
-    tooltip,
-)
+from markerseek.cli import STOPPED_BY_USER
 from markerseek.cli.notes import notes_printed
 from markerseek.cli.signals import Stopped
 from markerseek.cli.terminal import print_error, print_warning
 from markerseek.core import ConfigError, MarkerseekError, SearchPlan, SimulationOptions, options_of
 
-app = typer.Typer(
-    name="markerseek",
-    help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
-    epilog="Try: markerseek search --seed 1 --plot\n\n"
-    "A rig file can run code: open those that you trust.\n\n"
-    "Exit codes: 0 found, or all is well; 3 any other answer; 1 a fault; 2 wrong usage, or a file that cannot be read; "
-    "4 not armed; 70 a defect of this program; 74 the output cannot be written",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Group:
+    """A command that has commands below it."""
+
+    help: str
+    below: Mapping[str, str]
+    """Where each command below it is: file of this package, and function in it."""
+    kind: str | None = None
+    """Where its class is, if it has one of its own."""
+
+
+_BANK = _Group(
+    help="Make, look at and convert banks: scans of many angles.",
+    below={"scan": "bank:scan", "info": "bank:info", "import": "bank:import_bank", "export": "bank:export_bank"},
 )
-
-
-_Commands: TypeAlias = dict[str, Callable[..., None] | typer.Typer]
-"""Commands by their names, and groups of commands."""
-
-
-def _add(app: typer.Typer, commands: _Commands, *, panel: str | None = None) -> None:
-    """Add commands; the help of one is its docstring, with the section of examples as command lines."""
-    for name, command in commands.items():
-        if isinstance(command, typer.Typer):
-            app.add_typer(command, name=name, rich_help_panel=panel)
-            continue
-        text, _, examples = inspect.cleandoc(command.__doc__ or "").partition("\n\nExamples\n--------\n")
-        # Two spaces at the end break a line in Markdown.
-        lines = "  \n".join([f"{text}\n\nExamples:", *examples.splitlines()])
-        app.command(name=name, help=lines, rich_help_panel=panel)(command)
-
-
-def _group(help_text: str, commands: _Commands, **options: Any) -> typer.Typer:
-    """Return a command that has commands below it."""
-    group = typer.Typer(help=help_text, no_args_is_help=True, rich_markup_mode="markdown", **options)
-    _add(group, commands)
-    return group
-
-
-_ROS2 = _group(
-    "Run a search, a run that follows, a stage, an acquisition or a simulated rig as ROS 2 nodes. What follows "
-    "`--ros-args` is for the node: `--ros-args -r __ns:=/left`.",
-    {"search": ros2.search, "follow": ros2.follow, "stage": ros2.stage, "acquire": ros2.acquire, "sim": ros2.sim},
-    cls=ros2.RosGroup,
-)
-_BANK = _group(
-    "Make, look at and convert banks: scans of many angles.",
-    {"scan": bank.scan, "info": bank.info, "import": bank.import_bank, "export": bank.export_bank},
-)
-_JOURNAL = _group(
-    "List, print, follow, check and compute again the journals of runs.",
-    {
-        "list": journal.list_journals,
-        "show": journal.show,
-        "follow": journal.follow,
-        "verify": journal.verify,
-        "replay": journal.replay,
+_JOURNAL = _Group(
+    help="List, print, follow, check and compute again the journals of runs.",
+    below={
+        "list": "journal:list_journals",
+        "show": "journal:show",
+        "follow": "journal:follow",
+        "verify": "journal:verify",
+        "replay": "journal:replay",
     },
 )
-_COMMANDS: dict[str, _Commands] = {
+_ROS2 = _Group(
+    help="Run a search, a run that follows, a stage, an acquisition or a simulated rig as ROS 2 nodes. What follows "
+    "`--ros-args` is for the node: `--ros-args -r __ns:=/left`.",
+    below={
+        "search": "ros2:search",
+        "follow": "ros2:follow",
+        "stage": "ros2:stage",
+        "acquire": "ros2:acquire",
+        "sim": "ros2:sim",
+    },
+    kind="ros2:RosGroup",
+)
+
+COMMANDS: dict[str, dict[str, str | _Group]] = {
     "Search": {
-        "search": search.command,
-        "resume": resume.command,
-        "page": page.command,
-        "igtl": igtl.command,
+        "search": "search:command",
+        "resume": "resume:command",
+        "page": "page:command",
+        "igtl": "igtl:command",
         "ros2": _ROS2,
     },
     "Recordings": {
-        "replay": replay.command,
-        "frame": frame.command,
-        "tooltip": tooltip.command,
+        "replay": "replay:command",
+        "frame": "frame:command",
+        "tooltip": "tooltip:command",
         "bank": _BANK,
         "journal": _JOURNAL,
     },
     "Rig and robot": {
-        "doctor": doctor.command,
-        "calibrate": calibrate.command,
-        "register": register.command,
-        "follow": follow.command,
+        "doctor": "doctor:command",
+        "calibrate": "calibrate:command",
+        "register": "register:command",
+        "follow": "follow:command",
     },
-    "Simulation and studies": {"emulate": emulate.command, "reproduce": reproduce.command, "study": study.command},
+    "Simulation and studies": {
+        "emulate": "emulate:command",
+        "reproduce": "reproduce:command",
+        "study": "study:command",
+    },
 }
-for _panel, _below in _COMMANDS.items():
-    _add(app, _below, panel=_panel)
+"""Where each command is, in the panels of the help."""
+
+
+class _Commands(Mapping[str, Any]):
+    """The commands of a group; the file of each is imported when the command is first asked for."""
+
+    def __init__(self, places: Mapping[str, str | _Group], panels: Mapping[str, str]) -> None:
+        self._places = places
+        self._panels = panels
+        self._built: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._built:
+            place = self._places[name]
+            panel = self._panels.get(name)
+            built = _group(name, place, panel) if isinstance(place, _Group) else _command(name, place, panel)
+            self._built[name] = _arranged(built)
+        return self._built[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+def _at(place: str) -> Any:
+    """Return what stands at ``file:name``."""
+    file, _, name = place.partition(":")
+    return getattr(importlib.import_module(f"markerseek.cli.{file}"), name)
+
+
+def _command(name: str, place: str, panel: str | None) -> Any:
+    """Return a command; its help is its docstring, with the section of examples as command lines."""
+    function: Callable[..., None] = _at(place)
+    text, _, examples = inspect.cleandoc(function.__doc__ or "").partition("\n\nExamples\n--------\n")
+    # Two spaces at the end break a line in Markdown.
+    lines = "  \n".join([f"{text}\n\nExamples:", *examples.splitlines()])
+    app = typer.Typer(rich_markup_mode="markdown")
+    app.command(name=name, help=lines, rich_help_panel=panel)(function)
+    return typer.main.get_group(app).commands[name]
+
+
+def _group(name: str, group: _Group, panel: str | None) -> Any:
+    """Return a command with those below it."""
+    app = typer.Typer(
+        name=name,
+        help=group.help,
+        cls=None if group.kind is None else _at(group.kind),
+        no_args_is_help=True,
+        rich_markup_mode="markdown",
+    )
+    built: Any = typer.main.get_group(app)
+    built.rich_help_panel = panel
+    built.commands = _Commands(group.below, panels={})
+    return built
 
 
 def _print_version(asked: bool) -> None:
@@ -131,7 +156,6 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _top(
     version: bool = typer.Option(
         False, "--version", help="Print the version and end.", callback=_print_version, is_eager=True
@@ -141,9 +165,26 @@ def _top(
 
 
 @cache
-def _built() -> Any:
-    """Return all commands, built once: it takes 40 ms, and a test runs many of them in one process."""
-    return _arranged(typer.main.get_command(app))
+def all_commands() -> Any:
+    """Return the command that all others are below."""
+    app = typer.Typer(
+        name="markerseek",
+        help="Find a photoacoustic marker with a motorised transrectal ultrasound probe.",
+        epilog="Try: markerseek search --seed 1 --plot\n\n"
+        "A rig file can run code: open those that you trust.\n\n"
+        "Exit codes: 0 found, or all is well; 3 any other answer; 1 a fault; 2 wrong usage, or a file that cannot be "
+        "read; 4 not armed; 70 a defect of this program; 74 the output cannot be written",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="markdown",
+    )
+    app.callback()(_top)
+    built: Any = typer.main.get_command(app)
+    built.commands = _Commands(
+        {name: place for below in COMMANDS.values() for name, place in below.items()},
+        panels={name: panel for panel, below in COMMANDS.items() for name in below},
+    )
+    return _arranged(built)
 
 
 FIRST = (
@@ -194,30 +235,22 @@ MANY = 10
 """Number of options from which on a command has panels."""
 
 
-def _arranged(group: Any) -> Any:
-    """Return the group, with the options of all its commands in their panels."""
-    for command in _every_command(group):
-        options = [each for each in command.params if each.param_type_name == "option"]
-        for each in [*options, command.get_help_option(typer.Context(command))]:
-            if getattr(each, "is_flag", False):
-                # Not "<bool>": a flag takes no value.
-                each.metavar = ""
-        for each in command.params:
-            if each not in options:
-                each.metavar = each.metavar or each.name.upper()
-        if len(options) > MANY:
-            for each in options:
-                option = each.opts[-1]
-                each.rich_help_panel = None if option in FIRST else _PANEL_OF.get(option, "More")
-            command.params.sort(key=lambda each: _rank(each.opts[-1]))
-    return group
-
-
-def _every_command(command: Any) -> Iterator[Any]:
-    """Yield a command, and all that it has below it where it is a group."""
-    yield command
-    for each in getattr(command, "commands", {}).values():
-        yield from _every_command(each)
+def _arranged(command: Any) -> Any:
+    """Return the command, with its options in their panels."""
+    options = [each for each in command.params if each.param_type_name == "option"]
+    for each in [*options, command.get_help_option(typer.Context(command))]:
+        if getattr(each, "is_flag", False):
+            # Not "<bool>": a flag takes no value.
+            each.metavar = ""
+    for each in command.params:
+        if each not in options:
+            each.metavar = each.metavar or each.name.upper()
+    if len(options) > MANY:
+        for each in options:
+            option = each.opts[-1]
+            each.rich_help_panel = None if option in FIRST else _PANEL_OF.get(option, "More")
+        command.params.sort(key=lambda each: _rank(each.opts[-1]))
+    return command
 
 
 _PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
@@ -247,7 +280,7 @@ def run_command() -> None:
     as_json = "--json" in sys.argv
     try:
         with notes_printed():
-            sys.exit(_built()(standalone_mode=False))
+            sys.exit(all_commands()(standalone_mode=False))
     except SystemExit as ended:
         if isinstance(ended, Stopped):
             raise

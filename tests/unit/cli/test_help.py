@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from markerseek.cli.app import FIRST, MANY, PANELS, _built
+from markerseek.cli.app import FIRST, MANY, PANELS, all_commands
 
 
 def printed(*words: str) -> list[str]:
@@ -31,7 +31,7 @@ def test_examples_and_the_ten_most_used_options_of_a_search_fit_one_screen() -> 
 def test_every_option_of_a_command_with_many_has_a_panel() -> None:
     known = {*FIRST, *(name for names in PANELS.values() for name in names)}
     met: set[str] = set()
-    groups = [_built()]
+    groups = [all_commands()]
     for group in groups:
         for command in group.commands.values():
             if hasattr(command, "commands"):

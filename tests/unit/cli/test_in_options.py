@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -42,9 +43,10 @@ def test_a_message_has_the_words_of_the_command_line(message: str, printed: str)
     assert in_options(message) == printed
 
 
-def options() -> set[str]:
-    """Every option of every command."""
-    return {name for command in app._every_command(app._built()) for each in command.params for name in each.opts}
+def options_of(command: Any) -> set[str]:
+    """Options of a command, and of all below it."""
+    own = {name for each in command.params for name in each.opts}
+    return own.union(*(options_of(each) for each in getattr(command, "commands", {}).values()))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def test_every_argument_that_a_message_names_is_an_option(texts: list[str]) -> N
     marked = [in_options(text) for text in texts if "`" in text]
     named = {option for text in marked for option in re.findall(r"(?<![\w-])--[a-z-]+[a-z]", text)}
     assert len(named) > 20
-    assert named <= options()
+    assert named <= options_of(app.all_commands())
 
 
 def test_every_function_that_a_message_names_has_a_command(texts: list[str]) -> None:
@@ -77,7 +79,7 @@ def commands() -> list[str]:
 
 @pytest.mark.parametrize("words", commands())
 def test_every_command_is_one(words: str) -> None:
-    command = app._built()
+    command = app.all_commands()
     for word in words.split():
         if word.startswith("--"):
             assert word in {name for each in command.params for name in each.opts}

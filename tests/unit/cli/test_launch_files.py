@@ -8,9 +8,8 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
-import typer
 
-from markerseek.cli.app import app
+from markerseek.cli.app import all_commands
 
 FILES = sorted((Path(__file__).parents[3] / "examples" / "ros2").glob("*.launch.xml"))
 
@@ -26,7 +25,7 @@ def test_each_command_is_one_of_ours_and_each_variable_is_declared(path: Path) -
         assert used <= declared
         words = shlex.split(executable.attrib["cmd"].replace("$(var options)", ""))
         assert words[:2] == ["markerseek", "ros2"]
-        command = typer.main.get_command(app).commands["ros2"].commands[words[2]]
+        command = all_commands().commands["ros2"].commands[words[2]]
         known = {name for each in command.params for name in each.opts}
         assert {word for word in words if word.startswith("--")} <= known
         # Nothing is armed from a launch file, and nothing is declared there in somebody's name.
