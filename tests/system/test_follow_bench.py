@@ -12,8 +12,7 @@ import pytest
 from msgspec import structs
 
 from markerseek.registration import SessionRecord
-from markerseek.rigs import read_rig_file
-from markerseek.rigs.rig import fingerprint
+from markerseek.rigs import bench_fingerprint, read_rig_file
 from tests.emulated import emulation, ran
 from tests.faults.followed_runs import CAMERA_TO_TRUS, registration
 from tests.registration_sessions import BEGUN, registered
@@ -77,7 +76,10 @@ def test_a_registration_whose_stage_was_turned_since_asks_for_a_spot(
         done = {}
         for name, stage_since in (("same", since), ("other", "2026-01-01T00:00:00.000+00:00")):
             begun = structs.replace(
-                BEGUN, rig=fingerprint(read_rig_file(devices.rig)), description=title.strip(), stage_since=stage_since
+                BEGUN,
+                rig=bench_fingerprint(read_rig_file(devices.rig)),
+                description=title.strip(),
+                stage_since=stage_since,
             )
             with closing(SessionRecord.create(tmp_path / name, begun)) as record:
                 record.add(structs.replace(registered(4), report=report))

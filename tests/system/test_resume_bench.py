@@ -17,7 +17,7 @@ from markerseek.core import ConfigError, Interval
 from markerseek.drivers import BenchSettings, Kdc101Settings, LaserBoxSettings, SonixDaqSettings
 from markerseek.guard import FiringLimits, Limits
 from markerseek.records.journal import Configuration, Journal, RecordedRun
-from markerseek.rigs import BenchRecipe, SimulatedRecipe, fingerprint
+from markerseek.rigs import BenchRecipe, SimulatedRecipe, bench_fingerprint
 from markerseek.runs import rebuild_rig, require_same_measurement
 from markerseek.sim import SimulatedSettings
 from tests.unit.records.journal.synthetic_journals import changed, configuration
@@ -59,7 +59,7 @@ def begun_with(settings: BenchSettings, **changes: object) -> Configuration:
     return configuration(
         kind="bench",
         recipe=msgspec.Raw(msgspec.json.encode(BenchRecipe.of(settings))),
-        fingerprint=fingerprint(settings),
+        fingerprint=bench_fingerprint(settings),
         search=settings.limits.search,
         truth_deg=None,
         seed=None,
@@ -149,7 +149,7 @@ def test_emulated_devices_do_not_continue_a_search_of_others(
     held = changed(held, emulated=was)
     facts = structs.replace(held.facts, emulated=now)
     rig = SimpleNamespace(facts=facts, close=lambda: closed.append(True))
-    monkeypatch.setattr("markerseek.rigs.bench", lambda _: rig)
+    monkeypatch.setattr("markerseek.runs.recorded_rig.bench", lambda _: rig)
     said = f"the emulated devices of the journal are: {', '.join(was) or 'none'}; those of the rig file are: "
     with pytest.raises(ConfigError, match=said):
         rebuild_rig(recorded(held), bench_settings=settings)

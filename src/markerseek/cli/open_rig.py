@@ -46,7 +46,7 @@ def open_rig(
     then streams its frames, and the gain of a simulated one leaves room for the noise of single pulses. ``trace``: file
     of the trace; None for that of the rig file. Raises `DeviceError` if a device does not answer, or is not ready.
     """
-    from markerseek.sim import STREAMING
+    from markerseek.sim import STREAMING, SimulatedSettings
 
     settings = None if path is None else rigs.read_rig_file(path)
     if sweeps and path is None:
@@ -54,7 +54,7 @@ def open_rig(
             f"[dim]simulated: a PRM1Z8 at its limits ({STREAMING.stage.speed_deg_s:g} deg/s), and a receiver that "
             f"streams {1 / STREAMING.receiver.frame_period_s:g} frames a second[/]"
         )
-    if isinstance(settings, drivers.BenchSettings):
+    if settings is not None and not isinstance(settings, SimulatedSettings):
         if options.given():
             raise ConfigError(
                 f"{' and '.join(options.given())}: only for a simulated rig, and {path} is one of devices (kind "

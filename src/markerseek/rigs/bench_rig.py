@@ -14,11 +14,23 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 from msgspec import structs
 
 from markerseek.contract import RuleCheck, check_laser, check_receiver, check_stage
-from markerseek.core import Clock, ConfigError, Laser, NotConnectedError, Permit, Receiver, RigFacts, Stage
+from markerseek.core import (
+    Clock,
+    ConfigError,
+    Laser,
+    NotConnectedError,
+    Permit,
+    Receiver,
+    RecordError,
+    RigFacts,
+    SpotToSource,
+    Stage,
+)
 from markerseek.drivers import (
     PARTS,
     BenchProbe,
@@ -32,6 +44,7 @@ from markerseek.drivers import (
     SimulatedReceiverSettings,
     SimulatedStageSettings,
     SystemClock,
+    bench_settings_from,
     entry_of,
     is_emulated,
     metered,
@@ -39,7 +52,8 @@ from markerseek.drivers import (
     traced,
 )
 from markerseek.guard import Admission, Guard
-from markerseek.rigs.rig import BenchRecipe, Rig, fingerprint, read_simulated, with_probe
+from markerseek.rigs.rig import Rig, fingerprint_of, with_probe
+from markerseek.rigs.rig_file import read_simulated
 from markerseek.rigs.scene import draw_scene
 from markerseek.rigs.simulation import DARK_FRAMES
 from markerseek.ros import RosNode
@@ -236,6 +250,35 @@ class _Laser(SimulatedLaser):
         return super().fire(permit)
 
 
+class BenchRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="bench"):
+    """Arguments of `markerseek.rigs.bench_rig.bench`, as the tables of its rig file."""
+
+    # Plain values: the drivers that they name are looked up when they are compared with a rig file.
+    tables: dict[str, Any] = msgspec.field(name="settings")
+
+    @classmethod
+    def of(cls, settings: BenchSettings) -> BenchRecipe:
+        """Return the recipe with these settings."""
+        return cls(tables=settings.table())
+
+    @property
+    def settings(self) -> BenchSettings:
+        """The settings; `RecordError` if the tables hold none."""
+        try:
+            return bench_settings_from(self.tables)
+        except (ConfigError, RecursionError) as problem:
+            raise RecordError(f"the journal's rig cannot be read: {problem}") from problem
+
+
+def bench_fingerprint(settings: BenchSettings) -> str:
+    """Return the fingerprint of a bench with these settings."""
+    table = settings.table()
+    # Fingerprints of rigs are older than this key.
+    if settings.spot == SpotToSource():
+        del table["spot"]
+    return fingerprint_of(table)
+
+
 def bench(settings: BenchSettings) -> Rig:
     """Return a rig of real devices; connecting to them moves nothing and fires nothing.
 
@@ -275,7 +318,7 @@ def _assembled(settings: BenchSettings, devices: OpenDevices, imaging: ImageRead
         kind="bench",
         description=f"{stage_name}, {acquisition_name}"
         + ("" if settings.supervisor.enabled or not settings.lines else ", WITHOUT a supervisor"),
-        fingerprint=fingerprint(settings),
+        fingerprint=bench_fingerprint(settings),
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
         motion_mm=settings.tissue.motion_mm,

@@ -6,17 +6,28 @@ import math
 from pathlib import Path
 from typing import Literal, SupportsFloat
 
+import msgspec
 import numpy as np
 
 from markerseek.core import RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
-from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, TableFormat
-from markerseek.rigs.probe_file import preset_of, read_recording
+from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat
+from markerseek.rigs.bank_probe import preset_of, read_recording
 from markerseek.rigs.replay_devices import ReplayLaser, ReplayReceiver, ReplayStage
-from markerseek.rigs.rig import ReplayedRecipe, Rig, fingerprint, with_probe
+from markerseek.rigs.rig import Rig, fingerprint_of, with_probe
 from markerseek.scan import Scanner
 from markerseek.signals import ImageReader, IntensityReader, ProbePreset, is_own
 from markerseek.sim import VirtualClock
+
+
+class ReplayedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="replayed"):
+    """Arguments of `markerseek.rigs.replayed`; the path is absolute."""
+
+    path: str
+    probe: str | ProbePreset | None
+    reference_deg: float | None
+    between: Literal["nearest", "interpolated"]
+    table: TableFormat = DEFAULT_FORMAT
 
 
 def replayed(
@@ -92,7 +103,7 @@ def replayed(
     facts = RigFacts(
         kind="replayed",
         description=f"{path}, {len(bank.angles_deg)} angles" + (", interpolated between them" if interpolated else ""),
-        fingerprint=fingerprint(bank),
+        fingerprint=_fingerprint(bank),
         search=bank.range,
         face_radius_m=bank.facts.face_radius_m,
         reference_deg=reference_deg,
@@ -116,3 +127,13 @@ def replayed(
             table=table,
         ),
     )
+
+
+def _fingerprint(bank: IntensityBank | FrameBank) -> str:
+    """Return the fingerprint of a recording: of its metadata, without its frames.
+
+    Unknown metadata are left out, so that it does not change when a later version adds a field.
+    """
+    facts = msgspec.to_builtins(bank.facts)
+    known = {name: value for name, value in facts.items() if value is not None}
+    return fingerprint_of({"angles_deg": bank.angles_deg, "intensities": bank.intensities, "facts": known})

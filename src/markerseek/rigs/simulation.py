@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import SupportsFloat, SupportsIndex, TypeAlias
 
+import msgspec
 import numpy as np
 from msgspec import structs
 
 from markerseek.acoustics import Absorber
 from markerseek.core import ConfigError, RigFacts, SimulationOptions
 from markerseek.guard import Admission, FiringLimits, Guard
-from markerseek.rigs.rig import Rig, SimulatedRecipe, fingerprint, read_simulated, with_probe
+from markerseek.rigs.rig import Rig, fingerprint_of, with_probe
 from markerseek.rigs.scene import Scene, draw_scene, image_reader
 from markerseek.scan import Scanner
 from markerseek.signals import IntensityReader
@@ -31,6 +32,7 @@ from markerseek.sim import (
     SimulatedWorld,
     VirtualClock,
     World,
+    hashable_values,
     with_options,
 )
 
@@ -39,6 +41,18 @@ DARK_FRAMES = 3
 
 USUAL_CELLS = 460_000
 """Approximate number of independent envelope cells in an image of the simulated probe."""
+
+
+class SimulatedRecipe(msgspec.Struct, frozen=True, kw_only=True, tag="simulated"):
+    """Arguments of `markerseek.rigs.simulated`."""
+
+    seed: int
+    settings: SimulatedSettings
+    pace: float
+
+    def __post_init__(self) -> None:
+        if not self.seed >= 0:
+            raise ConfigError(f"seed is {self.seed}, it must be 0 or a positive whole number")
 
 
 def require_seed(seed: SupportsIndex) -> int:
@@ -99,7 +113,7 @@ def rig_in_world(
     facts = RigFacts(
         kind="simulated",
         description=f"{what}, peak SNR {settings.noise.peak_snr_db:g} dB" + ("" if seed is None else f", seed {seed}"),
-        fingerprint=fingerprint(settings),
+        fingerprint=fingerprint_of(hashable_values(settings)),
         search=settings.limits.search,
         face_radius_m=settings.probe.face_radius_m,
         motion_mm=settings.motion.stated_mm,
@@ -200,9 +214,13 @@ def simulated(
     """
     seed = require_seed(seed)
     pace = float(pace)
-    if not isinstance(settings, SimulatedSettings):
-        path = None if settings is None else Path(settings)
-        settings = read_simulated(path, cure="a simulated rig is needed: name a file of kind simulated")
+    if settings is None:
+        settings = SimulatedSettings()
+    elif not isinstance(settings, SimulatedSettings):
+        # Here: with the keys of a rig file come those of all drivers.
+        from markerseek.rigs.rig_file import read_simulated
+
+        settings = read_simulated(Path(settings), cure="a simulated rig is needed: name a file of kind simulated")
     chosen = SimulationOptions(
         tissue=tissue,
         no_marker=no_marker,

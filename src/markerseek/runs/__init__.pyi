@@ -14,15 +14,8 @@ from .former_runs import JournalSummary, former_curve, journal_summary, read_mar
 from .image_ring import ImageRing, hand_images_on
 from .journalled import configuration_of
 from .own_method import own_errors, own_method, require_own
-from .rebuild import (
-    answer_again,
-    rebuild_image_reader,
-    rebuild_policy,
-    rebuild_reader,
-    rebuild_rig,
-    recorded_bench,
-    require_same_measurement,
-)
+from .rebuild import answer_again, rebuild_image_reader, rebuild_policy, rebuild_reader
+from .recorded_rig import rebuild_rig, recorded_bench, require_same_measurement
 from .resume import require_reset, tell_recorded
 from .run import Run, answer_from_all, find_marker, new_run, plan_on, require_possible, resumed_run
 

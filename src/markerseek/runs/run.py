@@ -244,7 +244,7 @@ def new_run(rig: Rig, plan: SearchPlan, *, policy: Policy | None = None, tissue:
 def resumed_run(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: str, reset_fault: bool) -> Run:
     """Return a search that is resumed; nothing moves before `Run.events` is iterated.
 
-    ``rig``: rig of the journal, from `markerseek.runs.rebuild.rebuild_rig`.
+    ``rig``: rig of the journal, from `markerseek.runs.rebuild_rig`.
     """
     return Run(
         policy=rebuild_policy(recorded.configuration),

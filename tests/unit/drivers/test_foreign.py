@@ -17,8 +17,8 @@ from markerseek.core import ConfigError, DeviceError, Interval, LaserError, NotC
 from markerseek.drivers import BenchSettings, StandardStage, bench_settings_from
 from markerseek.drivers.entry import Opening
 from markerseek.drivers.foreign import ForeignLaser, ForeignStage, OwnLaser, OwnStage
-from markerseek.rigs import BenchRecipe, bench, fingerprint, read_rig_file
-from markerseek.runs.rebuild import differences_of_benches
+from markerseek.rigs import BenchRecipe, bench, bench_fingerprint, read_rig_file
+from markerseek.runs.recorded_rig import differences_of_benches
 from markerseek.sim import VirtualClock
 
 STAGE = """
@@ -315,7 +315,7 @@ def test_a_journal_imports_nothing_and_is_compared_by_all_keys_but_the_port(rig:
     recorded = BenchRecipe.of(was).settings
     assert recorded.stage.beside == ""  # type: ignore[attr-defined]
     assert recorded.table() == was.table()
-    assert fingerprint(recorded) == fingerprint(was) != fingerprint(now)
+    assert bench_fingerprint(recorded) == bench_fingerprint(was) != bench_fingerprint(now)
     differences = differences_of_benches(recorded, now)
     assert set(differences) == {"stage.port", "stage.zero_deg"}
     assert [key.startswith(now.comparable) and not key.endswith(".port") for key in sorted(differences)] == [

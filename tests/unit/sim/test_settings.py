@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import structs
 
-from markerseek.rigs import fingerprint
+from markerseek.rigs import simulated
 from markerseek.sim import LaserSettings, SimulatedSettings
 from markerseek.sim.settings import hashable_values
 
@@ -28,4 +28,4 @@ def test_a_setting_that_is_newer_than_published_tables_is_hashed_only_where_it_i
     assert {name: set(each) if isinstance(each, dict) else each for name, each in values.items()} == HASHED
     used = structs.replace(SimulatedSettings(), laser=LaserSettings(energy_spread=0.1))
     assert set(hashable_values(used)["laser"]) == HASHED["laser"] | {"energy_spread"}
-    assert fingerprint(used) != fingerprint(SimulatedSettings())
+    assert simulated(1, settings=used).facts.fingerprint != simulated(1).facts.fingerprint

@@ -28,7 +28,7 @@ from markerseek.records.journal import (
     salvage,
 )
 from markerseek.records.journal.lines import FORMAT_VERSION, MAX_LINE_BYTES
-from markerseek.runs.rebuild import rebuild_reader, rebuild_rig
+from markerseek.runs import rebuild_reader, rebuild_rig
 from markerseek.signals import ImageReader
 from tests.sizes import LONG
 from tests.unit.records.journal.synthetic_journals import (
