@@ -8,11 +8,13 @@ import shlex
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
+from markerseek.bridges.follow_feed import SENT_S
 from markerseek.cli.app import all_commands
+from markerseek.registration.steps import Begun, RecordedStep
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -196,6 +198,21 @@ def test_the_messages_that_the_questions_quote_are_those_of_the_program() -> Non
         assert parts, message
         for part in parts:
             assert any(" ".join(some) in said for some in (part, part[-4:], part[:4])), f"{message}: {part}"
+
+
+def test_the_page_of_the_journal_names_the_steps_of_a_session() -> None:
+    text = (DOCS / "reference" / "journal-format.md").read_text(encoding="utf-8")
+    (listed,) = re.findall(r"`type` is its kind: (.*?)\. Sessions", text, re.DOTALL)
+    tags = [kind.__struct_config__.tag for kind in get_args(RecordedStep) if kind is not Begun]
+    assert re.findall(r"`([a-z-]+)`", listed) == tags
+
+
+def test_the_pages_say_how_often_the_transform_is_sent_while_the_probe_follows() -> None:
+    assert int(1 / SENT_S) == 12
+    pages = ("reference/commands.md", "how-to/watch-a-search-in-slicer.md", "how-to/use-it-with-ros-2.md")
+    for page in pages:
+        text = " ".join((DOCS / page).read_text(encoding="utf-8").split())
+        assert "twelve times a second" in text, page
 
 
 PRINTED = re.compile(

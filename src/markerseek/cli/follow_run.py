@@ -151,7 +151,7 @@ class FollowPlace:
         typer.Option(
             min=0,
             max=65535,
-            help="Serve the transform of the camera over OpenIGTLink on this port of this computer, ten times a "
+            help="Serve the transform of the camera over OpenIGTLink on this port of this computer, twelve times a "
             "second, with its validity and error; 0 takes any that is free.",
         ),
     ] = None
