@@ -127,7 +127,7 @@ class SearchWatch:
 
         ``name``: of the marker. ``breath``: how the tissue breathes, on the cameras' clock; None: it is not known.
         """
-        return WatchedMotion.of(name, self.moments, spot_m=self._spot_m, breath=breath)
+        return WatchedMotion.of(name, self._seen(self.clock()), spot_m=self._spot_m, breath=breath)
 
     @property
     def later(self) -> list[StereoPair]:
@@ -233,9 +233,12 @@ class SearchWatch:
         return bool(told.endoscope) and told.endoscope[-1].until_s <= last_s - RETURN_S
 
     def _told(self, clock: ClockOffset | None = None) -> ToldApart:
-        """Tell what moved, without what looks like a spot while the laser is dark."""
-        seen = [moment for moment in self.moments if moment.spot is None or self._is_lit(moment.at_s, clock)]
-        return told_apart(sorted(seen, key=lambda moment: moment.at_s))
+        """Tell what moved."""
+        return told_apart(sorted(self._seen(clock), key=lambda moment: moment.at_s))
+
+    def _seen(self, clock: ClockOffset | None) -> list[Moment]:
+        """Return what was seen, without what looks like a spot while the laser is dark."""
+        return [moment for moment in self.moments if moment.spot is None or self._is_lit(moment.at_s, clock)]
 
     def _is_lit(self, camera_s: float, clock: ClockOffset | None) -> bool:
         """Whether the laser may have fired in the exposure of a pair."""

@@ -5,6 +5,7 @@ A session writes it into its folder again and again, as it does with the newest 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -43,7 +44,7 @@ class WatchedMotion(msgspec.Struct, frozen=True, kw_only=True):
     def of(
         cls,
         name: str,
-        moments: tuple[Moment, ...],
+        moments: Sequence[Moment],
         *,
         spot_m: Float64[np.ndarray, " 3"],
         breath: TissueMoves | None,

@@ -104,6 +104,16 @@ def test_the_blinking_shows_the_offset_of_the_cameras_clock(world: World) -> Non
     assert clock.offset_s == pytest.approx(LATE_S - 0.01, abs=0.03)
 
 
+def test_what_looks_like_a_spot_while_the_laser_is_dark_is_not_drawn_as_one(world: World) -> None:
+    watch = followed(world, [moved()] * 12)
+    shown_s = watch.motion("1", breath=None).spot_s
+    assert len(shown_s) == 4
+    dark_s = 7 * 0.5 + LATE_S + 0.25
+    watch.look(replace(lit(world.pair(), spot_m(world)), at_s=dark_s))
+    assert watch.moments[-1].spot is not None
+    assert watch.motion("1", breath=None).spot_s == shown_s
+
+
 def test_a_spot_that_slides_is_told_and_one_that_stays_on_moving_tissue_is_not(world: World) -> None:
     still = moved()
     slid = followed(world, [still] * 24, slid_mm=(0.0,) * 12 + (1.5,) * 12).told()
