@@ -24,8 +24,11 @@ class Option:
 
     name: str
     """Name of the field."""
-    kind: type[bool] | type[int] | type[float] | type[str] | type[AnglePrior]
-    """Type of the value; the value may also be ``None`` if that is the default."""
+    kind: Any
+    """Type of the value: bool, int, float, str, `AnglePrior`, or, on the command line alone, a ``Literal`` of texts.
+
+    The value may also be ``None`` if that is the default.
+    """
     default: Any
     """Value if nobody chooses one."""
     shown: str | None
@@ -42,16 +45,17 @@ class Option:
 
     def read(self, text: str) -> bool | float | str | AnglePrior:
         """Return the value that a text states; `ConfigError` if the text does not have the type of this option."""
-        if issubclass(self.kind, AnglePrior):
-            return self.kind.parse(text)
+        if self.kind is AnglePrior:
+            return AnglePrior.parse(text)
         try:
             if self.kind is bool:
                 return _TRUTH[text.lower()]
-            return self.kind(text)
+            value: float | str = self.kind(text)
         except (KeyError, ValueError):
             raise ConfigError(
                 f"{self.name} is {text[:40]!r}, it must be {_IN_WORDS[self.kind]}; correct it, or leave it out"
             ) from None
+        return value
 
 
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
