@@ -22,8 +22,8 @@ KNEES: tuple[tuple[float, float, float], ...] = (
 
 
 def log_curve(
-    distance_deg: Float64[np.ndarray, " distances"], *, fwhm_deg: float, tail: float, knee: float
-) -> Float64[np.ndarray, " distances"]:
+    distance_deg: Float64[np.ndarray, "*distances"], *, fwhm_deg: float, tail: float, knee: float
+) -> Float64[np.ndarray, "*distances"]:
     """Return ln S of (1) of the posterior at distances from the marker.
 
     ``distance_deg``: distances t, of either sign. ``fwhm_deg``: full width at half maximum F. ``tail``, ``knee``:

@@ -352,7 +352,7 @@ def _directions() -> Float64[np.ndarray, "directions 3"]:
 
 def along_turn(
     prior: Float64[np.ndarray, " overall"],
-    logs: tuple[Float64[np.ndarray, " sigmas"], Float64[np.ndarray, " sigmas"]] | None,
+    logs: tuple[Float64[np.ndarray, " places"], Float64[np.ndarray, " places"]] | None,
 ) -> Float64[np.ndarray, " sigmas"]:
     """Return the probability of each of `SIGMAS_M`, from the prior over σ and the likelihoods of (16).
 
