@@ -105,9 +105,9 @@ def test_the_blinking_shows_the_offset_of_the_cameras_clock(world: World) -> Non
 
 
 def test_what_looks_like_a_spot_while_the_laser_is_dark_is_not_drawn_as_one(world: World) -> None:
-    watch = followed(world, [moved()] * 12)
+    watch = followed(world, [moved()] * 36)
     shown_s = watch.motion("1", breath=None).spot_s
-    assert len(shown_s) == 4
+    assert len(shown_s) == 12
     dark_s = 7 * 0.5 + LATE_S + 0.25
     watch.look(replace(lit(world.pair(), spot_m(world)), at_s=dark_s))
     assert watch.moments[-1].spot is not None
