@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import time
 from pathlib import Path
@@ -23,10 +24,9 @@ def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices
     with emulation(tmp_path, "--endoscope", seed=3, text=world) as devices:
         bench = devices.folder
         kept = tmp_path / "session"
-        images = f"{bench / 'left'} {bench / 'right'}"
-        given = ["--rig", devices.rig, "--cameras", bench / "stereo.toml", "--images", images, "--record", kept]
-        options = ["--arm", "--endoscope-held", "--markers", 3, "--wait-s", 60, *(["--sweep"] if sweep else [])]
-        command = markerseek("register", *given, *options, "--trace", bench / "lines.txt")
+        (proposed,) = re.findall(r"^try: markerseek register (.*)$", devices.said, re.MULTILINE)
+        options = ["--record", kept, "--markers", 3, "--wait-s", 60, *(["--sweep"] if sweep else [])]
+        command = markerseek("register", *shlex.split(proposed), *options, "--trace", bench / "lines.txt")
         said = []
         with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
             assert process.stderr is not None

@@ -125,7 +125,7 @@ def _serve(
             left, right = images.folders
             stdout.print(
                 f"try: markerseek register --rig {quoted(rig_file)} --cameras {quoted(stereo)} "
-                f"--images {shlex.quote(f'{left} {right}')} --arm"
+                f"--images {shlex.quote(f'{left} {right}')} --endoscope-held --arm"
             )
             stdout.print(images.said)
         stdout.print("Ctrl-C ends it")
