@@ -53,5 +53,6 @@ def test_who_lights_the_places_that_are_asked_for_registers_the_emulated_devices
     target_m = np.array([0.0, 0.0, 0.04, 1.0])
     error_m = np.linalg.norm((np.array(report["davinci_to_trus"]) @ np.linalg.inv(true) @ target_m - target_m)[:3])
     assert error_m < 2 * report["tre95_m"] < 8e-3
-    # A rig of devices writes nothing but the session's folder.
-    assert {path.name for path in tmp_path.iterdir()} == {"bench", "session", "world.toml"}
+    # A rig of devices writes nothing but the session's folder, and where the stage was left.
+    assert {path.name for path in tmp_path.iterdir()} == {"bench", "data", "session", "world.toml"}
+    assert [path.parent.name for path in (tmp_path / "data").rglob("*") if path.is_file()] == ["stages"]
