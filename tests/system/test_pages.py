@@ -12,9 +12,12 @@ from typing import Any, get_args
 
 import pytest
 
+from markerseek import SearchPlan, find_marker, replayed
 from markerseek.bridges.follow_feed import SENT_S
+from markerseek.bridges.request import OPTIONS
 from markerseek.cli.app import all_commands
 from markerseek.registration.steps import Begun, RecordedStep
+from markerseek.show import flat_result
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -213,6 +216,19 @@ def test_the_pages_say_how_often_the_transform_is_sent_while_the_probe_follows()
     for page in pages:
         text = " ".join((DOCS / page).read_text(encoding="utf-8").split())
         assert "twelve times a second" in text, page
+
+
+def test_the_page_of_slicer_names_the_options_of_a_command() -> None:
+    text = (DOCS / "how-to" / "watch-a-search-in-slicer.md").read_text(encoding="utf-8")
+    (listed,) = re.findall(r"for `--tolerance-mm`: (.*?)\. `StopSearch`", text, re.DOTALL)
+    assert re.findall(r"`(\w+)`", listed) == [name.title().replace("_", "") for name in OPTIONS]
+
+
+def test_the_page_of_results_names_the_keys_of_a_search() -> None:
+    text = (DOCS / "reference" / "results.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"`(\w+)`", text.partition("## JSON of a search")[2].partition("## A result in Python")[0]))
+    recorded = replayed(ROOT / "examples" / "simulated_scan.csv")
+    assert set(flat_result(find_marker(recorded, SearchPlan(method="weighted-average")))) - listed == set()
 
 
 PRINTED = re.compile(
