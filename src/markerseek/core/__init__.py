@@ -112,6 +112,7 @@ from markerseek.core.reading import (
     ReadingFrame,
     Sample,
     SpotEnergy,
+    not_finite,
 )
 from markerseek.core.shapes import Bool, Complex128, Float32, Float64, Int16, Int32, Int64, UInt8
 from markerseek.core.spot import SpotToSource
@@ -270,6 +271,7 @@ __all__ = [
     "marker_candidates",
     "marker_position",
     "needs_package",
+    "not_finite",
     "options_of",
     "place_sigmas_m",
     "plain",

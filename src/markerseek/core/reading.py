@@ -387,7 +387,19 @@ _OPTIONAL = tuple(
     for name in Reading.__struct_fields__
     if name not in ("intensity", "spot", "dead_channels", "arrivals", "local_maxima")
 )
-"""Features that may be unknown."""
+"""Features that are a number, or None if unknown."""
+
+
+def not_finite(reading: Reading) -> str | None:
+    """Return the name of the first feature that is neither None nor a finite number; None if there is none.
+
+    For a reading of a class that does not check itself.
+    """
+    for name in _OPTIONAL:
+        value = getattr(reading, name)
+        if value is not None and not is_finite(value):
+            return name
+    return None
 
 
 class Sample(EqualWithout, frozen=True, kw_only=True):

@@ -17,6 +17,7 @@ from markerseek.core import (
     ReadingFrame,
     SaturationError,
     is_finite,
+    not_finite,
     require_range,
 )
 
@@ -93,10 +94,8 @@ class Admission:
         """
         if not (is_finite(reading.intensity) and reading.intensity >= 0):
             raise AcquisitionError(f"intensity is {reading.intensity}: it must be finite and at least 0; take it again")
-        for name in Reading.__struct_fields__:
-            checked = name in ("dead_channels", "arrivals", "local_maxima", "spot")  # when they were made
-            if not checked and (value := getattr(reading, name)) is not None and not is_finite(value):
-                raise AcquisitionError(f"{name} is {value}, it must be finite; take it again")
+        if (name := not_finite(reading)) is not None:
+            raise AcquisitionError(f"{name} is {getattr(reading, name)}, it must be finite; take it again")
         sigma = reading.noise_sigma
         if sigma is not None and usual_sigma and not 1 / self.noise_ratio <= sigma / usual_sigma <= self.noise_ratio:
             why = f"the noise is {sigma:.3g} and was {usual_sigma:.3g} at first in this run, by more than a factor of"
