@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from markerseek import rigs
@@ -53,8 +54,8 @@ def test_a_child_sends_the_events_and_gives_the_answer_of_the_same_search_in_thi
             assert (one.sample.frame.samples == other.sample.frame.samples).all()
     result = run.result()
     assert outcome.exit_code == (0 if result.found else 3)
-    assert outcome.answer["angle_deg"] == result.angle_deg
-    assert [sample["angle_deg"] for sample in outcome.answer["samples"]] == [s.angle_deg for s in result.samples]
+    assert outcome.printed["angle_deg"] == result.angle_deg
+    assert [sample["angle_deg"] for sample in outcome.printed["samples"]] == [s.angle_deg for s in result.samples]
 
 
 def test_a_child_that_is_stopped_says_so_and_its_exit_code_is_passed_on(tmp_path: Path) -> None:
@@ -84,7 +85,7 @@ def test_a_child_that_is_stopped_while_python_starts_is_no_fault_and_prints_no_t
     outcome = child.outcome()
     assert (outcome.failed, outcome.answered) == (False, False)
     assert outcome.exit_code == 128 + signal.SIGINT
-    assert outcome.answer == {"error": "stopped by the user", "kind": "KeyboardInterrupt"}
+    assert outcome.printed == {"error": "stopped by the user", "kind": "KeyboardInterrupt"}
     assert capfd.readouterr().err == "error: stopped by the user\n"
 
 
@@ -131,15 +132,15 @@ def test_26_7_a_child_whose_bridge_is_killed_or_hangs_stops_the_search_within_5_
     ],
 )
 def test_an_angle_is_said_and_claimed_only_where_a_marker_was_found(answer: str, reason: str | None, said: str) -> None:
-    outcome = Outcome(exit_code=0, answer={"answer": answer, "angle_deg": 1.7, "reason": reason})
+    outcome = Outcome.of(0, msgspec.json.encode({"answer": answer, "angle_deg": 1.7, "reason": reason}))
     assert outcome.message == said
 
 
 def test_of_a_published_form_nothing_is_claimed_and_a_kill_is_named() -> None:
     answer = {"answer": "found", "angle_deg": 1.7, "reason": None, "as_published": True}
-    message = Outcome(exit_code=0, answer=answer).message
+    message = Outcome.of(0, msgspec.json.encode(answer)).message
     assert message == "angle 1.700°, nothing is claimed"
-    killed = Outcome(exit_code=137, answer=None).message
+    killed = Outcome(exit_code=137).message
     assert killed == "the command ended with exit code 137, by SIGKILL"
 
 

@@ -77,7 +77,7 @@ def by_device(streams: list[StreamMessage]) -> dict[str, StreamMessage]:
 def ended(answer: str, *, exit_code: int = 3, **known: object) -> list[StreamMessage]:
     streams = Streams()
     streams.started()
-    return streams.ended(Outcome(exit_code=exit_code, answer={"answer": answer, "angle_deg": 1.0, **known}))
+    return streams.ended(Outcome.of(exit_code, msgspec.json.encode({"answer": answer, "angle_deg": 1.0, **known})))
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_a_place_that_is_known_roughly_is_no_marker() -> None:
 def test_a_command_that_ends_without_its_answer_is_a_fault() -> None:
     streams = Streams()
     streams.started()
-    assert by_device(streams.ended(Outcome(exit_code=0, answer=None)))["PaSearch"].content.name == "FAULT"
+    assert by_device(streams.ended(Outcome(exit_code=0)))["PaSearch"].content.name == "FAULT"
 
 
 def test_the_marker_of_the_search_before_is_withdrawn_when_the_next_begins() -> None:

@@ -1,6 +1,7 @@
-from .child import ChildRun, Outcome, Searches, SearchOptions
+from .child import ChildRun, Searches, SearchOptions
 from .follow_feed import FollowFeed, StepListener
 from .followed import FollowedSession, RegistrationSource, open_registration
+from .outcome import Outcome
 from .request import OPTIONS, SearchRequest
 
 __all__ = [

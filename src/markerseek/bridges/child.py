@@ -20,10 +20,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import TypeVar
 
 import msgspec
 
+from markerseek.bridges.outcome import Outcome, PrintedError
 from markerseek.bridges.request import SearchRequest
 from markerseek.bridges.run_images import PicturedItem, with_images
 from markerseek.core import MarkerseekError, RecordError, SearchError
@@ -31,16 +32,12 @@ from markerseek.drivers import BenchSettings
 from markerseek.records.journal import JournalItem, default_journal, follow_journal, make_folder
 from markerseek.rigs import read_rig_file
 from markerseek.runs import ImageRing
-from markerseek.show import answer_line
 
 TERMINATE_S = 2.0
 """Time from SIGINT to SIGTERM when a child is stopped, in seconds: SIGINT is ignored in what a script starts with &."""
 
 _BEAT_S = 0.5
 """Longest time between two beats of the heartbeat that a child is sent, in seconds."""
-
-_NOT_ARMED = 4
-"""Exit code of a command whose rig nobody armed."""
 
 _POLL_S = 0.004
 """Time between two looks for a new entry, in seconds."""
@@ -50,65 +47,6 @@ _HANDING_ON = frozenset({"search", "resume"})
 
 _MAX_ANSWER_BYTES = 1 << 24
 """Largest JSON object of a command; the result of 500 acquisitions has 100 kilobytes."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """How a child ended."""
-
-    exit_code: int
-    """That of the command: 0 found, 3 any other answer, 1 a fault, 2 wrong usage, 4 not armed; 128 + the signal's
-    number if it was stopped or killed."""
-    answer: dict[str, Any] | None
-    """The JSON object that it printed: its result, or an object with ``error`` and ``kind``; None if it printed
-    none."""
-
-    @classmethod
-    def of(cls, exit_code: int, text: bytes) -> Self:
-        """Return how a command ended that printed a text."""
-        try:
-            answer = msgspec.json.decode(text)
-        except (msgspec.MsgspecError, ValueError, RecursionError):
-            answer = None
-        return cls(exit_code=exit_code, answer=answer if isinstance(answer, dict) else None)
-
-    @property
-    def answered(self) -> bool:
-        """Whether the search came to its end: with a marker, or with any other answer."""
-        return self.exit_code in {0, 3}
-
-    @property
-    def stopped(self) -> bool:
-        """Whether it was stopped, by a person or a program."""
-        return self.exit_code in {128 + signal.SIGINT, 128 + signal.SIGTERM}
-
-    @property
-    def failed(self) -> bool:
-        """Whether it ended by a fault: not with an answer, not stopped, not left unarmed."""
-        return not (self.answered or self.stopped or self.exit_code == _NOT_ARMED)
-
-    @property
-    def message(self) -> str:
-        """One sentence for whoever asked."""
-        answer = self.answer or {}
-        if "error" in answer:
-            return str(answer["error"])
-        if self.exit_code == _NOT_ARMED:
-            return (
-                "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the "
-                "bridge or page"
-            )
-        if "answer" in answer:
-            return answer_line(
-                answer["answer"],
-                answer["angle_deg"],
-                sigma_deg=answer.get("sigma_deg"),
-                interval95_deg=answer.get("interval95_deg"),
-                reason=answer.get("reason"),
-                as_published=bool(answer.get("as_published")),
-            )
-        killed = {128 + each: f", by {each.name}" for each in signal.Signals}.get(self.exit_code, "")
-        return f"the command ended with exit code {self.exit_code}{killed}"
 
 
 _Item = TypeVar("_Item")
@@ -253,7 +191,7 @@ class EndedRun(ChildRun):
 
     def __init__(self) -> None:
         """Make one that was stopped by the end of the program that ran it."""
-        self._ended = Outcome(exit_code=128 + signal.SIGTERM, answer=None)
+        self._ended = Outcome(exit_code=128 + signal.SIGTERM)
 
     @property
     def running(self) -> bool:
@@ -323,7 +261,8 @@ class FollowedChild:
                 self.child.stop()
             outcome = self.child.outcome()
             if failure is not None:
-                outcome = Outcome(exit_code=1, answer={"error": str(failure), "kind": type(failure).__name__})
+                error = PrintedError(error=str(failure), kind=type(failure).__name__)
+                outcome = Outcome.of(1, msgspec.json.encode(error))
             self._on_end(outcome)
 
 

@@ -84,8 +84,8 @@ def search(
             served.close()
         outcome = served.outcome
     if once and outcome is not None:
-        if as_json and outcome.answer is not None:
-            print_json(outcome.answer)
+        if as_json and outcome.printed is not None:
+            print_json(outcome.printed)
         stderr.print(outcome.message, markup=False)
         raise typer.Exit(outcome.exit_code)
     raise Stopped(128 + stopped[0] if stopped else 0)

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Literal
 
-from markerseek.bridges.child import Outcome, Searches, SearchOptions
+from markerseek.bridges.child import Searches, SearchOptions
 from markerseek.bridges.followed import RegistrationSource
 from markerseek.bridges.igtl.commands import (
     CommandAnswer,
@@ -22,6 +22,7 @@ from markerseek.bridges.igtl.commands import (
 )
 from markerseek.bridges.igtl.peer import LOOPBACK, SLOW_S, IPAddress, Peer, plain_address
 from markerseek.bridges.igtl.streams import StreamMessage, Streams
+from markerseek.bridges.outcome import Outcome
 from markerseek.bridges.run_images import PicturedItem
 from markerseek.core import ConfigError, SearchError, plain
 from markerseek.wire import igtl

@@ -20,7 +20,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from markerseek.bridges.child import Outcome
+from markerseek.bridges.outcome import Outcome
 from markerseek.bridges.run_images import PicturedEntry, PicturedItem, since_fired_s
 from markerseek.core import Float64, Measured
 from markerseek.records.banks import image_to_probe, probe_to_probe_home
@@ -57,7 +57,7 @@ class Streams:
 
     def _begin(self, state: str) -> None:
         self._state = state
-        self._outcome = Outcome(exit_code=0, answer=None)
+        self._outcome = Outcome(exit_code=0)
         self._view: RunView | None = None
         self._problem = ""
 
@@ -87,10 +87,9 @@ class Streams:
             case "running":
                 return igtl.BUSY, "SEARCHING", (self._view and event_line(self._view)) or "the search begins"
         outcome = self._outcome
-        answer = outcome.answer or {}
-        if outcome.answered and "answer" in answer:
+        if outcome.answered and outcome.result is not None:
             # The answer's own name: a marker that is unsure, ambiguous or at a bound may well be there.
-            name = "no claim" if answer.get("as_published") else str(answer["answer"])
+            name = "no claim" if outcome.result.as_published else outcome.result.answer
             return igtl.OK, name.upper().replace(" ", "_"), outcome.message
         if outcome.stopped:
             return igtl.OK, "STOPPED", outcome.message
@@ -145,11 +144,11 @@ class Streams:
         """Return the search has ended."""
         self._state = "ended"
         self._outcome = outcome
-        answer = outcome.answer or {}
+        result = outcome.result
         marker = []
         # A place that is known roughly is not for a robot that aims at it.
-        if answer.get("found") and not answer.get("as_published") and answer.get("marker_trus_m"):
-            x, y, z = (1e3 * each for each in answer["marker_trus_m"])
+        if result is not None and result.is_claimed and result.marker_trus_m is not None:
+            x, y, z = (1e3 * each for each in result.marker_trus_m)
             marker = _marker(igtl.Point(name="PaMarker", group=self.metadata.get("rig", ""), position_mm=(x, y, z)))
         return [self.status, *marker, self._state_message()]
 
@@ -167,7 +166,7 @@ class Streams:
         if self._state == "ended":
             outcome = self._outcome
             # 500 acquisitions would not fit into a STRING; they were sent one by one.
-            result = {key: value for key, value in (outcome.answer or {}).items() if key != "samples"}
+            result = {key: value for key, value in (outcome.printed or {}).items() if key != "samples"}
             state |= {"exit_code": outcome.exit_code, "message": outcome.message, "result": result or None}
         text = msgspec.json.encode(state)
         if len(text) > igtl.MAX_TEXT_BYTES:

@@ -12,7 +12,8 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from markerseek.bridges.child import ChildRun, FollowedChild, Outcome
+from markerseek.bridges.child import ChildRun, FollowedChild
+from markerseek.bridges.outcome import Outcome
 from markerseek.bridges.page.run_history import RunHistory
 from markerseek.bridges.page.session_display import session_verdict
 from markerseek.bridges.request import AnyRequest, FollowRequest
@@ -89,7 +90,7 @@ class ChildSearch:
         if outcome.stopped:
             return STOPPED.replace("stopped: ", f"stopped: {self._because}; ") if self._because else STOPPED
         # A search of devices that was killed could not see to laser and stage itself.
-        killed = outcome.failed and outcome.answer is None and not self._simulated
+        killed = outcome.failed and outcome.printed is None and not self._simulated
         return outcome.message + (f"; {SUPERVISED_END}" if killed else "")
 
     @property

@@ -64,7 +64,7 @@ def _before_first(live: ChildFollowing) -> Verdict:
         verdict = live.verdict(None)
         begins = verdict.word == "STARTING" and not verdict.next_step
         return replace(verdict, turn="the registration is read, the cameras are opened") if begins else verdict
-    if (outcome.answer or {}).get("kind") == "ConfigError":
+    if outcome.error is not None and outcome.error.kind == "ConfigError":
         return Verdict(word="NOT FOLLOWED", kind="unsure", problem=live.message)
     return Verdict(word="FAULT", kind="fault", problem=live.message, next_step=AGAIN)
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from markerseek.bridges.child import Outcome
+from markerseek.bridges.outcome import Outcome
 from markerseek.core import SearchError
 
 REPORT_S = 120.0

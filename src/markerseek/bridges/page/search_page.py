@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import msgspec
 from nicegui import ui
 
+from markerseek.bridges.outcome import Outcome, PrintedResult
 from markerseek.bridges.page.children import ChildSearch
 from markerseek.bridges.page.controls import USUAL, RunControls
 from markerseek.bridges.page.page_searches import PageSearches
@@ -16,11 +16,6 @@ from markerseek.bridges.page.panels import SearchPanels, Timeline, VerdictPanel
 from markerseek.bridges.page.report_buttons import report_button
 from markerseek.bridges.page.reports import make_search_report
 from markerseek.show import Verdict
-
-
-def is_claimed(answer: Mapping[str, Any]) -> bool:
-    """Whether a search claims its angle; the paper's form of a method answers always and claims nothing."""
-    return bool(answer["answer"] == "found" and not answer["as_published"])
 
 
 class ResultRow:
@@ -35,28 +30,35 @@ class ResultRow:
             self._copy_button = _button("copy the angle", "content_copy").on_click(self._copy)
 
     @property
-    def _answer(self) -> dict[str, Any]:
-        """The result; empty if there is none."""
-        answer = (self._live and self._live.outcome and self._live.outcome.answer) or {}
-        return answer if "angle_deg" in answer else {}
+    def _outcome(self) -> Outcome | None:
+        """How the search ended that is shown; None before."""
+        return None if self._live is None else self._live.outcome
+
+    @property
+    def _result(self) -> PrintedResult | None:
+        """Its result; None if there is none."""
+        return None if self._outcome is None else self._outcome.result
 
     def show(self, live: ChildSearch | None) -> None:
         """Show the buttons once there is a result."""
         self._live = live
-        answer = self._answer
-        self._bar.set_visibility(bool(answer))
+        result = self._result
+        self._bar.set_visibility(result is not None)
         # An angle that nobody claims must not find its way into a protocol.
-        self._copy_button.set_visibility(bool(answer) and is_claimed(answer))
+        self._copy_button.set_visibility(result is not None and result.is_claimed)
 
     def _give_json(self) -> None:
-        ui.download.content(msgspec.json.format(msgspec.json.encode(self._answer), indent=2), "search.json")
+        if self._outcome is not None:
+            printed = msgspec.json.encode(self._outcome.printed)
+            ui.download.content(msgspec.json.format(printed, indent=2), "search.json")
 
     def _make(self) -> dict[str, bytes] | None:
         return None if self._live is None else make_search_report(self._live.journal)
 
     def _copy(self) -> None:
-        ui.clipboard.write(f"{self._answer['angle_deg']:.4f}")
-        ui.notify("the angle is in the clipboard")
+        if self._result is not None:
+            ui.clipboard.write(f"{self._result.angle_deg:.4f}")
+            ui.notify("the angle is in the clipboard")
 
 
 def _button(text: str, icon: str) -> ui.button:

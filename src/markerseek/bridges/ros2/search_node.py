@@ -5,7 +5,8 @@ from __future__ import annotations
 import queue
 from typing import Any
 
-from markerseek.bridges.child import Outcome, Searches, SearchOptions
+from markerseek.bridges.child import Searches, SearchOptions
+from markerseek.bridges.outcome import Outcome
 from markerseek.bridges.request import SearchRequest
 from markerseek.bridges.ros2.sample_topics import SampleTopics
 from markerseek.bridges.run_images import PicturedItem
@@ -82,7 +83,7 @@ class SearchNode:
         self.running = False
         self.outcome = outcome
         self._publish_result(
-            {"state": "ended", "exit_code": outcome.exit_code, "message": outcome.message, "result": outcome.answer}
+            {"state": "ended", "exit_code": outcome.exit_code, "message": outcome.message, "result": outcome.printed}
         )
 
     def _publish_result(self, content: dict[str, Any]) -> None:

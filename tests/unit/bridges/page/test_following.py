@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from msgspec import structs
 
-from markerseek.bridges.child import Outcome
+from markerseek.bridges.outcome import Outcome
 from markerseek.bridges.page.children import ChildFollowing
 from markerseek.bridges.page.following_display import follow_chart, follow_marks, follow_rows, follow_verdict
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
@@ -47,7 +47,7 @@ class WrittenChild:
         self.command = command
         self.running = True
         self.has_written = True
-        self.ends = Outcome(exit_code=0, answer=None)
+        self.ends = Outcome(exit_code=0)
         self.record = FollowRecord.create(journal, BEGUN)
 
     def beating(self, lines):
@@ -57,7 +57,7 @@ class WrittenChild:
         threading.Event().wait(0.01)
 
     def stop(self, number=None):
-        self.ends = Outcome(exit_code=130, answer={"error": "stopped by the user"})
+        self.ends = Outcome.of(130, b'{"error": "stopped by the user"}')
         self.running = False
 
     kill = stop
@@ -215,7 +215,7 @@ def test_a_place_that_is_refused_at_once_is_no_fault(page):
     searches, folder = page
     live = following(searches, folder, pixel=(1.0, 2.0))
     child = child_of(live)
-    child.ends = Outcome(exit_code=2, answer={"error": "--pixel is 1, 2, it is dark", "kind": "ConfigError"})
+    child.ends = Outcome.of(2, b'{"error": "--pixel is 1, 2, it is dark", "kind": "ConfigError"}')
     child.running = False
     live.end(10)
     verdict = follow_verdict(live)

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from markerseek import rigs
-from markerseek.bridges.child import ChildRun, Outcome
+from markerseek.bridges.child import ChildRun
+from markerseek.bridges.outcome import Outcome
 from markerseek.bridges.page.children import ChildRegistration, ChildSearch
 from markerseek.bridges.page.controls import USUAL, USUAL_REGISTRATION
 from markerseek.bridges.page.page_searches import PageRig, PageSearches
@@ -29,12 +30,12 @@ from tests.waiting import wait_until
 
 SPOT = Spot(left_px=(600.0, 500.0), right_px=(560.0, 500.0), sigma_px=0.1)
 BROWSER = "a browser at 127.0.0.1"
-STOPPED = Outcome(exit_code=130, answer={"error": "stopped by the user"})
+STOPPED = Outcome.of(130, b'{"error": "stopped by the user"}')
 RESUMED = "Start begins a new search;"
 RESUME = "markerseek resume JOURNAL --rig rig.toml"
 IN_TERMINAL = "in the terminal, goes on with this one"
 GO_ON = "Go on continues it; Start begins a new search"
-FOUND = Outcome(exit_code=0, answer={"answer": "found", "angle_deg": 1.0, "reason": None})
+FOUND = Outcome.of(0, b'{"answer": "found", "angle_deg": 1.0, "reason": null}')
 
 
 class ScriptedChild:
@@ -120,7 +121,7 @@ def test_stop_ends_it(stream, followed):
 )
 def test_search_that_is_killed_says_what_laser_and_stage_do(stream, followed, simulated, said):
     child = ScriptedChild(stream[:5])
-    child.outcome = lambda: Outcome(exit_code=137, answer=None)
+    child.outcome = lambda: Outcome(exit_code=137)
     live = followed(child, simulated=simulated)
     assert live.message == f"the command ended with exit code 137, by SIGKILL{said}"
     verdict = live.verdict(live.run.last)
@@ -160,7 +161,7 @@ LAST = {
 )
 def test_what_a_person_can_do_next(stream, followed, simulated, last, said):
     child = ScriptedChild([] if last is None else [*stream[:5], *LAST[last]])
-    child.outcome = lambda: Outcome(exit_code=1, answer={"error": "it did not arrive"})
+    child.outcome = lambda: Outcome.of(1, b'{"error": "it did not arrive"}')
     live = followed(child, simulated=simulated)
     said = said.replace("JOURNAL", str(live.journal))
     assert (live.next_step, live.can_go_on) == (said, said == GO_ON)
@@ -187,8 +188,8 @@ def test_a_person_who_must_arm_devices_is_told_so_until_the_search_runs(stream, 
 @pytest.mark.parametrize(
     ("outcome", "word", "said"),
     [
-        (Outcome(exit_code=1, answer={"error": "no answer from the stage"}), "FAULT", "no answer from the stage"),
-        (Outcome(exit_code=4, answer=None), "NOT ARMED", "nothing moved and nothing was fired; a person"),
+        (Outcome.of(1, b'{"error": "no answer from the stage"}'), "FAULT", "no answer from the stage"),
+        (Outcome(exit_code=4), "NOT ARMED", "nothing moved and nothing was fired; a person"),
         (STOPPED, "STOPPED", "the laser is disarmed"),
     ],
 )

@@ -6,10 +6,12 @@ import base64
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from markerseek import rigs
+from markerseek.bridges.outcome import Outcome
 from markerseek.bridges.page.run_history import (
     BRIGHT_SIGMAS,
     RunHistory,
@@ -21,7 +23,6 @@ from markerseek.bridges.page.run_history import (
     pooled_levels,
     probe_text,
 )
-from markerseek.bridges.page.search_page import is_claimed
 from markerseek.core import (
     PAPER_RANGE,
     Ambiguous,
@@ -168,8 +169,8 @@ def test_published_form_claims_nothing():
     assert not any("FOUND" in verdict_of(each).word or "confirm" in event_line(each) for each in snapshots)
     mark = fan_of(last)["curve"]["marks"][-1]
     assert (mark["role"], mark["text"]) == ("confirmation", "")
-    answer = flat_result(result)
-    assert (answer["answer"], is_claimed(answer)) == ("found", False)
+    printed = Outcome.of(0, msgspec.json.encode(flat_result(result))).result
+    assert (printed.answer, printed.is_claimed) == ("found", False)
 
 
 def test_probe_is_read_back_last_where_its_move_was_cut_short():
