@@ -38,23 +38,6 @@ VERDICT = {
 LIVE = {"turn": "polite", "problem": "assertive"}
 """Parts that a screen reader reads when they change: what a person has to do, and what went wrong; and how soon."""
 
-HINTS = {
-    "fan": "The probe turns here. The glow shows where the marker probably is.",
-    "curve": "Each acquisition becomes a dot: how strong the signal is at that angle. The blue area is the probability "
-    "of the marker, and a small picture shows ± 2° about the answer.",
-    "image": "The image at each angle. The marker is a bright spot.",
-    "numbers": "How many acquisitions, how much rotation and time, the noise, and other sources.",
-    "left": "The image of the left camera, with the spot, the place for the next one, and the target.",
-    "right": "The same for the right camera.",
-    "tre": "The expected error at the target, which falls with each marker to its goal.",
-    "markers": "One line for each marker: its angle, its distance from where the others expect it, and its use.",
-    "follow": "The angles of the target and of the probe over time.",
-    "holds": "Target, transform, what the image of the probe said, and the permit.",
-    "motion": "What the cameras see of the tissue while a marker is searched: how far it is from where it was.",
-    "log": "One line for each move and each acquisition.",
-}
-"""What will appear in each panel, shown while there is no run."""
-
 
 class VerdictPanel:
     """The verdict of a run, large enough to be read from two metres."""
@@ -79,11 +62,14 @@ class VerdictPanel:
 
 
 @contextmanager
-def panel(title: str, name: str) -> Iterator[Heading]:
-    """A panel in which what follows is put, with its heading, and what will appear in it."""
+def panel(title: str, name: str, *, hint: str) -> Iterator[Heading]:
+    """Make a panel with its heading; what follows is put into it.
+
+    ``name``: of its class and its place in ``page.css``. ``hint``: what will appear in it, shown while there is no run.
+    """
     with ui.element("section").classes(f"ms-panel ms-panel-{name}").props(f'aria-label="{title}"'):
         heading = Heading(title, level=2).classes("ms-title")
-        ui.label(HINTS[name]).classes("ms-hint")
+        ui.label(hint).classes("ms-hint")
         yield heading
 
 
@@ -101,6 +87,14 @@ def show_hints(grid: ui.element, *, are_shown: bool) -> None:
     grid.classes(add="ms-empty" if are_shown else None, remove=None if are_shown else "ms-empty")
 
 
+FAN_HINT = "The probe turns here. The glow shows where the marker probably is."
+CURVE_HINT = (
+    "Each acquisition becomes a dot: how strong the signal is at that angle. The blue area is the probability of the "
+    "marker, and a small picture shows ± 2° about the answer."
+)
+"""What will appear in the two panels of a run."""
+
+
 class RunCharts:
     """Fan and curve of a run, two panels.
 
@@ -111,10 +105,10 @@ class RunCharts:
         facts = RigFacts(kind="simulated", description="", fingerprint="", search=search, probe="")
         self._nothing = RunView(plan=SearchPlan(method="posterior"), facts=facts)
         self._shown: RunView | None = None
-        with panel("probe, from its end", "fan"):
+        with panel("probe, from its end", "fan", hint=FAN_HINT):
             self._fan = Fan().classes("ms-fan")
             add_legend(FAN_LEGEND)
-        with panel("intensity and probability; dashed: detection threshold", "curve"):
+        with panel("intensity and probability; dashed: detection threshold", "curve", hint=CURVE_HINT):
             self._curve = ui.html(sanitize=False).classes("ms-chart")
         self.show(None)
 
@@ -146,6 +140,55 @@ class RunCharts:
             self._curve.set_content(curve_svg(curve))
 
 
+class ImagePanel:
+    """The photoacoustic image at the angle where the probe is; else the newest."""
+
+    def __init__(self) -> None:
+        hint = "The image at each angle. The marker is a bright spot."
+        with panel("photoacoustic image", "image", hint=hint) as self._title:
+            self._image = ImageView().classes("ms-image")
+            self._note = ui.label("").classes("ms-note")
+
+    def show(self, _run: RunHistory | None, view: RunView | None, picture: Picture | None) -> None:
+        """Show an image; None for no run, or none yet."""
+        elsewhere = picture is not None and view is not None and not is_image_of(picture, view)
+        self._image.show(view=image_model(picture, floor=view.floor_level if view else None))
+        title, note = image_texts(picture, elsewhere=elsewhere)
+        self._title.set_text(title)
+        self._title.classes(replace="ms-title" if picture is None else "ms-image-title" + " ms-elsewhere" * elsewhere)
+        self._note.set_text(note)
+
+
+class NumbersPanel:
+    """What is known, in rows."""
+
+    def __init__(self) -> None:
+        hint = "How many acquisitions, how much rotation and time, the noise, and other sources."
+        with panel("what is known", "numbers", hint=hint):
+            self._rows = ui.html(tag="dl", sanitize=False).classes("ms-rows").props("tabindex=0")
+
+    def show(self, run: RunHistory | None, view: RunView | None, _picture: Picture | None) -> None:
+        """Show the rows; none for no run."""
+        rows = numbers_of(view, name=run.name, pulse_j=run.pulse_j) if run and view else []
+        self._rows.set_content("".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows))
+
+
+class LogPanel:
+    """What has happened, the newest first."""
+
+    def __init__(self) -> None:
+        with panel("log", "log", hint="One line for each move and each acquisition."):
+            self._lines = ui.label("").classes("ms-log").props("tabindex=0")
+
+    def show(self, run: RunHistory | None, view: RunView | None, _picture: Picture | None) -> None:
+        """Show the last lines; none for no run."""
+        self._lines.set_text("\n".join(run.lines(view, most=LOG_LINES)) if run and view else "")
+
+
+PANELS = (ImagePanel, NumbersPanel, LogPanel)
+"""The panels of a search beside its charts, in the order in which they are read; their places are in ``page.css``."""
+
+
 class SearchPanels:
     """All panels of a search, in a grid."""
 
@@ -153,13 +196,7 @@ class SearchPanels:
         self._shown: tuple[RunView | None, Picture | None] | None = None
         with ui.element("div").classes("ms-panels") as self._grid:
             self._charts = RunCharts(search)
-            with panel("photoacoustic image", "image") as self._image_title:
-                self._image = ImageView().classes("ms-image")
-                self._image_note = ui.label("").classes("ms-note")
-            with panel("what is known", "numbers"):
-                self._numbers = ui.html(tag="dl", sanitize=False).classes("ms-rows").props("tabindex=0")
-            with panel("log", "log"):
-                self._log = ui.label("").classes("ms-log").props("tabindex=0")
+            self._panels = [each() for each in PANELS]
         self.show(None, None)
 
     def show(self, run: RunHistory | None, view: RunView | None) -> None:
@@ -170,17 +207,8 @@ class SearchPanels:
             return
         self._shown = (view, picture)
         show_hints(self._grid, are_shown=run is None)
-        elsewhere = picture is not None and view is not None and not is_image_of(picture, view)
-        self._image.show(view=image_model(picture, floor=view.floor_level if view else None))
-        title, note = image_texts(picture, elsewhere=elsewhere)
-        self._image_title.set_text(title)
-        self._image_title.classes(
-            replace="ms-title" if picture is None else "ms-image-title" + " ms-elsewhere" * elsewhere
-        )
-        self._image_note.set_text(note)
-        rows = numbers_of(view, name=run.name, pulse_j=run.pulse_j) if run and view else []
-        self._numbers.set_content("".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows))
-        self._log.set_text("\n".join(run.lines(view, most=LOG_LINES)) if run and view else "")
+        for each in self._panels:
+            each.show(run, view, picture)
 
 
 class Timeline:
