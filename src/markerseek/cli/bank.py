@@ -23,19 +23,19 @@ from markerseek.cli.options import (
     Out,
     ProbeName,
     RigFile,
-    TableOptions,
     Trace,
-    require_frames,
     with_values,
 )
+from markerseek.cli.recordings import TypedTable, require_frames
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr
 from markerseek.core import ConfigError, Estimate, MarkerseekError, Measured, SearchPlan, SimulationOptions
 from markerseek.files import as_read_error
+from markerseek.records.banks import TableFormat
 
 if TYPE_CHECKING:
-    from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
+    from markerseek.records.banks import FrameBank, IntensityBank
     from markerseek.search import Curve, Peak
 
 
@@ -155,7 +155,8 @@ def info(
             help="HDF5, NumPy or MATLAB arrays, CSV of angle_deg,intensity, or folder with one frame per angle."
         ),
     ],
-    table: TableOptions,
+    table: TableFormat,
+    typed: TypedTable,
     probe: Annotated[
         str | None,
         typer.Option(help="Compute the intensities again with this preset, or with your own probe in FILE.toml."),
@@ -176,15 +177,14 @@ def info(
     from markerseek.show import flat_answer
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    held = rigs.read_recording(bank, table.format(), probe=probe)
+    table = typed.added_to(table)
+    held = rigs.read_recording(bank, table, probe=probe)
     require_frames(held, bank, probe=probe)
     # The stored intensities need no frame, and a damaged one must not pass for that reason.
     require_whole(held)
     announce_compilation()
     curve = runs.bank_curve(held, probe=probe)
-    estimate = runs.answer_from_all(
-        rigs.replayed(bank, probe=probe, table=table.format()), SearchPlan(method="posterior")
-    )
+    estimate = runs.answer_from_all(rigs.replayed(bank, probe=probe, table=table), SearchPlan(method="posterior"))
     peak = _peak(curve, estimate)
     judged_by = {
         "background": None if estimate.floor is None else estimate.floor.background,
@@ -328,7 +328,8 @@ def import_bank(
         ),
     ],
     to: Annotated[Path, typer.Argument(help="New file, .hdf5.", metavar="TO")],
-    table: TableOptions,
+    table: TableFormat,
+    typed: TypedTable,
     probe: ProbeName = None,
     sampling_mhz: Annotated[
         float | None, typer.Option(help="Sampling frequency, if the recording does not state it; usually 40.")
@@ -362,7 +363,7 @@ def import_bank(
     if reference_deg is not None and not -360 <= reference_deg <= 360:
         raise ConfigError(f"--reference-deg is {reference_deg:g} deg, it must lie within one turn")
     require_new_bank(to)
-    bank = _read(source, table.format(), blanked=rigs.blanked_samples(probe))
+    bank = _read(source, typed.added_to(table), blanked=rigs.blanked_samples(probe))
     require_frames(bank, source, probe=probe)
     held_hz = bank.facts.sampling_hz
     # A contradiction is an error, because a wrong rate scales every depth.
@@ -419,7 +420,8 @@ Item = TypeVar("Item")
 def export_bank(
     source: Annotated[Path, typer.Argument(help="Bank: IPASC HDF5, folder of frames, or CSV.", metavar="FROM")],
     to: Annotated[Path, typer.Argument(help="New file: .igs.mha, .zea.hdf5 or .csv.", metavar="TO")],
-    table: TableOptions,
+    table: TableFormat,
+    typed: TypedTable,
     probe: ProbeName = None,
     face_radius_mm: Annotated[
         float | None,
@@ -445,7 +447,7 @@ def export_bank(
         raise ConfigError(f"--face-radius-mm is {face_radius_mm:g}, it must lie between 0 and 1000 mm")
     if face_radius_mm is not None and kind == ".csv":
         raise ConfigError(f"--face-radius-mm is for .igs.mha and .zea.hdf5, and {to} has no place for it; leave it out")
-    bank = rigs.read_recording(source, table.format(), probe=probe)
+    bank = rigs.read_recording(source, typed.added_to(table), probe=probe)
     require_new(to)
     require_frames(bank, source, probe=probe, face_radius_mm=face_radius_mm)
     # A CSV needs no frames, but a bank with a damaged frame must be refused all the same.

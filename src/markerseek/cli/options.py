@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_type_hints
+from typing import Annotated, Any, TypeAlias, get_type_hints
 
 import msgspec
 import typer
 from msgspec.structs import replace
 
 from markerseek.core import AnglePrior, ConfigError, Option, SearchPlan, options_of
-from markerseek.files import AngleUnit
-
-if TYPE_CHECKING:
-    from markerseek.records.banks import FrameBank, IntensityBank, TableFormat
 
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON object for programs.")]
 Out: TypeAlias = Annotated[
@@ -147,112 +143,3 @@ def single_source(plan: SearchPlan, *, single: bool) -> SearchPlan:
     if single and plan.others:
         raise ConfigError(f"--others is {plan.others:g}, and --single states that it is 0; leave one of them out")
     return replace(plan, others=0.0) if single else plan
-
-
-AngleField: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Field of a sequence (.igs.mha, .nrrd) with the angle of each frame in degrees, or a transform that turns "
-        "with the probe.",
-        show_default="ProbeRotation, trus_angle_deg, angle_deg, or ProbeToProbeHome",
-    ),
-]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TableOptions:
-    """What a recording does not say itself; see `markerseek.records.banks.TableFormat`."""
-
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ANGLE,INTENSITY",
-            help="Angle and intensity: names or numbers of a CSV's columns, names of an .npz's or .mat's variables; "
-            "with --first-deg or --angles the intensity, or the frames, alone.",
-            show_default="angle_deg,intensity",
-        ),
-    ] = None
-    unit: Annotated[
-        AngleUnit | None,
-        typer.Option(help="Unit of their angles.", show_default="as the name of the column says, else deg"),
-    ] = None
-    deg_per_unit: Annotated[
-        float | None,
-        typer.Option(help="Degrees of one unit of their angles, such as a count or a step; may be negative."),
-    ] = None
-    offset_deg: Annotated[float, typer.Option(help="Degrees that are added to each of their angles.")] = 0.0
-    db: Annotated[
-        bool,
-        typer.Option(
-            "--db", help="The intensities are decibels, 20 log10 of the amplitude, also where no name says dB."
-        ),
-    ] = False
-    skip_invalid: Annotated[
-        bool, typer.Option("--skip-invalid", help="Leave rows out that hold no number, such as NaN.")
-    ] = False
-    first_deg: Annotated[
-        float | None, typer.Option(help="Angle of the first frame, where the recording has no angles.")
-    ] = None
-    step_deg: Annotated[float | None, typer.Option(help="Step from one of its angles to the next.")] = None
-    angles: Annotated[
-        Path | None, typer.Option(help="Text file with the angle of each frame in degrees, one a line.")
-    ] = None
-    axes: Annotated[
-        str | None,
-        typer.Option(help="Order of the axes of its frames.", show_default="angles,channels,samples"),
-    ] = None
-    first_frame: Annotated[
-        int | None,
-        typer.Option(
-            help="Frame of a Vantage's receive buffer that has the first angle.",
-            show_default="the one behind Resource.RcvBuffer.lastFrame",
-        ),
-    ] = None
-    without_channel: Annotated[
-        list[int] | None,
-        typer.Option(help="Channel that is left out, counted from 1; may be given several times."),
-    ] = None
-    angle_field: AngleField = None
-
-    def format(self) -> TableFormat:
-        """Return the format; `ConfigError` if the options contradict one another."""
-        from markerseek.records.banks import TableFormat, angles_in
-
-        if (self.first_deg is None) != (self.step_deg is None):
-            raise ConfigError("--first-deg and --step-deg go together; give both")
-
-        named = None
-        if self.columns is not None:
-            parts = [part.strip() for part in self.columns.split(",")]
-            if not all(parts) or len(parts) > 2:
-                raise ConfigError(
-                    f"--columns is {self.columns!r}, two names or numbers with a comma are needed: ANGLE,INTENSITY"
-                )
-            # Without the column of the angles, they are stated.
-            named = (parts[0] if len(parts) == 2 else "", parts[-1])
-        stepped = None if self.first_deg is None or self.step_deg is None else (self.first_deg, self.step_deg)
-        return TableFormat(
-            columns=named,
-            unit=self.unit,
-            deg_per_unit=self.deg_per_unit,
-            offset_deg=self.offset_deg,
-            db=self.db,
-            skip_invalid=self.skip_invalid,
-            first_and_step_deg=stepped,
-            angles_deg=None if self.angles is None else angles_in(self.angles),
-            axes=None if self.axes is None else tuple(each.strip() for each in self.axes.split(",")),
-            first_frame=self.first_frame,
-            without_channels=tuple(self.without_channel or ()),
-            angle_field=self.angle_field,
-        )
-
-
-def require_frames(bank: IntensityBank | FrameBank, path: Path, **given: object) -> None:
-    """Refuse options for channel data, by their names, where a bank holds intensities only."""
-    from markerseek.records.banks import FrameBank
-
-    for name, value in given.items():
-        if value is not None and not isinstance(bank, FrameBank):
-            option = f"--{name.replace('_', '-')}"
-            raise ConfigError(f"{option} is {value}, and {path} holds intensities, not channel data; leave it out")

@@ -8,11 +8,13 @@ from typing import Annotated, Literal
 import typer
 
 from markerseek import rigs, runs
-from markerseek.cli.options import AsJson, Out, ProbeName, Single, TableOptions, single_source, with_values
+from markerseek.cli.options import AsJson, Out, ProbeName, Single, single_source, with_values
+from markerseek.cli.recordings import TypedTable
 from markerseek.cli.report import Output
 from markerseek.cli.signals import WatchOptions
 from markerseek.cli.terminal import announce_compilation, stderr
 from markerseek.core import ConfigError, SearchPlan
+from markerseek.records.banks import TableFormat
 
 
 @with_values
@@ -26,7 +28,8 @@ def command(
         ),
     ],
     plan: SearchPlan,
-    table: TableOptions,
+    table: TableFormat,
+    typed: TypedTable,
     single: Single = False,
     probe: ProbeName = None,
     reference_deg: Annotated[
@@ -55,11 +58,11 @@ def command(
     from markerseek.cli.searching import conclude, run_anew
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
-    form = table.format()
+    table = typed.added_to(table)
     announce_compilation()
     # Only the paper's form gets data that nobody recorded: its section 2.5 interpolates between angles.
     between: Literal["interpolated", "nearest"] = "interpolated" if plan.as_published else "nearest"
-    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=form)
+    assembled = rigs.replayed(bank, probe=probe, reference_deg=reference_deg, between=between, table=table)
     if probe is not None and assembled.imaging is None:
         raise ConfigError(f"--probe is {probe}, and {bank} holds intensities, not channel data; leave it out")
     if assembled.imaging is not None and not as_json:
@@ -77,7 +80,7 @@ def command(
     run = runs.new_run(assembled, plan)
     recorded_curve = None
     if plot and not plan.whole:
-        recorded_curve = runs.bank_curve(rigs.read_recording(bank, form, probe=probe), probe=probe)
+        recorded_curve = runs.bank_curve(rigs.read_recording(bank, table, probe=probe), probe=probe)
     run = run_anew(run, as_json=as_json, journal=journal, keep=journal is not None, watch=watch)
     conclude(
         run.view,

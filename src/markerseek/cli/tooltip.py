@@ -17,7 +17,8 @@ from rich.table import Table
 
 from markerseek import vision
 from markerseek.cli.in_options import in_options
-from markerseek.cli.options import AngleField, AsJson, Out
+from markerseek.cli.options import AsJson, Out
+from markerseek.cli.recordings import AngleField
 from markerseek.cli.report import Output, Report, drawn, table, with_version
 from markerseek.core import ConfigError, RecordError, counted, require_range
 from markerseek.files import DECIMAL_COMMA, MIB, angle_in, csv_rows, is_number, series_indices

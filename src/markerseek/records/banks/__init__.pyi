@@ -19,10 +19,12 @@ from .reading import read_bank, require_whole
 from .sequence import SEQUENCE_SUFFIXES, angles_of, is_sequence, open_sequence, read_sequence
 from .sequence_writer import image_to_probe, probe_to_probe_home, write_sequence
 from .table import write_bank
-from .table_format import DEFAULT_FORMAT, TableFormat, angles_in, deg_per_unit_of
+from .table_angles import angles_in, deg_per_unit_of
+from .table_format import ANGLE_FIELD, DEFAULT_FORMAT, TableFormat
 from .zea import write_zea
 
 __all__ = [
+    "ANGLE_FIELD",
     "DEFAULT_FORMAT",
     "HDF5_SUFFIXES",
     "MAT_PROBE",

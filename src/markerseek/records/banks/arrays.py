@@ -22,7 +22,6 @@ from msgspec.structs import replace
 from markerseek.core import Bool, ChannelFrame, ConfigError, Float64, Int16, RecordError
 from markerseek.files import DEGREES, as_read_error, unit_in
 from markerseek.records.banks.bank import (
-    AXES,
     NUMERIC_FACTS,
     USUAL_SAMPLING_HZ,
     BankFacts,
@@ -41,7 +40,8 @@ from markerseek.records.banks.foreign_frames import (
 from markerseek.records.banks.iq import CARRIERS, carrier_of, envelope_peaks, is_paired, paired, radio_frequency
 from markerseek.records.banks.repeats import Merged, merged
 from markerseek.records.banks.table import amplitudes, decibels, warn_skipped
-from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
+from markerseek.records.banks.table_angles import degrees_of, stated_deg
+from markerseek.records.banks.table_format import AXES, DEFAULT_FORMAT, TableFormat
 from markerseek.records.named_arrays import NamedArrays, arrays_in, content
 from markerseek.records.notes import note
 from markerseek.records.vantage import LAST, NUMBERS
@@ -273,7 +273,7 @@ def _degrees(
     ``titles``: names with the units that the file states.
     """
     if name is None:
-        return table.stated_deg(path, count, what="frames")
+        return stated_deg(table, path, count, what="frames")
     if table.states_angles:
         raise RecordError(
             f"{path}: a first angle and a step, or a file of angles, are for frames or intensities without angles, "
@@ -282,7 +282,7 @@ def _degrees(
     angles = arrays[name]
     if angles.dtype.kind not in "iuf":
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
-    return table.degrees(path, titles[name], angles.ravel().astype(np.float64))
+    return degrees_of(table, path, titles[name], angles.ravel().astype(np.float64))
 
 
 _UNITS_OF_FACTS = {

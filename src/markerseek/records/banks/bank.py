@@ -81,9 +81,6 @@ class BankFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Program that scanned or imported it, with its version."""
 
 
-AXES = ("angles", "channels", "samples")
-"""Axes of the frames of a bank, in their order."""
-
 NUMERIC_FACTS = (
     "sampling_hz", "sound_speed_m_s", "pitch_m", "wavelength_m", "pulse_energy_j", "face_radius_m",
     "reference_angle_deg", "clock_zero_unix_s",

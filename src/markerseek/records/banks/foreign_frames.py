@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Bool, Float64, Int16, RecordError
-from markerseek.records.banks.bank import AXES, chosen_channels, silenced
+from markerseek.records.banks.bank import chosen_channels, silenced
+from markerseek.records.banks.table_format import AXES
 from markerseek.records.notes import note
 
 

@@ -50,6 +50,7 @@ from markerseek.records.banks.foreign_frames import (
     unpadded,
 )
 from markerseek.records.banks.repeats import merged
+from markerseek.records.banks.table_angles import stated_deg
 from markerseek.records.banks.table_format import TableFormat
 from markerseek.records.journal import is_journal
 from markerseek.records.named_arrays import arrays_in, content, try_arrays
@@ -268,7 +269,7 @@ def _burst(path: Path, files: Mapping[int, str], table: TableFormat) -> ArrayBan
             "triggered at an angle of its own, state the angles: `first_and_step_deg=(-35, 0.5)`, or `angles_deg`; if "
             f"all are of one angle, it is a frame: `load_frame({quoted(path)})`"
         )
-    angles_deg = table.stated_deg(path, pulses, what="pulses")
+    angles_deg = stated_deg(table, path, pulses, what="pulses")
     try:
         _require_complete(path, files)
         read = ((name, read_input(path / name, most_bytes=_MAX_CHANNEL_BYTES)) for name in files.values())
@@ -295,11 +296,11 @@ def _stated_angles(path: Path, frames: list[Path], table: TableFormat) -> Float6
             "and `angles_deg` out"
         )
     if table.angles_deg is not None:
-        return table.stated_deg(path, len(frames), what="frames")
+        return stated_deg(table, path, len(frames), what="frames")
     at, missing = series_indices([_name(place) for place in frames])
     if missing:
         note(path, f"the frames numbered {first_of(list(map(str, missing)))} are missing; the others keep their angles")
-    return table.stated_deg(path, at[-1] + 1, what="frames")[at]
+    return stated_deg(table, path, at[-1] + 1, what="frames")[at]
 
 
 def _named_angles(frames: list[Path]) -> Float64[np.ndarray, " angles"]:

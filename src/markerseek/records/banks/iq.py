@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from markerseek.core import Float32, Float64, RecordError
-from markerseek.records.banks.bank import AXES
+from markerseek.records.banks.table_format import AXES
 from markerseek.records.notes import note
 
 CARRIERS = ("demodulation_frequency", "demodulation_hz")

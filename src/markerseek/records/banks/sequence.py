@@ -28,7 +28,8 @@ from markerseek.files import MIB, as_read_error, open_input, quoted
 from markerseek.records.banks.bank import BankFacts, IntensityBank, first_of, unwrapped
 from markerseek.records.banks.repeats import merged
 from markerseek.records.banks.table import amplitudes
-from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat, deg_per_unit_of
+from markerseek.records.banks.table_angles import deg_per_unit_of, stated_deg
+from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 from markerseek.records.notes import note
 
 SEQUENCE_SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr")
@@ -316,7 +317,7 @@ def _stated_angles(sequence: ImageSequence, table: TableFormat) -> dict[int, flo
     A warning counts the others.
     """
     count = len(sequence.frame_fields)
-    stated = table.stated_deg(sequence.path, count, what="frames").tolist()
+    stated = stated_deg(table, sequence.path, count, what="frames").tolist()
     held = {name for fields in sequence.frame_fields for name in fields}
     own = [name for name in (*ANGLE_FIELDS, *(f"{each}Transform" for each in ANGLE_TRANSFORMS)) if name in held]
     if own:

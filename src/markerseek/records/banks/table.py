@@ -16,6 +16,7 @@ from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, co
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file, unit_in
 from markerseek.records.banks.bank import IntensityBank, first_of
 from markerseek.records.banks.repeats import merged
+from markerseek.records.banks.table_angles import degrees_of, largest_angle, stated_deg
 from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 from markerseek.records.notes import note
 
@@ -89,9 +90,9 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
         intensities = intensities * energy.mean() / energy
     if columns.angle is None:
         # A row that is left out has its place in the scan.
-        degrees = table.stated_deg(path, len(cells), what="rows")[np.isin(list(cells), kept)]
+        degrees = stated_deg(table, path, len(cells), what="rows")[np.isin(list(cells), kept)]
     else:
-        degrees = table.degrees(path, names[columns.angle] if names else "", column[columns.angle])
+        degrees = degrees_of(table, path, names[columns.angle] if names else "", column[columns.angle])
         if not names and table == DEFAULT_FORMAT and _counts(column[columns.angle]):
             note(
                 path,
@@ -109,7 +110,7 @@ def _numbers(
     # A factor of 1000 is harmless in amplitudes, but not in decibels, which are below 1000.
     largest = {columns.intensity: 999.0 if db else None}
     if columns.angle is not None:
-        largest[columns.angle] = table.largest(path, names[columns.angle] if names else "")
+        largest[columns.angle] = largest_angle(table, path, names[columns.angle] if names else "")
     texts = rows.numbers(path, columns.indices, most=[largest.get(each) for each in columns.indices])
     return {line: _row(path, rows, line, columns, texts[line], table) for line in rows.cells}
 
