@@ -40,7 +40,12 @@ class _Group:
 
 _BANK = _Group(
     help="Make, look at and convert banks: scans of many angles.",
-    below={"scan": "bank:scan", "info": "bank:info", "import": "bank:import_bank", "export": "bank:export_bank"},
+    below={
+        "scan": "bank_scan:command",
+        "info": "bank_info:command",
+        "import": "bank_import:command",
+        "export": "bank_export:command",
+    },
 )
 _JOURNAL = _Group(
     help="List, print, follow, check and compute again the journals of runs.",
