@@ -1,3 +1,4 @@
+from ._ros2_acquisition import Ros2Acquisition, Ros2ReceiverSettings
 from ._stage_rules import StageLogic, StageRules, StageStatus
 from .clock import SystemClock
 from .energy_meter import EnergyMeter, metered
@@ -19,7 +20,7 @@ from .laserbox import LaserBox, LaserBoxSettings
 from .picolas import PicolasLaser, PicolasSettings
 from .plus import PlusReceiver, PlusSettings, connect_plus
 from .poses import PoseReader, open_poses
-from .ros2 import Ros2Acquisition, Ros2ReceiverSettings, Ros2Stage, Ros2StageSettings
+from .ros2 import Ros2Stage, Ros2StageSettings
 from .ros2_images import RosImages
 from .serial_port import SerialPort
 from .settings import BenchProbe, BenchSettings, BenchSupervisor, BenchTissue, bench_settings_from

@@ -9,9 +9,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from markerseek.core import Clock, ConfigError, DeviceTimeoutError, Float64
+from markerseek.drivers._ros2_waiting import require_found
 from markerseek.drivers.clock import polls
 from markerseek.drivers.plus import IgtlMessages, connect_plus
-from markerseek.drivers.ros2 import require_found
 from markerseek.drivers.stereo_images import TOPIC
 from markerseek.ros import RosNode
 from markerseek.wire import igtl

@@ -2,86 +2,28 @@
 
 from __future__ import annotations
 
-import logging
 import math
-import secrets
-from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, Literal
 
-import numpy as np
-
 from markerseek.core import (
-    AcquisitionError,
-    ChannelFrame,
     Clock,
     ConfigError,
     DeviceTimeoutError,
-    Frame,
-    FrameHeader,
-    Int16,
     Interval,
-    LaserError,
     MoveError,
     NotConnectedError,
-    Permit,
     Within,
-    is_finite,
 )
-from markerseek.drivers.entry import Entry, LaserKeys, Opening, ReceiverKeys, StageKeys
-from markerseek.drivers.standard_laser import LaserPermits
+from markerseek.drivers._ros2_acquisition import LASER_ENTRY, RECEIVER_ENTRY
+from markerseek.drivers._ros2_waiting import STATE_S, require_found, wait_until
+from markerseek.drivers.entry import Entry, Opening, StageKeys
 from markerseek.drivers.standard_stage import require_inside
-from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, set_up_discovery, topics
+from markerseek.ros import RosNode, degrees, joint_angle_deg, messages, topics
 
-_LOG = logging.getLogger(__name__)
-
-_SLICE_S = 0.02
-"""Longest time between two beats of the clock while a message is awaited, in seconds."""
-
-_PATIENCE_S = 2.0
-"""Time after which it is said that a node is not found yet, in seconds; on one computer it takes 0.3 s."""
-
-
-def require_found(
-    node: RosNode, clock: Clock, found: Callable[[], bool], *, missing: str, cure: str, connect_s: float
-) -> None:
-    """Wait for a node of a rig, and warn early where it is looked for; `NotConnectedError` if it is not found in time.
-
-    ``missing``: what was not found, as "stage: no node takes angles on /goto". ``cure``: what helps.
-    """
-    early_s = min(_PATIENCE_S, connect_s)
-    if wait_until(node, clock, found, timeout_s=early_s):
-        return
-    where = f"it is looked for in {set_up_discovery()}"
-    if connect_s > early_s:
-        _LOG.warning("%s so far; %s; waiting up to %g s", missing, where, connect_s)
-        if wait_until(node, clock, found, timeout_s=connect_s - early_s):
-            return
-    raise NotConnectedError(f"{missing} within {connect_s:g} s; {cure}; {where}")
-
-
-def wait_until(node: RosNode, clock: Clock, arrived: Callable[[], bool], *, timeout_s: float, of: str = "") -> bool:
-    """Return whether a condition came true in time; meanwhile the node is spun, and the clock beats.
-
-    ``arrived``: the condition, which messages change. ``timeout_s``: longest time. ``of``: topic of the node that is
-    waited for; empty while it is looked for. Raises `NotConnectedError` if nobody publishes its topic any more: it has
-    ended, or was killed.
-    """
-    ends_s = clock.now_s() + timeout_s
-    while not arrived():
-        if not clock.now_s() < ends_s:
-            return False
-        if of and not node.publishes(of):
-            raise NotConnectedError(f"its node is gone: nobody publishes {of} any more; start it again")
-        node.spin(_SLICE_S)
-        clock.wait(0.0)
-    return True
-
+__all__ = ["LASER_ENTRY", "RECEIVER_ENTRY", "STAGE_ENTRY", "Ros2Stage", "Ros2StageSettings"]
 
 _TEXT = "std_msgs/msg/String"
-
-_STATE_S = 1.0
-"""Longest wait for the state of a node that may not publish it now, in seconds."""
 
 _MAX_WAITING = 200
 """Most messages that are handled before a move, or before the angle is given."""
@@ -176,7 +118,7 @@ class Ros2Stage:
     def _finds_angle(self) -> bool:
         """Return whether an angle has come; `NotConnectedError` if angles come, and none is of the stage's joint."""
         waited_s = self._clock.now_s() - self._joints_since_s
-        if math.isnan(self._angle_deg) and waited_s >= (_STATE_S if self._readings == 0 else 0.0):
+        if math.isnan(self._angle_deg) and waited_s >= (STATE_S if self._readings == 0 else 0.0):
             settings = self._settings
             raise NotConnectedError(
                 f"stage: {settings.reached_topic} has the joints {', '.join(self._joints)}, and no number of "
@@ -195,7 +137,7 @@ class Ros2Stage:
             return True
         kind = node.kind_of(topic)
         if self._listens_since_s is not None:
-            return self._clock.now_s() - self._listens_since_s >= _STATE_S and node.publishes(topic)
+            return self._clock.now_s() - self._listens_since_s >= STATE_S and node.publishes(topic)
         if kind is not None:
             if kind not in (_TEXT, messages.CRTK_STATE) or not messages.is_installed(kind):
                 raise NotConnectedError(
@@ -344,208 +286,4 @@ STAGE_ENTRY: Entry[Ros2StageSettings, Ros2Stage] = Entry(
     open=_open_stage,
     describe=lambda settings, stage: f"{'SIMULATED ' if stage.emulated else ''}stage node on {settings.command_topic}",
     is_node=True,
-)
-
-
-class Ros2LaserSettings(LaserKeys, frozen=True, kw_only=True, tag="ros2"):
-    """The laser of an acquisition node, which fires it under its own guard; the receiver's driver must be the same."""
-
-
-class Ros2ReceiverSettings(ReceiverKeys, frozen=True, kw_only=True, tag="ros2"):
-    """The receiver of an acquisition node."""
-
-    request_topic: str = topics.ACQUIRE
-    answer_topic: str = topics.ACQUIRED
-    frame_topic: str = topics.CHANNELS
-    """``request_topic``, ``answer_topic`` and ``frame_topic``: where an acquisition is asked for, where it is answered,
-    and where its channel data come."""
-    connect_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 10.0
-    """Longest time until the node is found."""
-    timeout_s: Annotated[float, Within(0, 600, "s", open_low=True)] = 60.0
-    """Longest time from the request to the frame."""
-
-
-class Ros2Acquisition:
-    """Laser and receiver of an acquisition node: one class for both, because one request fires and records.
-
-    ``settings``: its keys in the rig file. ``emulated``: whether the node says that it is simulated. Raises
-    `NotConnectedError` if there is no such node.
-    """
-
-    def __init__(self, *, node: RosNode, clock: Clock, settings: Ros2ReceiverSettings) -> None:
-        self._node = node
-        self._clock = clock
-        self._settings = settings
-        self._wait_until = partial(wait_until, node, clock)
-        # Two searches use the same tokens; an answer to an earlier search must not be taken for an answer to this one.
-        self._session = secrets.token_hex(4)
-        self._permits = LaserPermits("laser", clock)
-        self._armed: Permit | None = None
-        self._fired: tuple[Permit, float] | None = None
-        self._answers: dict[str, messages.Acquired] = {}
-        self._frames: dict[int, Int16[np.ndarray, "channels samples"]] = {}
-        self.emulated = False
-        self._states = 0
-        node.advertise(settings.request_topic, "std_msgs/msg/String")
-        state_topic = topics.beside(settings.answer_topic, topics.ACQUISITION_STATE)
-        node.subscribe(state_topic, "std_msgs/msg/String", self._on_state, latched=True)
-        node.subscribe(settings.answer_topic, "std_msgs/msg/String", self._on_answer)
-        node.subscribe(settings.frame_topic, "sensor_msgs/msg/Image", self._on_frame)
-
-        def found() -> bool:
-            return node.matched(settings.request_topic) and all(
-                node.publishes(topic) for topic in (settings.answer_topic, settings.frame_topic)
-            )
-
-        require_found(
-            node,
-            clock,
-            found,
-            missing=f"receiver: no acquisition node on {settings.request_topic}",
-            cure="start the acquisition node, and compare topics",
-            connect_s=settings.connect_s,
-        )
-
-        # A node of another program need not say whether it is simulated.
-        says = node.publishes(state_topic)
-        self._wait_until(lambda: self._states > 0, timeout_s=settings.connect_s if says else _STATE_S)
-
-    def _on_state(self, message: Any) -> None:
-        state = messages.decoded(message.data, messages.AcquisitionState)
-        self._states += 1
-        self.emulated = self.emulated or (state is not None and state.simulated)
-
-    def _on_answer(self, message: Any) -> None:
-        answer = messages.decoded(message.data, messages.Acquired)
-        if answer is not None and answer.id.startswith(f"{self._session}."):
-            self._answers[f"{answer.id} {answer.step}"] = answer
-
-    def _on_frame(self, message: Any) -> None:
-        counts = messages.channel_data_of(message)
-        if counts is not None:
-            # Only the newest two are kept: frames of half a megabyte that nobody asked for must not pile up.
-            self._frames = {**dict(list(self._frames.items())[-1:]), messages.stamp_ns(message): counts}
-
-    def _id(self, permit: Permit) -> str:
-        return f"{self._session}.{permit.token}"
-
-    def fire(self, permit: Permit) -> int:
-        """Ask the node to fire and record, and return how many pulses were fired.
-
-        Raises `LaserError` if the permit was used before or has expired, or the node refuses. Raises
-        `DeviceTimeoutError` if the node does not answer.
-        """
-        self._permits.use(permit, needed_s=0.0)
-        self._frames.clear()
-        self._answers.clear()
-        began_s = self._clock.now_s()
-        request = messages.AcquireRequest(
-            id=self._id(permit),
-            pulses=permit.pulses,
-            angle_rad=math.radians(permit.angle_deg),
-            stamp_ns=messages.time_ns(self._node.now_s()),
-        )
-        self._node.publish(self._settings.request_topic, messages.text(request))
-        answer = self._answered(permit, "fired", what="laser")
-        if answer.error:
-            raise LaserError(f"laser: the acquisition node refuses: {answer.error}")
-        if answer.simulated and not self.emulated:
-            # It said so too late: no result may name a simulated laser as a real one.
-            raise NotConnectedError("laser: the acquisition node is simulated, which it did not say in time; try again")
-        self._fired = (permit, began_s)
-        return answer.pulses
-
-    def _answered(self, permit: Permit, step: str, *, what: str) -> messages.Acquired:
-        keys = f"{self._id(permit)} {step}", f"{self._id(permit)} error"
-        found = self._wait_until(
-            lambda: any(key in self._answers for key in keys),
-            timeout_s=self._settings.timeout_s,
-            of=self._settings.answer_topic,
-        )
-        if not found:
-            raise DeviceTimeoutError(
-                f"{what}: the acquisition node does not answer within {self._settings.timeout_s:g} s; look at it, and "
-                "at receiver.timeout_s"
-            )
-        return self._answers.get(keys[0]) or self._answers[keys[1]]
-
-    def disarm(self) -> None:
-        """Ask the node to end what it does; allowed at any time, also twice."""
-        self._armed = None
-        self._fired = None
-        cancel = messages.AcquireRequest(id=f"{self._session}.cancel", pulses=-1, angle_rad=0.0, stamp_ns=0)
-        self._node.publish(self._settings.request_topic, messages.text(cancel))
-
-    def settle(self) -> None:
-        """Nothing to wait for: a frame names the request that it answers."""
-
-    def arm(self, permit: Permit) -> None:
-        """Note which permit will be fired; the node arms its receiver when it is asked to fire."""
-        self._armed = permit
-        self._fired = None
-
-    def acquire(self, permit: Permit) -> Frame:
-        """Return the frame of the request of this permit.
-
-        Raises `AcquisitionError` if it was not armed or fired under this permit, or the node reports an error. Raises
-        `DeviceTimeoutError` if no frame comes in time.
-        """
-        if self._armed != permit or self._fired is None or self._fired[0] != permit:
-            raise AcquisitionError(f"receiver: it was not armed and fired under the permit {permit.token!r}")
-        began_s = self._fired[1]
-        self._armed = None
-        self._fired = None
-        answer = self._answered(permit, "frame", what="receiver")
-        if answer.error:
-            raise AcquisitionError(f"receiver: the acquisition node reports: {answer.error}")
-        came = self._wait_until(
-            lambda: answer.stamp_ns in self._frames,
-            timeout_s=self._settings.timeout_s,
-            of=self._settings.frame_topic,
-        )
-        if not came:
-            raise DeviceTimeoutError(
-                f"receiver: the channel data of its answer did not come on {self._settings.frame_topic} within "
-                f"{self._settings.timeout_s:g} s"
-            )
-        if not is_finite(answer.sampling_hz) or answer.sampling_hz != self._settings.sampling_hz:
-            raise AcquisitionError(
-                f"receiver: the node samples at {answer.sampling_hz} Hz, the rig file says "
-                f"{self._settings.sampling_hz:g} Hz; correct one of them"
-            )
-        header = FrameHeader(
-            sequence=answer.sequence,
-            token=permit.token,
-            pulses=answer.pulses,
-            commanded_deg=permit.commanded_deg,
-            started_s=began_s,
-            ended_s=self._clock.now_s(),
-            energy=answer.energy if permit.pulses else None,
-        )
-        samples = self._frames.pop(answer.stamp_ns)
-        return ChannelFrame(header=header, samples=samples, sampling_hz=self._settings.sampling_hz)
-
-
-def _open_receiver(settings: Ros2ReceiverSettings, opening: Opening) -> Ros2Acquisition:
-    return Ros2Acquisition(node=opening.node(), clock=opening.clock, settings=settings)
-
-
-def _open_laser(_settings: Ros2LaserSettings, opening: Opening) -> Ros2Acquisition:
-    # One node: it is the receiver, which was opened before.
-    node = opening.receiver
-    assert isinstance(node, Ros2Acquisition)  # noqa: S101  `BenchSettings` has checked that they go together
-    return node
-
-
-RECEIVER_ENTRY: Entry[Ros2ReceiverSettings, Ros2Acquisition] = Entry(
-    settings=Ros2ReceiverSettings,
-    open=_open_receiver,
-    describe=lambda settings, node: (
-        f"{'SIMULATED ' if node.emulated else ''}acquisition node on {settings.request_topic}"
-    ),
-    paired=True,
-    is_node=True,
-)
-LASER_ENTRY: Entry[Ros2LaserSettings, Ros2Acquisition] = Entry(
-    settings=Ros2LaserSettings, open=_open_laser, describe=lambda _settings, _node: "", paired=True, is_node=True
 )

@@ -10,8 +10,8 @@ import numpy as np
 
 from markerseek.core import AcquisitionError, ConfigError, UInt8
 from markerseek.drivers._pair_source import Pairing, PairSource
+from markerseek.drivers._ros2_waiting import require_found
 from markerseek.drivers.clock import SystemClock
-from markerseek.drivers.ros2 import require_found
 from markerseek.geometry import Camera
 from markerseek.ros import RosNode, messages
 from markerseek.vision import brightness, decoded_image
