@@ -14,7 +14,7 @@ from markerseek.core import ConfigError, counted
 
 
 def sessions_report(folder: Path | None) -> Report:
-    """Return the report of the sessions in a folder; None: in that of sessions whose folder nobody named."""
+    """Return the report of the sessions in a folder; None: in the folder of sessions for which no folder was named."""
     place = folder or registration.sessions_folder()
     if folder is not None and not folder.is_dir():
         raise ConfigError(f"{folder}: there is no such folder; name one that holds folders of sessions")

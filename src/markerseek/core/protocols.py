@@ -255,13 +255,14 @@ class SweepingReceiver(Receiver, Protocol):
     def frames(self) -> Sequence[Frame]:
         """Return the frames that came since the last call, in the order of their triggers.
 
-        None where it is read at the end.
+        There are none before the end of a sweep if the receiver is read at its end.
         """
 
     def end_sweep(self, *, pulses: int) -> Sequence[Frame]:
-        """Return the frames that have not been returned yet, of so many pulses in all; dark triggers may have followed.
+        """Return the frames that have not been returned yet; ``pulses``: number of pulses of the whole sweep.
 
-        A receiver that is read at the end averages those into a dark frame, and returns it last.
+        Dark triggers may have followed the pulses. A receiver that is read at the end averages their frames into one
+        dark frame, and returns it last.
         """
 
 
@@ -277,8 +278,9 @@ class Reader(Protocol):
 class FollowedTissue(Protocol):
     """The tissue around the marker, followed while it is searched, as by the two cameras of an endoscope.
 
-    As long as the rotation between cameras and probe is not known, only the size of a displacement is: it is then 0,
-    and its error is as large in every direction. So it is a small one in the pause between two breaths.
+    As long as the rotation between cameras and probe is not known, only the size of a displacement is known.
+    `displacement` then returns 0, with an error of that size in every direction. In the pause between two breaths that
+    error is small.
     """
 
     @property

@@ -128,8 +128,10 @@ _FIRST_S = 10.0
 """Longest time until its first image, in seconds."""
 
 ALONE_S = 5.0
+"""Time without a pair after which an error says that nothing pairs, in seconds."""
+
 ALONE_IMAGES = 10
-"""Images without a partner, and seconds without a pair, from which it is said that nothing pairs."""
+"""Images of a camera without a partner in that time, from which it says so."""
 
 _JOIN_S = 1.0
 """Longest wait for a thread at the end, in seconds; one that a file system holds up ends by itself later."""
@@ -211,7 +213,7 @@ class PairSource(Closing):
         atexit.unregister(self.close)
 
     def _require_well(self, now_s: float, dropped: tuple[int, ...]) -> None:
-        """Raise what keeps pairs from coming."""
+        """Raise the error that keeps pairs from coming, if there is one."""
         if self._problem is not None:
             raise self._problem
         for source, last_s, patience_s in zip(self._sources, self._last_s, self._patience_s, strict=True):
@@ -269,7 +271,7 @@ class PairSource(Closing):
             self._ready.extend(self._pairing.pairs(now_s))
 
     def _say(self, sentence: str) -> None:
-        """Have `newest` warn of something."""
+        """Let `newest` log a warning."""
         with self._lock:
             self._said.append(sentence)
 

@@ -133,7 +133,6 @@ def noise_limit_deg(curve: Curve, *, noise_sigma: float) -> float:
 
     ``curve``: the samples so far. ``noise_sigma``: standard deviation σ of the intensity, in the intensity's unit.
     """
-    # 4 ln 2·(t/F)²·A = σ solved for t.
     peak = peak_of(curve)
     width_deg = float(np.ptp(curve.angle_deg)) if peak.fwhm_deg is None else peak.fwhm_deg
     if peak.max_intensity <= noise_sigma:

@@ -93,14 +93,14 @@ def _may_be_whole(data: bytes) -> bool:
 
 
 def _end(data: bytes) -> int | None:
-    """Place behind the mark with which a PNG or JPEG ends; None if it is missing, or the format has none."""
+    """Return the place behind the mark with which a PNG or JPEG ends; None if it is missing, or the format has none."""
     if data.startswith(_PNG):
         return _png_end(data)
     return _jpeg_end(data) if data.startswith(_JPEG) else None
 
 
 def _png_end(data: bytes) -> int | None:
-    """Place behind the last chunk: each has its length, its name, its content and a check sum."""
+    """Return the place behind the last chunk: each has its length, its name, its content and a check sum."""
     place = len(_PNG)
     name = b""
     while name != b"IEND":
@@ -113,7 +113,10 @@ def _png_end(data: bytes) -> int | None:
 
 
 def _jpeg_end(data: bytes) -> int | None:
-    """Place behind the mark of the end; a preview within a segment, which has such a mark of its own, is skipped."""
+    """Return the place behind the mark of the end.
+
+    A preview within a segment has such a mark of its own, and is skipped.
+    """
     place = len(_JPEG)
     while (marker := _JPEG_MARKER.search(data, place)) is not None:
         place = marker.end()

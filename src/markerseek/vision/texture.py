@@ -42,7 +42,7 @@ Cause: TypeAlias = Literal[
 
 
 class NotKnown(msgspec.Struct, frozen=True, kw_only=True, tag="not-known"):
-    """The picture does not suffice to tell what moved: it counts as not looked at."""
+    """The picture does not show what moved; nothing is concluded from it."""
 
     at_s: float
     """Time of the pair."""
@@ -114,7 +114,7 @@ MAX_SIGMA_PX = 0.12
 
 _NEAREST_M = 0.025
 _FARTHEST_M = 0.5
-"""Depths that are looked for."""
+"""Range of the depths that are looked for."""
 
 MAX_MISS_PX = 1.2
 """How far the lines of sight of both cameras may miss each other; calibrations miss by some tenths."""
@@ -139,7 +139,7 @@ class Levels:
 
     @classmethod
     def of(cls, image: UInt8[np.ndarray, "rows columns"]) -> Levels:
-        """Make both."""
+        """Return both of an image."""
         cv2 = opencv(_PURPOSE)
         fine = cv2.GaussianBlur(image, (5, 5), _BLUR_PX)
         return cls(fine=fine, coarse=cv2.pyrDown(cv2.pyrDown(image)))

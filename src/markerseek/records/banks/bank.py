@@ -142,7 +142,7 @@ class FrameBank(Bank, ABC):
     """Channels that are left out, counted from 0: their samples are 0."""
 
     def to_xarray(self) -> xr.Dataset:
-        """As of `Bank.to_xarray`."""
+        """Return the data set of `Bank.to_xarray`, with the frames."""
         frames = [self.frame(index) for index in range(len(self.angles_deg))]
         shapes = {frame.samples.shape for frame in frames}
         if len(shapes) > 1:
@@ -205,7 +205,7 @@ def record_of(path: Path) -> Path:
 
 
 def unwrapped(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> Float64[np.ndarray, " n"]:
-    """Return the angles without the jump of a scan that crosses 360 or ±180 degrees, and a warning that says so.
+    """Return the angles without the jump of a scan that crosses 360 or ±180 degrees; a note says what was changed.
 
     The circle is cut at its largest gap, if that is more than twice as wide as every other gap, so that at least two
     steps are missing there. A scan of the full circle has no such gap, and keeps its angles.
@@ -255,7 +255,9 @@ def first_of(names: Sequence[str]) -> str:
     return ", ".join(names[:5]) + (" …" if len(names) > 5 else "")
 
 
-def rising(path: Path, angles_deg: Float64[np.ndarray, " n"]) -> tuple[tuple[float, ...], Int64[np.ndarray, " n"]]:
+def in_rising_order(
+    path: Path, angles_deg: Float64[np.ndarray, " n"]
+) -> tuple[tuple[float, ...], Int64[np.ndarray, " n"]]:
     """Return the angles that a search can use in rising order, with the former place of each."""
     turned = unwrapped(path, angles_deg)
     order = np.argsort(turned, kind="stable")

@@ -36,7 +36,7 @@ from markerseek.records.banks.bank import (
     FrameBank,
     chosen_channels,
     first_of,
-    rising,
+    in_rising_order,
     silenced,
 )
 from markerseek.records.banks.foreign_frames import (
@@ -247,7 +247,7 @@ def read_folder(path: Path, table: TableFormat, *, blanked: int) -> FrameBank:
             "with the angle in its name, as in 'angle_-12.5deg'"
         )
     named = _stated_angles(path, found, table) if table.states_angles else _named_angles(found)
-    angles, order = rising(path, named)
+    angles, order = in_rising_order(path, named)
     ordered = [found[index] for index in order.tolist()]
     facts = BankFacts(probe=MAT_PROBE if all(place.suffix.lower() == ".mat" for place in ordered) else None)
     try_arrays((place for place in ordered if place.is_file()), most_bytes=_MAX_FRAME_BYTES)

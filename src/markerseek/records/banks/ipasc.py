@@ -15,7 +15,7 @@ import numpy as np
 
 from markerseek.core import ChannelFrame, Float64, FrameHeader, Int16, RecordError
 from markerseek.files import DEGREES
-from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, rising, silenced
+from markerseek.records.banks.bank import NUMERIC_FACTS, BankFacts, FrameBank, IntensityBank, in_rising_order, silenced
 from markerseek.records.banks.table import amplitudes
 from markerseek.records.hdf5 import CheckedHdf5, as_record_error
 from markerseek.records.notes import note
@@ -146,7 +146,7 @@ def read_probed(path: Path) -> IntensityBank | IpascBank:
 def _bank_of(path: Path, file: CheckedHdf5) -> IntensityBank | IpascBank:
     if not file.has(ANGLES):
         raise RecordError(f"{path}: {ANGLES} is missing; without the angles it is no bank of a scan")
-    angles_deg, order = rising(path, file.numbers(ANGLES, units=DEGREES))
+    angles_deg, order = in_rising_order(path, file.numbers(ANGLES, units=DEGREES))
     count = len(angles_deg)
 
     def column(name: str, otherwise: float = math.nan) -> tuple[float, ...]:

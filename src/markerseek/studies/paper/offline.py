@@ -133,9 +133,7 @@ class _Scan(NamedTuple):
 
 
 def simulated_banks(folder: Path, options: RunOptions) -> list[OfflineBank]:
-    """Return the banks of the five materials at nine positions each (of the last at one), for each noise.
-
-    Written into the folder.
+    """Write and return the banks of the five materials at nine positions each (of the last at one), for each noise.
 
     The same positions and spots are scanned under each noise. With fewer markers than the paper's, fewer positions are
     scanned, in coarser steps.
@@ -218,7 +216,7 @@ def _searches(bank: OfflineBank) -> list[PaperSearch]:
 
 
 def fig6(searches: Sequence[PaperSearch], own: OfflineBank | None = None) -> Section:
-    """Fig. 6: mean error over the number of acquisitions, one panel for each material.
+    """Return Fig. 6: mean error over the number of acquisitions, one panel for each material.
 
     ``own``: the user's own bank that was searched; None for the simulated ones.
     """
