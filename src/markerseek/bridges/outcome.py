@@ -8,7 +8,7 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 
-from markerseek.show import answer_line
+from markerseek.show import flat_line
 
 _NOT_ARMED = 4
 """Exit code of a command whose rig nobody armed."""
@@ -19,9 +19,6 @@ class PrintedResult(msgspec.Struct, frozen=True, kw_only=True):
 
     answer: str
     angle_deg: float
-    sigma_deg: float | None = None
-    interval95_deg: tuple[float, float] | None = None
-    reason: str | None = None
     as_published: bool = False
     marker_trus_m: tuple[float, float, float] | None = None
 
@@ -29,18 +26,6 @@ class PrintedResult(msgspec.Struct, frozen=True, kw_only=True):
     def is_claimed(self) -> bool:
         """Whether the search claims its angle; the paper's form of a method always answers, and claims nothing."""
         return self.answer == "found" and not self.as_published
-
-    @property
-    def line(self) -> str:
-        """The answer in one line."""
-        return answer_line(
-            self.answer,
-            self.angle_deg,
-            sigma_deg=self.sigma_deg,
-            interval95_deg=self.interval95_deg,
-            reason=self.reason,
-            as_published=self.as_published,
-        )
 
 
 class PrintedError(msgspec.Struct, frozen=True, kw_only=True):
@@ -100,8 +85,8 @@ class Outcome:
                 "not armed: nothing moved and nothing was fired; a person must arm the rig in the terminal of the "
                 "bridge or page"
             )
-        if self.result is not None:
-            return self.result.line
+        if self.result is not None and self.printed is not None:
+            return flat_line(self.printed)
         killed = {128 + each: f", by {each.name}" for each in signal.Signals}.get(self.exit_code, "")
         return f"the command ended with exit code {self.exit_code}{killed}"
 

@@ -70,7 +70,7 @@ _ROS2 = _Group(
     kind="ros2:RosGroup",
 )
 
-COMMANDS: dict[str, dict[str, str | _Group]] = {
+_COMMANDS: dict[str, dict[str, str | _Group]] = {
     "Search": {
         "search": "search:command",
         "resume": "resume:command",
@@ -186,8 +186,8 @@ def all_commands() -> Any:
     app.callback()(_top)
     built: Any = typer.main.get_command(app)
     built.commands = _Commands(
-        {name: place for below in COMMANDS.values() for name, place in below.items()},
-        panels={name: panel for panel, below in COMMANDS.items() for name in below},
+        {name: place for below in _COMMANDS.values() for name, place in below.items()},
+        panels={name: panel for panel, below in _COMMANDS.items() for name in below},
     )
     return _arranged(built)
 

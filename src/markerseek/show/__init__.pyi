@@ -10,7 +10,7 @@ from .files import (
     save_figure,
     write_page,
 )
-from .flat import flat_answer, flat_result
+from .flat import flat_answer, flat_line, flat_result
 from .follow_picture import FollowedMoment, follow_figure
 from .frame_picture import frame_figure, peak_figure
 from .grey import RANGE_DB, grey_levels
@@ -81,6 +81,7 @@ __all__ = [
     "estimate_line",
     "event_line",
     "flat_answer",
+    "flat_line",
     "flat_result",
     "follow_figure",
     "follow_svg",

@@ -5,10 +5,13 @@ Only programs outside read these keys; inside, an answer is an `Estimate`, and a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from markerseek._version import __version__
 from markerseek.core import Estimate, Found, Unsure
 from markerseek.show.result import SearchResult, sample_row
-from markerseek.show.words import answer_name, answer_reason
+from markerseek.show.words import answer_line, answer_name, answer_reason
 
 
 def flat_answer(estimate: Estimate, *, as_published: bool = False) -> dict[str, object]:
@@ -29,6 +32,18 @@ def flat_answer(estimate: Estimate, *, as_published: bool = False) -> dict[str, 
         "angle_deg": estimate.mean_deg,
         **(dict.fromkeys(certainty) if as_published else certainty),
     }
+
+
+def flat_line(flat: Mapping[str, Any]) -> str:
+    """Return the answer of a flat result in one line, as `answer_line` has it."""
+    return answer_line(
+        flat["answer"],
+        flat["angle_deg"],
+        sigma_deg=flat.get("sigma_deg"),
+        interval95_deg=flat.get("interval95_deg"),
+        reason=flat.get("reason"),
+        as_published=bool(flat.get("as_published")),
+    )
 
 
 def flat_result(result: SearchResult) -> dict[str, object]:

@@ -185,7 +185,7 @@ class LogPanel:
         self._lines.set_text("\n".join(run.lines(view, most=LOG_LINES)) if run and view else "")
 
 
-PANELS = (ImagePanel, NumbersPanel, LogPanel)
+SEARCH_PANELS = (ImagePanel, NumbersPanel, LogPanel)
 """The panels of a search beside its charts, in the order in which they are read; their places are in ``page.css``."""
 
 
@@ -196,7 +196,7 @@ class SearchPanels:
         self._shown: tuple[RunView | None, Picture | None] | None = None
         with ui.element("div").classes("ms-panels") as self._grid:
             self._charts = RunCharts(search)
-            self._panels = [each() for each in PANELS]
+            self._panels = [each() for each in SEARCH_PANELS]
         self.show(None, None)
 
     def show(self, run: RunHistory | None, view: RunView | None) -> None:

@@ -40,7 +40,7 @@ from markerseek.records.banks.iq import CARRIERS, carrier_of, envelope_peaks, is
 from markerseek.records.banks.repeats import Merged, merged
 from markerseek.records.banks.scan_order import filled, in_scan_order
 from markerseek.records.banks.table import amplitudes, decibels, warn_skipped
-from markerseek.records.banks.table_angles import degrees_of, stated_deg
+from markerseek.records.banks.table_angles import angles_in_degrees, stated_deg
 from markerseek.records.banks.table_format import AXES, DEFAULT_FORMAT, TableFormat
 from markerseek.records.named_arrays import NamedArrays, arrays_in, content
 from markerseek.records.notes import note
@@ -282,7 +282,7 @@ def _degrees(
     angles = arrays[name]
     if angles.dtype.kind not in "iuf":
         raise RecordError(f"{path}: {name} is {angles.dtype}, it must hold angles")
-    return degrees_of(table, path, titles[name], angles.ravel().astype(np.float64))
+    return angles_in_degrees(table, path, titles[name], angles.ravel().astype(np.float64))
 
 
 _UNITS_OF_FACTS = {

@@ -16,7 +16,7 @@ from markerseek.core import MAX_INTENSITY, ConfigError, Float64, RecordError, co
 from markerseek.files import DECIMAL_COMMA, MIB, CsvRows, csv_rows, may_be_number, replace_file, unit_in
 from markerseek.records.banks.bank import IntensityBank, first_of
 from markerseek.records.banks.repeats import merged
-from markerseek.records.banks.table_angles import degrees_of, largest_angle, stated_deg
+from markerseek.records.banks.table_angles import angles_in_degrees, largest_angle, stated_deg
 from markerseek.records.banks.table_format import DEFAULT_FORMAT, TableFormat
 from markerseek.records.notes import note
 
@@ -92,7 +92,7 @@ def read_table(path: Path, table: TableFormat) -> IntensityBank:
         # A row that is left out has its place in the scan.
         degrees = stated_deg(table, path, len(cells), what="rows")[np.isin(list(cells), kept)]
     else:
-        degrees = degrees_of(table, path, names[columns.angle] if names else "", column[columns.angle])
+        degrees = angles_in_degrees(table, path, names[columns.angle] if names else "", column[columns.angle])
         if not names and table == DEFAULT_FORMAT and _counts(column[columns.angle]):
             note(
                 path,

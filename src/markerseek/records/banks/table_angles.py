@@ -39,7 +39,7 @@ def largest_angle(table: TableFormat, path: Path, name: str) -> float:
     return (MAX_DEG + abs(table.offset_deg)) / abs(_scale(table, path, name))
 
 
-def degrees_of(
+def angles_in_degrees(
     table: TableFormat, path: Path, name: str, angles: Float64[np.ndarray, " n"]
 ) -> Float64[np.ndarray, " n"]:
     """Return the angles of a column or variable in degrees.
