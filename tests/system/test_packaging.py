@@ -77,12 +77,12 @@ CHANGES = [path for path in (ROOT / "changelog.d").glob("*.md") if path.name != 
 
 
 @pytest.mark.parametrize("path", CHANGES, ids=lambda path: path.stem)
-def test_a_change_has_a_theme_and_bullets(path: Path) -> None:
+def test_a_change_has_a_theme_and_bullets_or_a_table(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert text.startswith("### ")
     assert not re.search(r"^#{1,2} |^#### ", text, re.MULTILINE)
     for theme in text.split("### ")[1:]:
-        assert re.search(r"^- ", theme, re.MULTILINE)
+        assert re.search(r"^[-|] ", theme, re.MULTILINE)
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
