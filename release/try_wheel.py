@@ -111,7 +111,7 @@ def complaints(environment: Environment, *, extras: bool) -> list[str]:
         found.append(f"search ended with {code}: {printed}")
     for extra, words in WITHOUT.items():
         code, printed = environment.command(*words)
-        if code != 2 or f"markerseek[{extra}]" not in printed:
+        if code != 2 or f"FILE.whl[{extra}]" not in printed:
             found.append(f"{' '.join(words)} without the extra {extra} ended with {code}: {printed[-400:]}")
     if extras:
         found += [
