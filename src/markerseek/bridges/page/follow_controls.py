@@ -77,6 +77,7 @@ class FollowControls:
             with ui.row():
                 yes = ui.button("Permit and follow", icon="play_arrow", color=None).classes("ms-go")
                 ui.button("cancel", on_click=asked.close).props("flat")
+        asked.on("hide", asked.delete)
 
         def permit() -> None:
             if pixel is not None and not valid.value:

@@ -106,6 +106,7 @@ class SessionCards:
             with ui.row():
                 yes = ui.button("delete it", icon="delete", color="negative")
                 ui.button("keep it", on_click=asked.close).props("flat")
+        asked.on("hide", asked.delete)
         self._shell.on_click(yes, lambda: self._delete(kept, asked))
 
     def _delete(self, kept: KeptSession, asked: ui.dialog) -> None:
