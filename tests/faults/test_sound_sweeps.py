@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -110,7 +111,7 @@ def bench(number: int, *, held_up: float = HELD_UP) -> Bench:
     return Bench(number, held_up=held_up, settle_deg=(0.0, 0.02, 0.05)[number % 7 % 3])
 
 
-def require_sound(numbers: range) -> None:
+def require_sound(numbers: Iterable[int]) -> None:
     for number in numbers:
         outcomes = bench(number).outcomes()
         assert isinstance(outcomes[-1], Swept), number
@@ -118,7 +119,8 @@ def require_sound(numbers: range) -> None:
 
 
 def test_no_sweep_of_a_sound_stage_is_refused_whatever_holds_it_up() -> None:
-    require_sound(range(12))
+    # The light of the last began too early: a reading that came late had shown a probe that was still slow as fast.
+    require_sound((*range(12), 36))
 
 
 @pytest.mark.long

@@ -170,8 +170,8 @@ READ_S = 0.05
 _LEAST_READ_S = 0.025
 """The same where computer or line were held up: nearer readings do not show whether the stage turns."""
 
-_LATE_S = 0.02
-"""Time for an answer from which on it is late: a stage turns by half a degree meanwhile."""
+_LATE_S = 0.1 * READ_S
+"""Time for an answer from which on it is late: a speed between two readings may be wrong by a tenth then."""
 
 BEGIN_S = 1.0
 """Time within which a stage must have begun to turn, and within which it must have come to rest after braking."""
