@@ -27,6 +27,9 @@ WAIT_S = 1.0
 _MOST = 100
 """Most images of a camera that wait."""
 
+_MOST_NAMES = 1000
+"""Most names of a camera's images that are remembered."""
+
 Key: TypeAlias = tuple[int, ...]
 """The numbers in an image's name."""
 
@@ -50,7 +53,8 @@ class Pairing:
     """Pairs images of two cameras by their names, or by their times, which increase from image to image.
 
     Images of the same name are a pair if their times differ by at most ``named_s``. Images without such a partner are a
-    pair if each is the nearest to the other, and their times differ by at most ``near_s``.
+    pair if each is the nearest to the other, and their times differ by at most ``near_s``. An image whose namesake is
+    known to be there, but never comes, is part of no pair.
 
     ``named_s``: 0 if images have no names.
     """
@@ -60,8 +64,17 @@ class Pairing:
         self._named_s = named_s
         self._waiting: tuple[list[CameraImage], list[CameraImage]] = ([], [])
         self._latest_s = [-np.inf, -np.inf]
+        self._names: tuple[dict[Key, float], dict[Key, float]] = ({}, {})
         self.dropped = [0, 0]
         """Images of the left and of the right camera that found no partner since the last pair."""
+
+    def announce(self, side: int, key: Key, time_s: float) -> None:
+        """Note that an image of a camera with these numbers in its name is there, whether it can be read or not."""
+        names = self._names[side]
+        names.pop(key, None)
+        names[key] = time_s
+        if len(names) > _MOST_NAMES:
+            del names[next(iter(names))]
 
     def add(self, side: int, image: CameraImage) -> None:
         """Receive an image of a camera: 0 is the left one."""
@@ -92,7 +105,10 @@ class Pairing:
                 yield self._pair(left, right)
 
     def _by_time(self, now_s: float) -> Iterator[StereoPair]:
-        lefts, rights = ([image for image in each if now_s - image.since_s >= self._named_s] for each in self._waiting)
+        lefts, rights = (
+            [image for image in each if now_s - image.since_s >= self._named_s and not self._has_namesake(side, image)]
+            for side, each in enumerate(self._waiting)
+        )
         for left in lefts:
             right = _nearest(rights, left.time_s)
             if right is None or abs(right.time_s - left.time_s) > self._near_s:
@@ -101,6 +117,13 @@ class Pairing:
             if _nearest(self._waiting[0], right.time_s) is left and self._is_settled(left, right, now_s):
                 rights.remove(right)
                 yield self._pair(left, right)
+
+    def _has_namesake(self, side: int, image: CameraImage) -> bool:
+        """Return whether an image of the other camera has the same name."""
+        if image.key is None:
+            return False
+        time_s = self._names[1 - side].get(image.key)
+        return time_s is not None and abs(time_s - image.time_s) <= self._named_s
 
     def _is_settled(self, left: CameraImage, right: CameraImage, now_s: float) -> bool:
         """Return whether no image can come that is nearer to the later of the two."""

@@ -65,6 +65,11 @@ class _File(NamedTuple):
         """Time of its last change in seconds since 1970."""
         return self.id[1] * 1e-9
 
+    @property
+    def numbers(self) -> Key:
+        """All numbers in its name."""
+        return tuple(int(digits) for digits in re.findall(r"[0-9]+", Path(self.name).stem))
+
 
 class FolderImages(PairSource):
     """Image pairs from two folders: PNG, JPEG, BMP, PGM, PPM or TIFF of 8 bits.
@@ -106,6 +111,7 @@ class FolderImages(PairSource):
             spent_s = time.thread_time() - began_s
             if came and self._first_at_s is None:
                 self._first_at_s = time.monotonic()
+            self._announce(came)
             self._read_for_a_turn(sorted(came, key=lambda each: each[0].time_s))
             for folder in self._watched:
                 self._left_out_at_s.extend([time.monotonic()] * folder.left_out())
@@ -113,6 +119,13 @@ class FolderImages(PairSource):
                     self._say(sentence)
             self._say_if_slow()
             pause_s = max(_EVERY_S, spent_s / _SHARE)
+
+    def _announce(self, came: list[tuple[_File, int]]) -> None:
+        """Note the names of all images: one that is left out is the partner of its namesake all the same."""
+        with self._lock:
+            for file, side in came:
+                if file.numbers:
+                    self._pairing.announce(side, file.numbers, file.time_s)
 
     def _read_for_a_turn(self, came: list[tuple[_File, int]]) -> None:
         """Read images of both cameras in the order of their times: all, or until the turn is over."""
@@ -337,7 +350,7 @@ class _Folder:
 
         None without one, or where the last file had the same: they do not count.
         """
-        key = tuple(int(digits) for digits in re.findall(r"[0-9]+", Path(file.name).stem))
+        key = file.numbers
         repeated = key == self._last_key
         self._last_key = key
         return None if repeated or not key else key

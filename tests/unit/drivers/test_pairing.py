@@ -72,3 +72,18 @@ def test_a_nearer_image_that_came_after_its_partner_is_awaited() -> None:
         pairing.add(side, image(number, time_s, now_s, (1000 * side + number,)))
     found = [pair for now_s in (0.1, 1.06, 1.1, 1.2) for pair in pairing.pairs(now_s)]
     assert [(int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in found] == [(27, 27)]
+
+
+def test_an_image_whose_namesake_was_left_out_is_part_of_no_pair() -> None:
+    pairing = Pairing(near_s=0.05, named_s=1.0)
+    # Of each pair one image is read, and the other was there.
+    for side, number, time_s in [(0, 79, 0.04), (1, 78, 0.0)]:
+        pairing.announce(1 - side, (number,), time_s)
+        pairing.add(side, image(number, time_s, 0.1, (number,)))
+    assert [pair for now_s in (0.2, 1.2, 1.5) for pair in pairing.pairs(now_s)] == []
+    # A namesake of long ago is another image.
+    pairing.announce(1, (90,), 5.0)
+    for side, number, time_s in [(0, 90, 10.0), (1, 95, 10.01)]:
+        pairing.add(side, image(number, time_s, 10.0, (number,)))
+    found = [pair for now_s in (10.2, 11.2) for pair in pairing.pairs(now_s)]
+    assert [(int(pair.left[0, 0]), int(pair.right[0, 0])) for pair in found] == [(90, 95)]
