@@ -385,6 +385,7 @@ def _follow(follower: Follower, run: Run) -> None:
     plan = run.plan
     clock = run.room.clock
     stopped = False
+    was_acted = False
     steps: Generator[FollowStep, None, None] = follower.steps()
     for step in steps:
         run.steps.append(step)
@@ -397,7 +398,10 @@ def _follow(follower: Follower, run: Run) -> None:
             run.went_on_s = now_s
             follower.go_on("a person")
         if now_s > plan.begins_s + plan.lasts_s + 3.0:
-            steps.close()
+            # What acted during the last turn alone is reported after it.
+            if was_acted or not run.room.stage.acted:
+                steps.close()
+            was_acted = bool(run.room.stage.acted)
 
 
 def _judge(run: Run) -> None:
