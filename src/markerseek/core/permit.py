@@ -203,3 +203,31 @@ class FollowPermit(msgspec.Struct, frozen=True, kw_only=True):
                 f"follow permit: {self.pulses} pulses at once and {self.pulses_per_second} a second, it must be at "
                 f"least 0, no more at once than in a second, and at most {MOST_FOLLOWING_HZ} a second"
             )
+
+    def turn(self, from_deg: float, to_deg: float, *, fastest_deg_s: float, expires_s: float) -> SweepPermit:
+        """Return the rules of one turn in the dark: those of a sweep, without its light.
+
+        Parameters
+        ----------
+        from_deg, to_deg
+            Angles at which it begins and ends, in degrees.
+        fastest_deg_s
+            Speed beyond which it has failed, in degrees per second.
+        expires_s
+            Time by which it is over, in seconds on the rig's clock.
+
+        Raises
+        ------
+        ConfigError
+            If the angles are equal, or a limit is no number.
+        """
+        return SweepPermit(
+            token="",
+            angle_deg=from_deg,
+            pulses=0,
+            expires_s=expires_s,
+            to_deg=float(to_deg),
+            slowest_deg_s=self.speed_deg_s,
+            fastest_deg_s=fastest_deg_s,
+            period_s=1.0,
+        )

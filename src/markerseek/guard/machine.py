@@ -70,10 +70,8 @@ class Guard:
         self._state = State.DISARMED
         self._fault: str | None = None
         self._issued_s = math.nan
-        self._turned_s = math.nan
         self._read = (math.nan, math.nan)
         self._following: FollowPermit | None = None
-        self._follows_until_s = -math.inf
         self._previous: Frame | None = None
         self._usual_sigma: dict[int, float | None] = {}
 
@@ -280,16 +278,11 @@ class Guard:
         if not 0 < way_deg <= AHEAD_DEG:
             why = f"a turn from {from_deg:.3f} to {to_deg:.3f} deg; the longest while it follows is {AHEAD_DEG:g} deg"
             raise LimitError(f"{why}; nothing was moved; go there in shorter ones")
-        # The rules of a sweep, without its light.
-        self._sweep = SweepPermit(
-            token="",
-            angle_deg=from_deg,
-            pulses=0,
-            expires_s=now_s + way_deg / permit.speed_deg_s + TURN_SPARE_S,
-            to_deg=float(to_deg),
-            slowest_deg_s=permit.speed_deg_s,
+        self._sweep = permit.turn(
+            from_deg,
+            to_deg,
             fastest_deg_s=FASTER * permit.speed_deg_s,
-            period_s=1.0,
+            expires_s=now_s + way_deg / permit.speed_deg_s + TURN_SPARE_S,
         )
         self._permits.void()
         self._read = (from_deg, now_s)
