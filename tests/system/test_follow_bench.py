@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from contextlib import closing
 from pathlib import Path
 
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from markerseek.following import FollowStep, follow_record
+from markerseek.guard.machine import AHEAD_DEG
 from markerseek.registration import SessionRecord
 from markerseek.rigs import bench_fingerprint, read_rig_file
 from tests.emulated import emulation, ran
@@ -56,6 +59,39 @@ def test_a_tip_and_a_point_are_followed_in_the_dark(tmp_path: Path) -> None:
     # The truth of the emulated probe, which is turned to both.
     assert high_deg == pytest.approx(TIP_DEG, abs=0.3)
     assert low_deg == pytest.approx(POINT_DEG, abs=0.3)
+    assert pulses == 0
+
+
+KILLED = """
+import os, signal
+from unittest import mock
+from markerseek import following
+steps = following.Follower.steps
+def killed(follower):
+    for step in steps(follower):
+        if step.turning and step.probe_deg > 1.0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield step
+mock.patch.object(following.Follower, "steps", killed).start()
+"""
+
+
+def test_a_host_that_dies_while_the_probe_turns_leaves_it_in_the_dark_where_the_turn_ends(tmp_path: Path) -> None:
+    known = tmp_path / "registration.json"
+    known.write_bytes(msgspec.json.encode(registration(CAMERA_TO_TRUS).report))
+    record = tmp_path / "follow.jsonl"
+    with emulation(tmp_path) as devices:
+        given = ["follow", "--registration", known, "--rig", devices.rig, "--still-valid", "--arm", "--json"]
+        given += ["--point", *camera_mm(1.5 * AHEAD_DEG)]
+        dead = ran(*given, before=KILLED)
+        assert dead.returncode == -signal.SIGKILL, dead.stderr
+        again = ran(*given, "--seconds", 15, "--record", record)
+        _, _, pulses = devices.end()
+    assert again.returncode == 0, again.stdout
+    assert json.loads(again.stdout)["last"]["word"] == "there"
+    lines = follow_record(record, is_over=lambda: True, wait=lambda: None)
+    stood_deg = next(line.probe_deg for line in lines if isinstance(line, FollowStep))
+    assert 1.0 < stood_deg < AHEAD_DEG + 0.3
     assert pulses == 0
 
 
