@@ -13,13 +13,16 @@ from typing import Annotated
 
 import msgspec
 
-from markerseek.core.checks import Within, is_finite, require_fields, require_range
+from markerseek.core.checks import Within, require_fields, require_range
 from markerseek.core.errors import ConfigError
 from markerseek.core.interval import Interval
 
 _LEAST_SIGMA_DEG = 0.1
 _MOST_SIGMA_DEG = 45.0
 """Limits of its standard deviation, in degrees: no prediction is better, and a wider one says nothing."""
+
+_WEIGHTS = (1e-100, 1e100)
+"""Limits of the weights of a table, beside 0: their products and sums are numbers too."""
 
 MOST_ANGLES = 1000
 """Most angles of a table."""
@@ -90,9 +93,10 @@ class AnglePrior(msgspec.Struct, frozen=True, kw_only=True):
             )
         for angle_deg, weight in table:
             require_range("near: an angle of the table", angle_deg, low=-180.0, high=180.0, unit="deg")
-            if not (is_finite(weight) and weight >= 0):
+            if not (weight == 0 or _WEIGHTS[0] <= weight <= _WEIGHTS[1]):
+                low, high = _WEIGHTS
                 raise ConfigError(
-                    f"near: the weight at {angle_deg:g} deg is {weight}, it must be finite and at least 0"
+                    f"near: the weight at {angle_deg:g} deg is {weight}, it must be 0 or lie in [{low:g}, {high:g}]"
                 )
         if not all(low[0] < high[0] for low, high in pairwise(table)):
             raise ConfigError("near: the angles of the table do not ascend; sort them, and name each once")

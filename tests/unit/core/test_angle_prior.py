@@ -22,7 +22,7 @@ def test_an_angle_with_its_sigma_is_read_in_all_usual_forms(text: str) -> None:
     assert AnglePrior.parse(text) == AnglePrior(mean_deg=-12.5, sigma_deg=2.0)
 
 
-@given(ANGLES, SIGMAS, st.lists(st.floats(0.0, 1e3), min_size=2, max_size=6).filter(any))
+@given(ANGLES, SIGMAS, st.lists(st.just(0.0) | st.floats(1e-100, 1e100), min_size=2, max_size=6).filter(any))
 def test_its_text_is_read_as_the_same_prior(mean_deg: float, sigma_deg: float, weights: list[float]) -> None:
     normal = AnglePrior(mean_deg=mean_deg, sigma_deg=sigma_deg)
     assert AnglePrior.parse(str(normal)) == normal
@@ -41,7 +41,9 @@ def test_its_text_is_read_as_the_same_prior(mean_deg: float, sigma_deg: float, w
         ("8:1", "1 angles and 1 weights, a table needs 2"),
         ("9:1 8:1", "do not ascend"),
         ("8:0 9:0", "all weights of the table are 0"),
-        ("8:1 9:-1", "the weight at 9 deg is -1.0"),
+        ("8:1 9:-1", r"the weight at 9 deg is -1.0, it must be 0 or lie in \[1e-100, 1e\+100\]"),
+        ("8:0 9:5e-324", "the weight at 9 deg is 5e-324"),
+        ("8:1 9:inf", "the weight at 9 deg is inf"),
         ("8:1 nan:1", "an angle of the table is nan"),
     ],
 )
