@@ -50,13 +50,9 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
     lateral_sigma_m: float = 1.0
     depth_sigma_m: float = 1.0
     """``lateral_sigma_m``, ``depth_sigma_m``: standard deviations of these differences."""
-    squared: float = 0.0
-    """Square of the difference in its standard deviations, along both axes together."""
-
-    @property
-    def agrees(self) -> bool:
-        """Whether there is a source, and its place is one of the likeliest by the prediction."""
-        return self.seen and bool(self.squared <= chdtri(2, 1 - AGREES))
+    agrees: bool = False
+    """Whether there is a source, and its place is one of the likeliest by the prediction, in both directions together.
+    """
 
     @property
     def said(self) -> str:
@@ -91,7 +87,7 @@ def compare(sample: Sample, aim: Aim, *, face_radius_m: float, spot: SpotToSourc
         depth_off_m=float(off_m[1]),
         lateral_sigma_m=float(lateral_sigma_m),
         depth_sigma_m=float(depth_sigma_m),
-        squared=_squared(off_m, covariance_m2),
+        agrees=_agrees(off_m, covariance_m2),
     )
 
 
@@ -106,9 +102,10 @@ def _expected_m2(aim: Aim, read_m: Sequence[float], spot: SpotToSource) -> Float
     return np.asarray(axes @ aim.covariance_m2 @ axes.T + np.diag(own_m2))
 
 
-def _squared(off_m: Float64[np.ndarray, " axes"], covariance_m2: Float64[np.ndarray, "axes axes"]) -> float:
-    """Return the square of a difference in its standard deviations."""
-    return float(off_m @ np.linalg.solve(covariance_m2, off_m))
+def _agrees(off_m: Float64[np.ndarray, " axes"], covariance_m2: Float64[np.ndarray, "axes axes"]) -> bool:
+    """Return whether a difference is one of the likeliest, along all axes together."""
+    chi_squared = off_m @ np.linalg.solve(covariance_m2, off_m)
+    return bool(chi_squared <= chdtri(len(off_m), 1 - AGREES))
 
 
 def shows_source(reading: Reading) -> bool:
@@ -170,8 +167,7 @@ def confirm(
     off_m = np.array([middle.lateral_off_m, middle.depth_off_m, along_m])
     read_m = (*place_sigmas_m(samples[1].reading.coherence), math.radians(sigma_deg) * aim.radius_m)
     distance_m = float(np.linalg.norm(off_m))
-    agrees = _squared(off_m, _expected_m2(aim, read_m, spot)) <= chdtri(3, 1 - AGREES)
-    if not (agrees and distance_m <= CONFIRMED_M):
+    if not (_agrees(off_m, _expected_m2(aim, read_m, spot)) and distance_m <= CONFIRMED_M):
         return NotConfirmed(
             reason=f"the source is {1e3 * distance_m:.1f} mm from the prediction: {off_deg:+.1f} ± "
             f"{math.hypot(aim.sigma_deg, sigma_deg):.1f} deg about the axis; {middle.said}; the registration is wrong, "
