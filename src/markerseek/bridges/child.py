@@ -262,7 +262,7 @@ class FollowedChild:
             outcome = self.child.outcome()
             if failure is not None:
                 error = PrintedError(error=str(failure), kind=type(failure).__name__)
-                outcome = Outcome.of(1, msgspec.json.encode(error))
+                outcome = Outcome(exit_code=1, printed=msgspec.to_builtins(error), error=error)
             self._on_end(outcome)
 
 

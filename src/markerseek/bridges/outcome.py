@@ -53,11 +53,15 @@ class Outcome:
     @classmethod
     def of(cls, exit_code: int, text: bytes) -> Self:
         """Return how a command ended that printed a text."""
+        try:
+            printed = msgspec.json.decode(text, type=dict[str, Any])
+        except (msgspec.MsgspecError, ValueError, RecursionError):
+            return cls(exit_code=exit_code)
         return cls(
             exit_code=exit_code,
-            printed=_read(text, dict[str, Any]),
-            result=_read(text, PrintedResult),
-            error=_read(text, PrintedError),
+            printed=printed,
+            result=_as(PrintedResult, printed),
+            error=_as(PrintedError, printed),
         )
 
     @property
@@ -94,9 +98,9 @@ class Outcome:
 _Printed = TypeVar("_Printed")
 
 
-def _read(text: bytes, kind: type[_Printed]) -> _Printed | None:
+def _as(kind: type[_Printed], printed: dict[str, Any]) -> _Printed | None:
     """Return what a command printed as a value of this kind; None if it is something else."""
     try:
-        return msgspec.json.decode(text, type=kind)
-    except (msgspec.MsgspecError, ValueError, RecursionError):
+        return msgspec.convert(printed, kind)
+    except msgspec.ValidationError:
         return None
