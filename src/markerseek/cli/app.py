@@ -100,7 +100,7 @@ _COMMANDS: dict[str, dict[str, str | _Group]] = {
 """Where each command is, in the panels of the help."""
 
 
-class _Commands(Mapping[str, Any]):
+class _LazyCommands(Mapping[str, Any]):
     """The commands of a group; the file of each is imported when the command is first asked for."""
 
     def __init__(self, places: Mapping[str, str | _Group], panels: Mapping[str, str]) -> None:
@@ -151,7 +151,7 @@ def _group(name: str, group: _Group, panel: str | None) -> Any:
     )
     built: Any = typer.main.get_group(app)
     built.rich_help_panel = panel
-    built.commands = _Commands(group.below, panels={})
+    built.commands = _LazyCommands(group.below, panels={})
     return built
 
 
@@ -185,7 +185,7 @@ def all_commands() -> Any:
     )
     app.callback()(_top)
     built: Any = typer.main.get_command(app)
-    built.commands = _Commands(
+    built.commands = _LazyCommands(
         {name: place for below in _COMMANDS.values() for name, place in below.items()},
         panels={name: panel for panel, below in _COMMANDS.items() for name in below},
     )

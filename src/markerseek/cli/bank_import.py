@@ -12,11 +12,7 @@ from msgspec import structs
 from rich.markup import escape
 
 from markerseek import rigs, runs
-from markerseek.cli.options import (
-    AsJson,
-    ProbeName,
-    with_values,
-)
+from markerseek.cli.options import AsJson, ProbeName, with_values
 from markerseek.cli.recordings import TypedTable, require_frames
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, stderr

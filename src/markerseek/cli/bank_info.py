@@ -14,11 +14,7 @@ import typer
 from rich.markup import escape
 
 from markerseek import rigs, runs
-from markerseek.cli.options import (
-    AsJson,
-    Out,
-    with_values,
-)
+from markerseek.cli.options import AsJson, Out, with_values
 from markerseek.cli.recordings import TypedTable, require_frames
 from markerseek.cli.report import Output, Report, drawn, facts, with_version
 from markerseek.cli.terminal import announce_compilation

@@ -12,12 +12,7 @@ from rich.markup import escape
 
 from markerseek import runs
 from markerseek.cli.open_rig import arm_rig, open_rig, person
-from markerseek.cli.options import (
-    Arm,
-    AsJson,
-    RigFile,
-    Trace,
-)
+from markerseek.cli.options import Arm, AsJson, RigFile, Trace
 from markerseek.cli.report import Output, Report, with_version
 from markerseek.cli.signals import StoppedBySignal, end_stopped, stopped_by_signals
 from markerseek.cli.terminal import announce_compilation, progress_bar, scaled, show_view, stderr

@@ -5,10 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from markerseek.core import (
-    Clock,
-    NotConnectedError,
-)
+from markerseek.core import Clock, NotConnectedError
 from markerseek.ros import RosNode, set_up_discovery
 
 _LOG = logging.getLogger(__name__)
@@ -18,7 +15,6 @@ _SLICE_S = 0.02
 
 _PATIENCE_S = 2.0
 """Time after which it is said that a node is not found yet, in seconds; on one computer it takes 0.3 s."""
-
 
 STATE_S = 1.0
 """Longest wait for the state of a node that may not publish it now, in seconds."""

@@ -117,7 +117,7 @@ class Streams:
         return [*streams, _registration_status(view, withdrawn=self._withdrawn), self._state_message()]
 
     def started(self) -> list[StreamMessage]:
-        """Begin a search: the marker of the one before is withdrawn."""
+        """Begin a search; the marker of the search before is withdrawn."""
         self._begin("running")
         return [*_marker(None), self.status, self._state_message()]
 
@@ -141,7 +141,7 @@ class Streams:
         return [replace(each, time_s=time_s) for each in [*streams, self._state_message()]]
 
     def ended(self, outcome: Outcome) -> list[StreamMessage]:
-        """Return the search has ended."""
+        """End a search, and return the messages of its end."""
         self._state = "ended"
         self._outcome = outcome
         result = outcome.result

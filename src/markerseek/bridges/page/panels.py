@@ -87,14 +87,6 @@ def show_hints(grid: ui.element, *, are_shown: bool) -> None:
     grid.classes(add="ms-empty" if are_shown else None, remove=None if are_shown else "ms-empty")
 
 
-FAN_HINT = "The probe turns here. The glow shows where the marker probably is."
-CURVE_HINT = (
-    "Each acquisition becomes a dot: how strong the signal is at that angle. The blue area is the probability of the "
-    "marker, and a small picture shows ± 2° about the answer."
-)
-"""What will appear in the two panels of a run."""
-
-
 class RunCharts:
     """Fan and curve of a run, two panels.
 
@@ -105,10 +97,15 @@ class RunCharts:
         facts = RigFacts(kind="simulated", description="", fingerprint="", search=search, probe="")
         self._nothing = RunView(plan=SearchPlan(method="posterior"), facts=facts)
         self._shown: RunView | None = None
-        with panel("probe, from its end", "fan", hint=FAN_HINT):
+        fan_hint = "The probe turns here. The glow shows where the marker probably is."
+        with panel("probe, from its end", "fan", hint=fan_hint):
             self._fan = Fan().classes("ms-fan")
             add_legend(FAN_LEGEND)
-        with panel("intensity and probability; dashed: detection threshold", "curve", hint=CURVE_HINT):
+        curve_hint = (
+            "Each acquisition becomes a dot: how strong the signal is at that angle. The blue area is the probability "
+            "of the marker, and a small picture shows ± 2° about the answer."
+        )
+        with panel("intensity and probability; dashed: detection threshold", "curve", hint=curve_hint):
             self._curve = ui.html(sanitize=False).classes("ms-chart")
         self.show(None)
 

@@ -50,7 +50,7 @@ MOTION = (("tissue", "tissue"), ("moved-spot", "spot"), ("pause", "pause of the 
 """What is drawn of motion over time: its key, and its meaning."""
 
 
-HINTS = {
+_HINTS = {
     "left": "The image of the left camera, with the spot, the place for the next one, and the target.",
     "right": "The same for the right camera.",
     "tre": "The expected error at the target, which falls with each marker to its goal.",
@@ -74,24 +74,24 @@ class RegistrationPanels:
         self._marks: dict[Side, ui.html] = {}
         with ui.element("div").classes("ms-registration") as self._grid:
             for side in _SIDES:
-                with panel(f"{side} camera", side, hint=HINTS[side]):
+                with panel(f"{side} camera", side, hint=_HINTS[side]):
                     with ui.element("div").classes("ms-camera"):
                         self._images[side] = ui.html(sanitize=False)
                         self._marks[side] = ui.html(sanitize=False).classes("ms-marks")
                     add_legend(MARKS)
-            with panel("what the cameras see move", "motion", hint=HINTS["motion"]):
+            with panel("what the cameras see move", "motion", hint=_HINTS["motion"]):
                 self._moves = ui.html(sanitize=False).classes("ms-chart")
                 self._moves_said = ui.label("").classes("ms-note")
                 add_legend(MOTION)
             self._charts = RunCharts(search)
-            with panel("expected error, marker by marker", "tre", hint=HINTS["tre"]):
+            with panel("expected error, marker by marker", "tre", hint=_HINTS["tre"]):
                 self._chart = ui.html(sanitize=False).classes("ms-chart")
-            with panel("markers", "markers", hint=HINTS["markers"]):
+            with panel("markers", "markers", hint=_HINTS["markers"]):
                 self._table = ui.html(sanitize=False).classes("ms-table").props("tabindex=0")
-            with panel("angles of target and probe", "follow", hint=HINTS["follow"]):
+            with panel("angles of target and probe", "follow", hint=_HINTS["follow"]):
                 self._angles = ui.html(sanitize=False).classes("ms-chart")
                 add_legend(ANGLES)
-            with panel("what holds", "holds", hint=HINTS["holds"]):
+            with panel("what holds", "holds", hint=_HINTS["holds"]):
                 self._holds = ui.html(tag="dl", sanitize=False).classes("ms-rows").props("tabindex=0")
         self._shown: tuple[SessionView, int] | None = None
         self._moved: WatchedMotion | None = None

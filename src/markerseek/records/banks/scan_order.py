@@ -70,11 +70,9 @@ def _start_by_angles(
 
 
 def _jump_of(angles: np.ndarray) -> int | None:
-    """Return the place at which a list that otherwise rises, or falls, all around begins anew.
+    """Return the place at which a list that otherwise rises, or falls, all around starts again.
 
-    None if it has no such place.
-
-    A list that rises or falls from its beginning to its end has none.
+    None if it has no such place, as a list that rises or falls from its beginning to its end.
     """
     steps = np.sign(np.diff(angles, append=angles[:1]))
     for direction in (1, -1):
