@@ -140,6 +140,18 @@ class TurnMotion:
         return math.sqrt(float(self.probability @ SIGMAS_M**2))
 
 
+AGAIN_WIDTHS = 0.02
+AGAIN_DEG = 0.1
+"""Distance of two samples, over the full width of the curve at half maximum, and in degrees for a narrow curve, within
+which they are of one angle: what differs between them is no matter of the curve."""
+
+
+def are_near(angles_deg: Sequence[float], *, fwhm_deg: float) -> bool:
+    """Return whether two samples are of one angle."""
+    apart_deg = np.diff(np.sort(angles_deg))
+    return bool((apart_deg <= max(AGAIN_WIDTHS * fwhm_deg, AGAIN_DEG)).any())
+
+
 def motion_of(samples: Sequence[Sample], *, mean_deg: float, sigma: float, stated_m: float | None = None) -> TurnMotion:
     """Return what samples of one marker say of its motion.
 

@@ -11,15 +11,19 @@ import numpy as np
 from markerseek.core import Float64
 from markerseek.search.posterior.centre import HALF_WIDTH_SIGMAS, MIN_SHARE, Centre, Fit, blurred, drawn_cells
 from markerseek.search.posterior.grid import Particles, mean_and_sigma
-from markerseek.search.posterior.motion import SIGMAS_M, TurnMotion
+from markerseek.search.posterior.motion import SIGMAS_M, TurnMotion, are_near
 from markerseek.search.posterior.symmetry import Displaced, Hypotheses, symmetric_log_likelihood
 
 MOTION_DOUBT = 0.05
 """Probability that the marker moves from which its displacements are integrated out."""
 
+MOVES_ALONG_TURN = 0.1
+"""Prior probability that the marker moves just along the turn, where the frames of samples at rest show nothing of it.
+It counts where a flank was measured again (`flank_again_deg`), which speaks for or against it."""
+
 SCATTERING = 0.08
 """Relative error of a sample by itself from which samples at rest scatter as no laser does (the largest of
-`SAMPLE_ERRORS` is 0.09): the marker may move just along the turn, where frames show nothing of it."""
+`SAMPLE_ERRORS` is 0.09): the marker may move just along the turn, too."""
 
 MOTION_ANGLES = 81
 MOTION_STEPS = 801
@@ -65,20 +69,25 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
     swept = any(each.sweep is not None for group in centre.strong for each in group)
     # Just along the turn, where frames show nothing.
     unseen = motion.probability[0] > 1 - MOTION_DOUBT
-    if unseen and (swept or centre.sample_error <= SCATTERING):
+    again = are_near([each.angle_deg for group in centre.strong for each in group], fwhm_deg=centre.fwhm_deg)
+    if unseen and (swept or (centre.sample_error <= SCATTERING and not again)):
         return centre
     moved_deg = np.degrees(SIGMAS_M / from_axis_m)
+    probability = motion.probability
+    if unseen and again:
+        moving = MOVES_ALONG_TURN * probability[1:] / probability[1:].sum()
+        probability = np.concatenate([[1 - MOVES_ALONG_TURN], moving])
     fit = centre.fit
     if fit is None:
         # Too few samples for an evidence of their own.
-        sigma_deg = math.sqrt(float(motion.probability @ moved_deg**2))
-        angles_deg, probability = blurred(centre.angles_deg, centre.probability, sigma_deg=sigma_deg)
-        return replace(centre, angles_deg=angles_deg, probability=probability, moved_sigma_deg=sigma_deg)
+        sigma_deg = math.sqrt(float(probability @ moved_deg**2))
+        angles_deg, wider = blurred(centre.angles_deg, centre.probability, sigma_deg=sigma_deg)
+        return replace(centre, angles_deg=angles_deg, probability=wider, moved_sigma_deg=sigma_deg)
     mean_deg, still_deg = mean_and_sigma(centre.angles_deg, centre.probability)
     least_deg = math.degrees(_LEAST_WINDOW_M / from_axis_m)
     parts = []
-    for sigma_deg, share in zip(moved_deg.tolist(), motion.probability.tolist(), strict=True):
-        if share <= LEAST_MOTION * motion.probability.max():
+    for sigma_deg, share in zip(moved_deg.tolist(), probability.tolist(), strict=True):
+        if share <= LEAST_MOTION * probability.max():
             continue
         # Which direction along the turn goes with which one in depth is not known.
         signs = (1.0, -1.0) if sigma_deg > 0 and motion.relative_displacement.any() else (0.0,)

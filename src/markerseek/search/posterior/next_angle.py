@@ -20,7 +20,8 @@ from markerseek.core import PAPER_RANGE, ByHand, Float64, Int64, Interval, Readi
 from markerseek.search.floor import noise_of
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.inference import Inference
-from markerseek.search.posterior.likelihood import FAR_TAIL_ERROR
+from markerseek.search.posterior.likelihood import FAR_TAIL_ERROR, STRONG_SNR
+from markerseek.search.posterior.motion import are_near
 from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
@@ -157,6 +158,25 @@ def most_informative_deg(
         return _evenly_deg(posterior, limits=limits)
     travel = effort_deg(candidates, measured_deg, by_hand)
     return float(candidates[np.argmax(gain / (1 + travel / TRAVEL_DEG))])
+
+
+def flank_again_deg(posterior: AnglePosterior, samples: Sequence[Sample]) -> float | None:
+    """Return the angle measured before at which a displacement of the marker would show the most, in degrees.
+
+    A curve can be laid through a few samples wherever the marker was at each. A flank that is measured again at another
+    time shows whether it moved. It is the steepest one over the error of a sample. None if an angle was measured twice.
+
+    ``samples``: those of the marker, at rest.
+    """
+    strong = [each for each in samples if each.reading.intensity >= STRONG_SNR * posterior.sigma]
+    angles_deg = np.array([each.angle_deg for each in strong])
+    if not strong or are_near(angles_deg.tolist(), fwhm_deg=posterior.fwhm_deg):
+        return None
+    error = np.hypot(posterior.sample_error, [posterior.sigma / each.reading.intensity for each in strong])
+    # Of a Gaussian, ln S falls by 8 ln 2 t/F² a degree; far from its top a real curve is flatter.
+    away_deg = np.abs(angles_deg - posterior.mean_deg)
+    away_deg[away_deg > FLANKS * posterior.fwhm_deg] = 0.0
+    return float(angles_deg[np.argmax(away_deg / error)])
 
 
 FLANKS = 0.8

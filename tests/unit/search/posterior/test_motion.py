@@ -201,3 +201,47 @@ def test_a_stated_motion_widens_the_interval_of_intensities() -> None:
     # ± 0.3 mm at 55 mm: 0.22 mm or 0.23° a standard deviation along the line.
     assert half_deg(0.3) > half_deg(0.0) + 0.05
     assert half_deg(2.0) > half_deg(0.3)
+
+
+def searched(*, moved_deg: float, motion_mm: float | None = None) -> tuple[Estimate, list[float]]:
+    """Answer and angles of a search for a marker at 7° that is elsewhere when an angle is measured again.
+
+    Its places, in depth and along the array, stay as they are.
+    """
+    policy = Posterior(motion_mm=motion_mm)
+    angles_deg: list[float] = []
+    while (angle_deg := policy.ask()) is not None:
+        again = any(abs(angle_deg - each) < 0.05 for each in angles_deg)
+        away_deg = angle_deg - 7.0 - (moved_deg if again else 0.0)
+        off_m = np.sqrt(0.01**2 + RADIUS_M**2 - 2 * 0.01 * RADIUS_M * np.cos(np.radians(angle_deg - 7.0)))
+        snr = math.hypot(4.0, 100 * math.exp(-4 * math.log(2) * (away_deg / 4.0) ** 2))
+        policy.tell(sample(angle_deg, depth_m=float(off_m), snr=snr))
+        angles_deg.append(angle_deg)
+    return policy.estimate(), angles_deg
+
+
+def test_a_search_ends_with_a_flank_that_was_measured_before() -> None:
+    """Frames show no motion just along the turn; the same flank at another time does."""
+    answer, angles_deg = searched(moved_deg=0.0)
+    assert isinstance(answer, Found)
+    assert answer.motion is not None
+    assert answer.motion.turn_sigma_mm < 0.1
+    *before, last = angles_deg
+    assert min(abs(each - last) for each in before) < 0.05
+    # Where a curve of 4° is steep.
+    assert 0.8 < abs(last - 7.0) < 3.2
+
+
+def test_what_differs_there_is_motion_by_name() -> None:
+    answer, angles_deg = searched(moved_deg=1.0)
+    assert isinstance(answer, Unsure)
+    assert "the marker moves along the turn" in answer.reason
+    assert answer.motion is not None
+    # 1° at 50 mm before the face is 1 mm; the two samples differ by it.
+    assert 0.3 < answer.motion.turn_sigma_mm < 3.0
+    assert len(angles_deg) > len(searched(moved_deg=0.0)[1])
+
+
+def test_no_flank_is_measured_again_in_tissue_that_is_stated_to_rest() -> None:
+    _, angles_deg = searched(moved_deg=0.0, motion_mm=0.0)
+    assert len(angles_deg) == len(searched(moved_deg=0.0)[1]) - 1
