@@ -78,6 +78,9 @@ class MarkerMotion(msgspec.Struct, frozen=True, kw_only=True):
         Standard deviation along the turn of what the cameras leave open of the displacement of a sample, in mm.
     period_s
         Time from breath to breath in seconds, where the times of the samples show it.
+    turn_looked_at
+        Whether a flank of the curve was measured at two times, so that a motion along the turn would probably have been
+        seen.
     """
 
     lateral_mm: float | None = None
@@ -86,6 +89,7 @@ class MarkerMotion(msgspec.Struct, frozen=True, kw_only=True):
     cameras_mm: float | None = None
     left_mm: float = 0.0
     period_s: float | None = None
+    turn_looked_at: bool = False
 
     @property
     def is_seen(self) -> bool:

@@ -51,6 +51,8 @@ class AnglePosterior:
     """What the frames show of the marker's motion; None: it was not looked for."""
     moved_sigma_deg: float = 0.0
     """Standard deviation of the angle by which the marker is displaced along the turn at a sample."""
+    measured_again: bool = False
+    """Whether an angle was measured at two times, so that a motion along the turn would have been seen."""
 
     @property
     def mean_deg(self) -> float:

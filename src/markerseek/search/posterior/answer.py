@@ -304,6 +304,7 @@ class Analysis:
             cameras_mm=_amplitude_mm(self._displacements) if self._displacements else None,
             left_mm=_left_mm(first.samples),
             period_s=None if motion is None else motion.period_s,
+            turn_looked_at=first.posterior.measured_again,
         )
 
     @property

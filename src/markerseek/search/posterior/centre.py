@@ -53,6 +53,8 @@ class Centre:
     """What the symmetric likelihood was computed with; None where it was not."""
     moved_sigma_deg: float = 0.0
     """As of `AnglePosterior`."""
+    measured_again: bool = False
+    """As of `AnglePosterior`."""
     centre_sigma_deg: float | None = None
     """Standard deviation of the centre over the places of a marker that moves; None: that of ``probability``."""
 

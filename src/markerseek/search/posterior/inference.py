@@ -159,6 +159,7 @@ class Inference:
             centre_sigma_deg=centre.centre_sigma_deg or mean_and_sigma(centre.angles_deg, centre.probability)[1],
             motion=motion,
             moved_sigma_deg=centre.moved_sigma_deg,
+            measured_again=centre.measured_again,
         )
 
     def _coarse(self, lit: Sequence[Sample], bounds: Sequence[Sample], noise: SearchNoise) -> Grid:

@@ -69,7 +69,9 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
     swept = any(each.sweep is not None for group in centre.strong for each in group)
     # Just along the turn, where frames show nothing.
     unseen = motion.probability[0] > 1 - MOTION_DOUBT
-    again = are_near([each.angle_deg for group in centre.strong for each in group], fwhm_deg=centre.fwhm_deg)
+    strong_deg = [each.angle_deg for group in centre.strong for each in group]
+    again = not swept and are_near(strong_deg, fwhm_deg=centre.fwhm_deg)
+    centre = replace(centre, measured_again=again)
     if unseen and (swept or (centre.sample_error <= SCATTERING and not again)):
         return centre
     moved_deg = np.degrees(SIGMAS_M / from_axis_m)
