@@ -160,6 +160,18 @@ def most_informative_deg(
     return float(candidates[np.argmax(gain / (1 + travel / TRAVEL_DEG))])
 
 
+FLANKS = 0.8
+"""How far to either side of the marker that is, over the full width at half maximum."""
+
+MIRRORED = 0.03
+"""Distance from its mirror image within which a place has one, over that width."""
+
+ONE_SIDED = 1.6
+MIN_GAP = 0.12
+"""Part of both flanks, of 2, below which the range holds too little of one; the least gap that is filled then, over
+that width."""
+
+
 def flank_again_deg(posterior: AnglePosterior, samples: Sequence[Sample]) -> float | None:
     """Return the angle measured before at which a displacement of the marker would show the most, in degrees.
 
@@ -177,18 +189,6 @@ def flank_again_deg(posterior: AnglePosterior, samples: Sequence[Sample]) -> flo
     away_deg = np.abs(angles_deg - posterior.mean_deg)
     away_deg[away_deg > FLANKS * posterior.fwhm_deg] = 0.0
     return float(angles_deg[np.argmax(away_deg / error)])
-
-
-FLANKS = 0.8
-"""How far to either side of the marker that is, over the full width at half maximum."""
-
-MIRRORED = 0.03
-"""Distance from its mirror image within which a place has one, over that width."""
-
-ONE_SIDED = 1.6
-MIN_GAP = 0.12
-"""Part of both flanks, of 2, below which the range holds too little of one; the least gap that is filled then, over
-that width."""
 
 
 def _evenly_deg(posterior: AnglePosterior, *, limits: Interval) -> float:
