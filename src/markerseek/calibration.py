@@ -210,10 +210,11 @@ end."""
 _SIGNIFICANT = 0.02
 """Share of the largest power below which the wave in the plane counts as noise when its middle is computed."""
 
-_FACE_MM = 10.0
+_FACES_MM = (10.0, 6.0, 15.0)
 _BEND_1_M = 13.0
 _HEIGHTS_MM = (3.5, 4.25, 5.0, 6.0)
-"""Start of the fit. Several heights are tried, because from a wrong one the fit may end a cycle of the carrier away."""
+"""Starts of the fit. Several heights are tried, because from a wrong one the fit may end a cycle of the carrier away.
+The second face, and the third, is tried where no fit from the one before explains the waves."""
 
 MIN_FACE_M = 3e-3
 """Least face radius that is tried, in metres."""
@@ -298,18 +299,22 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
     speed = 1e-3 * moveout.sound_speed_m_s
     distance = 1e3 * moveout.range_m
     arrival_us = 1e6 * float(waves.arrival_s[best]) + middle_us
-    fits = [
-        _fit(
-            waves,
-            plane,
-            height,
-            [float(waves.angle_deg[best]), distance, _FACE_MM, arrival_us, tall, _BEND_1_M, speed],
-            moveout,
-        )
-        for tall in _HEIGHTS_MM
-    ]
-    # The residual has a minimum for every cycle of the carrier; only the lowest is the right one.
-    fit = min(fits, key=lambda each: float(each.cost))
+    # The residual has a minimum for every cycle of the carrier; only the lowest is the right one. From a face far from
+    # the true one no fit may reach it, and what is left says so.
+    for face_mm in _FACES_MM:
+        fits = [
+            _fit(
+                waves,
+                plane,
+                height,
+                [float(waves.angle_deg[best]), distance, face_mm, arrival_us, tall, _BEND_1_M, speed],
+                moveout,
+            )
+            for tall in _HEIGHTS_MM
+        ]
+        fit = min(fits, key=lambda each: float(each.cost))
+        if _excess(fit) <= MOST_EXCESS:
+            break
     misfit = float(np.sqrt(np.mean(_residual(fit.x, waves, plane, height, weighted=False) ** 2)))
     covariance = _covariance(fit, frames=len(height))
     sigma = np.sqrt(np.diag(covariance))
@@ -330,8 +335,13 @@ def fit_geometry(waves: SourceWaves, moveout: Moveout) -> Geometry:
         element_height_m=_scaled(value["height_mm"], 1e-3),
         sound_speed_m_s=_scaled(value["speed_mm_us"], 1e3),
         misfit=misfit,
-        excess=math.sqrt(2 * float(fit.cost) / fit.fun.size),
+        excess=_excess(fit),
     )
+
+
+def _excess(fit: OptimizeResult) -> float:
+    """Return the residual over what noise and the error of the model explain."""
+    return math.sqrt(2 * float(fit.cost) / fit.fun.size)
 
 
 def _derived(value: float, gradient: Sequence[float], covariance: Float64[np.ndarray, "n n"]) -> Fitted:

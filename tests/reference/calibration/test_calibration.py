@@ -287,8 +287,8 @@ def test_frames_without_the_delays_off_the_plane_are_refused(noise: float) -> No
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("face_m", [4e-3, 6e-3])
-def test_a_probe_near_its_axis_still_calibrates(face_m: float) -> None:
+@pytest.mark.parametrize("face_m", [4e-3, 6e-3, 16e-3])
+def test_a_face_near_the_axis_or_far_from_it_still_calibrates(face_m: float) -> None:
     samples = scan(speed=1500.0, face_m=face_m, height_m=5e-3, late_s=0.3e-6, source_deg=0.4, seed=4)
     assert calibrate(samples, PRESET).geometry.face_radius_m.value == pytest.approx(face_m, abs=0.3e-3)
 

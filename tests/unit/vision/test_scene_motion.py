@@ -191,7 +191,7 @@ def test_a_picture_without_texture_is_no_reference(cause: str, brightness: int) 
 
 def test_images_of_another_size_are_refused(world: World, texture: SceneTexture) -> None:
     pair = world.pair()
-    small = StereoPair(left=pair.left[:-2], right=pair.right, at_s=0.0)
+    small = StereoPair(left=pair.left[:-2], right=pair.right[:-2], at_s=0.0)
     with pytest.raises(ConfigError, match="left image: images of 640 x 510 pixels"):
         follow(texture, small)
     with pytest.raises(ConfigError, match="left image"):

@@ -51,7 +51,7 @@ class BreathingMarker:
         height = PEAK * energy * math.exp(-4 * math.log(2) * (away_deg / FWHM_DEG) ** 2)
         intensity = math.hypot(height + 0.8 * NOISE * self.rng.standard_normal(), 3 * NOISE)
         weak = intensity < 8 * NOISE
-        lateral_mm, depth_mm = self.rng.uniform(-20, 20, 2) if weak else (float(by_mm[1]), slant_mm)
+        lateral_mm, depth_mm = self.rng.uniform(-20, 20, 2).tolist() if weak else (float(by_mm[1]), slant_mm)
         x, y, z = (by_mm + error_mm).tolist()
         variance_mm2 = self.error_mm**2
         covariance_mm2 = ((variance_mm2, 0.0, 0.0), (0.0, variance_mm2, 0.0), (0.0, 0.0, variance_mm2))
