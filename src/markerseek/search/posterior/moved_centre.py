@@ -76,7 +76,8 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
         return centre
     moved_deg = np.degrees(SIGMAS_M / from_axis_m)
     probability = motion.probability
-    if unseen and again:
+    # Tissue that is stated to rest does, whatever the laser does at one angle.
+    if unseen and again and probability[0] < 1:
         moving = MOVES_ALONG_TURN * probability[1:] / probability[1:].sum()
         probability = np.concatenate([[1 - MOVES_ALONG_TURN], moving])
     fit = centre.fit

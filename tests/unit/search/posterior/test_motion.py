@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 from scipy import integrate, stats
 
-from markerseek.core import Estimate, Finished, Found, Reading, RunPlan, Sample, SweepTiming, Unsure
+from markerseek.core import Estimate, Finished, Float64, Found, Reading, RunPlan, Sample, SweepTiming, Unsure
 from markerseek.rigs import Rig, of_intensities, simulated
 from markerseek.scan import run
 from markerseek.search.posterior import Posterior
@@ -34,6 +34,11 @@ def sample(angle_deg: float, *, lateral_m: float = 0.0, depth_m: float = 50e-3, 
         intensity=snr, lateral_m=lateral_m, depth_m=depth_m, noise_sigma=1.0, cells=1000, focused_coherence=1.0
     )
     return Sample(angle_deg=angle_deg, reading=reading)
+
+
+def slant_m(away_deg: float | Float64[np.ndarray, " angles"]) -> Float64[np.ndarray, ...]:
+    """Distance of the marker from a face 10 mm from the axis, at angles from the image plane."""
+    return np.asarray(np.sqrt(0.01**2 + RADIUS_M**2 - 2 * 0.01 * RADIUS_M * np.cos(np.radians(away_deg))))
 
 
 def test_the_likelihood_of_places_is_that_of_a_student_distribution() -> None:
@@ -89,12 +94,11 @@ def moved_samples(*, amplitude_m: float, seed: int = 3) -> list[Sample]:
     rng = np.random.default_rng(seed)
     angles_deg = rng.uniform(-3, 3, 8)
     way_m = amplitude_m * np.sin(rng.uniform(0, 2 * math.pi, 8))
-    slant_m = np.sqrt(0.01**2 + RADIUS_M**2 - 2 * 0.01 * RADIUS_M * np.cos(np.radians(angles_deg)))
     noise_m = 8e-6 * rng.standard_normal((8, 2))
     return [
         sample(angle_deg, lateral_m=0.6 * way + noise[0], depth_m=slant + 0.8 * way + noise[1])
         for angle_deg, way, slant, noise in zip(
-            angles_deg.tolist(), way_m.tolist(), slant_m.tolist(), noise_m.tolist(), strict=True
+            angles_deg.tolist(), way_m.tolist(), slant_m(angles_deg).tolist(), noise_m.tolist(), strict=True
         )
     ]
 
@@ -203,19 +207,20 @@ def test_a_stated_motion_widens_the_interval_of_intensities() -> None:
     assert half_deg(2.0) > half_deg(0.3)
 
 
-def searched(*, moved_deg: float, motion_mm: float | None = None) -> tuple[Estimate, list[float]]:
-    """Answer and angles of a search for a marker at 7° that is elsewhere when an angle is measured again.
+def sample_about_7_deg(angle_deg: float, *, moved_deg: float = 0.0) -> Sample:
+    """Sample of a marker at 7° with a Gaussian curve of 4°, displaced just along the turn: its places stay."""
+    away_deg = angle_deg - 7.0 - moved_deg
+    snr = math.hypot(4.0, 100 * math.exp(-4 * math.log(2) * (away_deg / 4.0) ** 2))
+    return sample(angle_deg, depth_m=float(slant_m(angle_deg - 7.0)), snr=snr)
 
-    Its places, in depth and along the array, stay as they are.
-    """
+
+def searched(*, moved_deg: float, motion_mm: float | None = None) -> tuple[Estimate, list[float]]:
+    """Answer and angles of a search for a marker at 7° that is elsewhere when an angle is measured again."""
     policy = Posterior(motion_mm=motion_mm)
     angles_deg: list[float] = []
     while (angle_deg := policy.ask()) is not None:
         again = any(abs(angle_deg - each) < 0.05 for each in angles_deg)
-        away_deg = angle_deg - 7.0 - (moved_deg if again else 0.0)
-        off_m = np.sqrt(0.01**2 + RADIUS_M**2 - 2 * 0.01 * RADIUS_M * np.cos(np.radians(angle_deg - 7.0)))
-        snr = math.hypot(4.0, 100 * math.exp(-4 * math.log(2) * (away_deg / 4.0) ** 2))
-        policy.tell(sample(angle_deg, depth_m=float(off_m), snr=snr))
+        policy.tell(sample_about_7_deg(angle_deg, moved_deg=moved_deg if again else 0.0))
         angles_deg.append(angle_deg)
     return policy.estimate(), angles_deg
 
@@ -240,6 +245,19 @@ def test_what_differs_there_is_motion_by_name() -> None:
     # 1° at 50 mm before the face is 1 mm; the two samples differ by it.
     assert 0.3 < answer.motion.turn_sigma_mm < 3.0
     assert len(angles_deg) > len(searched(moved_deg=0.0)[1])
+
+
+@pytest.mark.parametrize("motion_mm", [None, 0.0, 0.3])
+def test_an_angle_that_a_recording_has_twice_is_read_whatever_is_stated_of_the_tissue(motion_mm: float | None) -> None:
+    policy = Posterior(motion_mm=motion_mm)
+    angles_deg = (-20.0, -8.0, 2.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 20.0, 30.0, 5.0)
+    policy.tell_recorded(sample_about_7_deg(each) for each in angles_deg)
+    answer = policy.estimate()
+    assert isinstance(answer, Found)
+    assert answer.mean_deg == pytest.approx(7.0, abs=0.05)
+    assert answer.motion is not None
+    assert answer.motion.turn_looked_at
+    assert (answer.motion.turn_sigma_mm > 0.05) == (motion_mm == 0.3)
 
 
 def test_no_flank_is_measured_again_in_tissue_that_is_stated_to_rest() -> None:
