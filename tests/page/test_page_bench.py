@@ -86,7 +86,7 @@ def test_a_spot_that_is_set_in_the_browser_is_looked_for(browser, tmp_path):
         images = f"{bench / 'left'} {bench / 'right'}"
         rig = ("--rig", str(devices.rig), "--cameras", str(bench / "stereo.toml"), "--images", images)
         with served(tmp_path, *rig, stdin=inside) as page:
-            watched = open_tab(browser, page, "/", "&sweep=0&markers=3")
+            watched = open_tab(browser, page, "/", "&sweep=0&markers=3&endoscope_held=1")
             button = watched.tab.get_by_role("button", name="Spot is set", exact=True)
             sync_api.expect(button).to_be_hidden()
             watched.press("Start")
