@@ -216,10 +216,10 @@ def motion_rows(motion: MarkerMotion | None) -> list[tuple[str, str]]:
         text = f"the marker moves: ± {motion.depth_mm:.2g} mm in depth, ± {motion.lateral_mm:.2g} mm along the array"
         if motion.period_s is not None:
             text += f", about every {motion.period_s:.2g} s"
-    else:
+    elif motion.turn_looked_at:
         text = "none seen in depth, along the array, and in a flank that was measured twice"
-        if not motion.turn_looked_at:
-            text = "none seen in depth and along the array; not looked for along the turn, where frames do not show it"
+    else:
+        text = "none seen in depth and along the array; not looked for along the turn, where frames do not show it"
     if motion.cameras_mm is not None:
         text = (
             f"seen by the cameras: ± {motion.cameras_mm:.2g} mm at the samples, taken out; ± {motion.left_mm:.2g} mm "

@@ -125,6 +125,11 @@ class TurnMotion:
     """Period of the motion, where the times of the samples show one."""
 
     @property
+    def rests(self) -> bool:
+        """Whether the marker certainly rests: nothing of a motion can be seen, or the rig states that there is none."""
+        return bool(self.probability[0] == 1)
+
+    @property
     def looked_at(self) -> bool:
         """Whether a motion in the other two directions would have been seen."""
         return self.lateral_m is not None
@@ -146,8 +151,8 @@ AGAIN_DEG = 0.1
 which they are of one angle: what differs between them is no matter of the curve."""
 
 
-def are_near(angles_deg: Sequence[float], *, fwhm_deg: float) -> bool:
-    """Return whether two samples are of one angle."""
+def measured_twice(angles_deg: Sequence[float], *, fwhm_deg: float) -> bool:
+    """Return whether two samples at these angles are of one."""
     apart_deg = np.diff(np.sort(angles_deg))
     return bool((apart_deg <= max(AGAIN_WIDTHS * fwhm_deg, AGAIN_DEG)).any())
 

@@ -11,7 +11,7 @@ import numpy as np
 from markerseek.core import Float64
 from markerseek.search.posterior.centre import HALF_WIDTH_SIGMAS, MIN_SHARE, Centre, Fit, blurred, drawn_cells
 from markerseek.search.posterior.grid import Particles, mean_and_sigma
-from markerseek.search.posterior.motion import SIGMAS_M, TurnMotion, are_near
+from markerseek.search.posterior.motion import SIGMAS_M, TurnMotion, measured_twice
 from markerseek.search.posterior.symmetry import Displaced, Hypotheses, symmetric_log_likelihood
 
 MOTION_DOUBT = 0.05
@@ -63,21 +63,21 @@ def with_motion(centre: Centre, motion: TurnMotion, *, from_axis_m: float, parti
 
     ``from_axis_m``: distance of the marker from the axis. ``particles``: markers to draw.
     """
-    if motion.probability[0] == 1 and not motion.looked_at:
+    if motion.rests and not motion.looked_at:
         # Of intensities alone, scatter is none of motion: two sources that overlap scatter about one curve too.
         return centre
     swept = any(each.sweep is not None for group in centre.strong for each in group)
     # Just along the turn, where frames show nothing.
     unseen = motion.probability[0] > 1 - MOTION_DOUBT
     strong_deg = [each.angle_deg for group in centre.strong for each in group]
-    again = not swept and are_near(strong_deg, fwhm_deg=centre.fwhm_deg)
+    again = not swept and measured_twice(strong_deg, fwhm_deg=centre.fwhm_deg)
     centre = replace(centre, measured_again=again)
     if unseen and (swept or (centre.sample_error <= SCATTERING and not again)):
         return centre
     moved_deg = np.degrees(SIGMAS_M / from_axis_m)
     probability = motion.probability
     # Tissue that is stated to rest does, whatever the laser does at one angle.
-    if unseen and again and probability[0] < 1:
+    if unseen and again and not motion.rests:
         moving = MOVES_ALONG_TURN * probability[1:] / probability[1:].sum()
         probability = np.concatenate([[1 - MOVES_ALONG_TURN], moving])
     fit = centre.fit

@@ -21,7 +21,7 @@ from markerseek.search.floor import noise_of
 from markerseek.search.posterior.angle_posterior import AnglePosterior
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.likelihood import FAR_TAIL_ERROR, STRONG_SNR
-from markerseek.search.posterior.motion import are_near
+from markerseek.search.posterior.motion import measured_twice
 from markerseek.search.posterior.shapes import STEP_DEG, family
 from markerseek.search.posterior.symmetry import (
     CORRELATION_LENGTH,
@@ -182,7 +182,7 @@ def flank_again_deg(posterior: AnglePosterior, samples: Sequence[Sample]) -> flo
     """
     strong = [each for each in samples if each.reading.intensity >= STRONG_SNR * posterior.sigma]
     angles_deg = np.array([each.angle_deg for each in strong])
-    if not strong or are_near(angles_deg.tolist(), fwhm_deg=posterior.fwhm_deg):
+    if not strong or measured_twice(angles_deg.tolist(), fwhm_deg=posterior.fwhm_deg):
         return None
     error = np.hypot(posterior.sample_error, [posterior.sigma / each.reading.intensity for each in strong])
     # Of a Gaussian, ln S falls by 8 ln 2 t/F² a degree; far from its top a real curve is flatter.

@@ -175,7 +175,6 @@ class Posterior(SearchPolicy):
         self._tolerance = tolerance
         if motion_mm is not None:
             require_range("posterior: motion_mm", motion_mm, low=0, high=30, unit="mm")
-        self._rests = motion_mm == 0
         motion_m = None if motion_mm is None else 1e-3 * motion_mm
         self._inference = Inference(limits=limits, cues=chosen, prior=prior, motion_m=motion_m)
         self._left_deg = None if angles_deg is None else [each for each in angles_deg if each in limits]
@@ -472,16 +471,16 @@ class Posterior(SearchPolicy):
         if imprecise:
             return self._informative_deg(first)
         answer = self.estimate()
+        if isinstance(answer, Found):
+            return self._flank_again_deg(first)
+        rivalled = isinstance(answer, Ambiguous) and bool(rivals_of(self._analysis.sources))
         # More samples cannot help where the centre is known far better than the marker beside it.
-        done = isinstance(answer, Ambiguous) and bool(rivals_of(self._analysis.sources))
         narrow = (
             isinstance(answer, Unsure)
             and answer.doubt == "width"
             and first.posterior.centre_sigma_deg <= target_deg / 2
         )
-        if isinstance(answer, Found):
-            return self._flank_again_deg(first)
-        return None if done or narrow else self._informative_deg(first)
+        return None if rivalled or narrow else self._informative_deg(first)
 
     def _flank_again_deg(self, source: Candidate) -> float | None:
         """Return the angle of a flank that is measured again before the search ends, in degrees; None without one.
@@ -489,8 +488,11 @@ class Posterior(SearchPolicy):
         It shows a motion just along the turn, where frames show none of it.
         """
         motion = source.posterior.motion
-        known = self._rests or any(sample.displacement is not None for sample in source.samples)
-        if known or self._left_deg is not None or self._range_swept or motion is None or not motion.looked_at:
+        if self._left_deg is not None or self._range_swept or motion is None or not motion.looked_at:
+            return None
+        # Cameras see all of a motion, and tissue that is stated to rest has none.
+        followed = any(sample.displacement is not None for sample in source.samples)
+        if followed or motion.rests:
             return None
         return flank_again_deg(source.posterior, source.samples)
 
