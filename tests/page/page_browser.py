@@ -222,18 +222,37 @@ def open_tab(browser: sync_api.Browser, page: Served, path: str = "/search", que
     return watched
 
 
-def violations(watched: Watched) -> list[tuple[str, list[str]]]:
-    """What axe-core finds: rule, and the elements."""
+SETTLED = """(scheme) => document.body.classList.contains(`body--${scheme}`)
+    && !document.body.classList.contains("ms-stale")
+    && !document.getAnimations().some(
+        (each) => each.playState === "running" && isFinite(each.effect.getTiming().iterations)
+    )"""
+"""That a page has news, and the colours of its theme: they turn within 0.3 s, and a page without news is dim."""
+
+
+def violations(watched: Watched, scheme: str | None = None) -> list[tuple[str, list[str]]]:
+    """What axe-core finds on a page that has settled: rule, and the elements.
+
+    `scheme`: ``"dark"`` or ``"light"``, which is set before; without it the theme stays.
+    """
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
-    found = axe.Axe().run(watched.tab, options=AA).response["violations"]
+    if scheme is None:
+        scheme = watched.tab.evaluate("matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light'")
+    watched.tab.emulate_media(color_scheme=scheme)
+    for _ in range(5):
+        watched.tab.wait_for_function(SETTLED, arg=scheme)
+        found = axe.Axe().run(watched.tab, options=AA).response["violations"]
+        # On a busy machine a page can be without news for a moment just then.
+        if watched.tab.evaluate(SETTLED, scheme):
+            break
     return [(each["id"], [node["html"] for node in each["nodes"]]) for each in found]
 
 
 def require_legible(watched: Watched, *widths: int) -> None:
     """In both themes axe-core finds nothing, and at none of these widths in pixels the page scrolls sideways."""
     for scheme in ("dark", "light"):
-        watched.tab.emulate_media(color_scheme=scheme)
-        assert violations(watched) == [], scheme
+        found = violations(watched, scheme)
+        assert found == [], f"{scheme}: {found}"
     for width in widths:
         watched.tab.set_viewport_size({"width": width, "height": 900})
         watched.tab.wait_for_timeout(300)
