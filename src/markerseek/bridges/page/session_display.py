@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import textwrap
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from html import escape
@@ -94,7 +95,7 @@ def session_marks(view: SessionView, side: Side) -> str:
         parts.append(f"<text {place}>{marker.name}</text>")
     report = _report(view)
     parts += [_check(each, stereo, side, width) for each in (() if report is None else report.checks)]
-    parts.append(_target(report, stereo, side))
+    parts.append(_target(report, stereo, side, [_pixel(marker.spot, side) for marker in _in_view(view)]))
     if view.waiting is not None and view.waiting.place is not None:
         parts.append(_circle("place", *_pixel(view.waiting.place, side), width / 18))
     if view.searched is not None:
@@ -163,8 +164,13 @@ def _check(check: SpotCheck, stereo: StereoSettings, side: Side, width: int) -> 
     return f'<rect class="ms-mark-check" {place}><title>{escape(check.name)}</title></rect>'
 
 
-def _target(report: RegistrationReport | None, stereo: StereoSettings, side: Side) -> str:
-    """Draw the target and its 95 % ellipse; empty before a registration, or if the target is behind the camera."""
+def _target(
+    report: RegistrationReport | None, stereo: StereoSettings, side: Side, markers: Sequence[tuple[float, float]]
+) -> str:
+    """Draw the target and its 95 % ellipse; empty before a registration, or if the target is behind the camera.
+
+    ``markers``: their places in the image, beside which the label stands.
+    """
     if report is None or report.davinci_to_trus is None:
         return ""
     try:
@@ -177,7 +183,10 @@ def _target(report: RegistrationReport | None, stereo: StereoSettings, side: Sid
     x, y = pixel
     width = stereo.left.size_px[0]
     # The ellipse of a millimetre is small in the image: from two metres away, its label is easier to find.
-    label = f'x="{x:.1f}" y="{y + large + width / 20:.1f}" font-size="{width // 26}" text-anchor="middle"'
+    letters = width // 26
+    middles = (y + large + letters, y - large - letters)
+    middle = max(middles, key=lambda at: min((math.dist((x, at), marker) for marker in markers), default=0.0))
+    label = f'x="{x:.1f}" y="{middle + letters / 3:.1f}" font-size="{letters}" text-anchor="middle"'
     return (
         f'<g transform="translate({x:.1f} {y:.1f}) rotate({turn_deg:.1f})">'
         f'<ellipse class="ms-mark-target" rx="{large:.1f}" ry="{small:.1f}"/></g>'

@@ -68,6 +68,16 @@ def test_the_ellipse_of_the_target_is_that_of_95_percent():
             assert end @ np.linalg.solve(covariance_px2, end) == pytest.approx(5.991, rel=0.4 / radius)
 
 
+@pytest.mark.parametrize("way", [-1, 1])
+def test_the_name_of_the_target_stands_off_a_marker_beside_it(way):
+    state = SessionView().after(BEGUN).after(REGISTERED)
+    x, y = target_pixels(state.last.report, stereo=STEREO)[0][0]
+    beside = structs.replace(SPOT, left_px=(x, y + 40.0 * way))
+    marks = session_marks(state.after(structs.replace(marker("1"), spot=beside)), "left")
+    at = float(re.search(r'ms-mark-name" x="\S+" y="(\S+)"', marks)[1])
+    assert (at - y) * way < 0
+
+
 def test_a_refused_spot_stays_said_until_one_is_seen():
     asked = Waiting(name="1", place=None, said="light a spot")
     state = SessionView().after(BEGUN).after(asked).after(SpotRefused(name="1", reason="the spot moved")).after(asked)
