@@ -95,3 +95,39 @@ def test_a_picture_goes_to_out_or_into_the_file_that_is_named(
     assert shell("replay", bank, "--plot", "--out", "paper/fig.pdf")[0] == 0
     assert [each.name for each in (tmp_path / "paper").iterdir()] == ["fig.pdf"]
     assert (tmp_path / "paper" / "fig.pdf").read_bytes().startswith(b"%PDF-")
+
+
+def frames_of(path: Path, *, per_degree: float, channels: int = 128) -> Path:
+    """A scan of a point at 7.3°, at 61 angles; ``per_degree``: what is written for a degree."""
+    angles_deg = np.arange(-30.0, 31.0)
+    across_m = 0.43e-3 * (np.arange(channels) - (channels - 1) / 2)
+    since_s = np.arange(2600) / 40e6 - np.hypot(across_m - 5e-3, 45e-3)[:, None] / 1500
+    pulse = np.exp(-((since_s / 0.15e-6) ** 2)) * np.cos(2 * math.pi * 5e6 * since_s)
+    rng = np.random.default_rng(5)
+    height = 900 * np.exp(-0.5 * ((angles_deg - 7.3) / 2) ** 2)
+    frames = [np.rint(each * pulse + rng.normal(0, 20, pulse.shape)).astype(np.int16) for each in height]
+    np.savez(path, angle_deg=angles_deg * per_degree, frames=frames)
+    return path
+
+
+@pytest.mark.parametrize("per_degree", [math.pi / 180, 0.017, 0.04, 0.1])
+def test_angles_that_are_no_degrees_are_no_defect_and_no_marker_at_the_end_of_the_range(
+    shell: Shell, tmp_path: Path, per_degree: float
+) -> None:
+    path = frames_of(tmp_path / "mine.npz", per_degree=per_degree)
+    code, out, err = shell("replay", path, "--json")
+    result = json.loads(out)
+    assert (code in (0, 3), result["answer"] in ("found", "unsure")) == (True, True), err
+    if result["answer"] == "unsure":
+        assert "check unit and scale of the angles" in result["reason"]
+    else:
+        low_deg, high_deg = result["interval95_deg"]
+        assert low_deg < 7.3 * per_degree < high_deg
+        assert "are these radians?" in err
+
+
+def test_frames_of_another_probe_are_refused_before_a_search(shell: Shell, tmp_path: Path) -> None:
+    code, out, err = shell("replay", frames_of(tmp_path / "mine.npz", per_degree=1.0, channels=64))
+    assert (code, out, err.count("refused")) == (2, "", 0)
+    assert "mine.npz: its frames have 64 channels, and the probe BPL9-5/55 has 128" in err
+    assert "describe it, --probe FILE.toml" in err

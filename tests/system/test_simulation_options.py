@@ -30,6 +30,8 @@ def test_without_a_marker_none_is_found(shell: Shell) -> None:
     code, out, _ = shell("search", "--no-marker", "--json", "--no-journal")
     result = json.loads(out)
     assert (code, result["answer"], result["truth_deg"]) == (3, "not found", None)
+    code, out, _ = shell("search", "--marker-deg", 90, "--no-journal")
+    assert (code, "truth (simulated) 90.000°, not found" in " ".join(out.split())) == (3, True)
 
 
 @pytest.mark.parametrize(

@@ -232,8 +232,8 @@ def announce_compilation() -> None:
 
 def _say_compiling(*, kept: bool) -> None:
     """Print that kernels are compiled; ``kept``: whether the machine code stays on the disk."""
-    later = "later ones do not" if kept else "as each start does: no folder for compiled code can be written"
-    stderr.print(f"[dim]compiling the kernels: this run takes some 15 seconds more, {later}[/]")
+    later = "later ones like it do not" if kept else "as each start does: no folder for compiled code can be written"
+    stderr.print(f"[dim]compiling the kernels of this command: it takes some 15 seconds more, {later}[/]")
 
 
 _LEFT = TimeRemainingColumn(elapsed_when_finished=True)

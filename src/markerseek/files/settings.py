@@ -223,5 +223,6 @@ def nearest_key(key: str, names: Collection[str], *, prefix: str = "") -> str:
     if key in names:
         return key
     near = difflib.get_close_matches(key, names, n=1)
-    hint = f"did you mean {prefix}{near[0]}?" if near else f"known here: {', '.join(names)}"
+    known = f"known here: {', '.join(names)}" if names else "no further key is known here"
+    hint = f"did you mean {prefix}{near[0]}?" if near else known
     raise ConfigError(f"the key {prefix}{key} is unknown; {hint}")

@@ -82,7 +82,7 @@ class FollowMachine:
         self._rests_until_s = -math.inf
         self._back_since_s: float | None = None
         self._jumped = ""
-        self._cause = "the target has not been seen yet"
+        self._cause = ""
         self._waits = True
         self._on_its_way = False
         """Whether the last turn ended before a place that a person named."""
@@ -191,8 +191,9 @@ class FollowMachine:
         aim = self.aim
         if self._waits or aim is None:
             if aim is None or not self._back_s >= BACK_S:
-                back = f"it is back since {self._back_s:.1f} s, {BACK_S:g} s are needed"
-                return Decision(word="waiting", said=f"waits for the target, {back} ({self._cause})")
+                why = f", after: {self._cause}" if self._cause else ""
+                seen = f"waits until the target has been seen for {BACK_S:g} s, {self._back_s:.1f} s so far{why}"
+                return Decision(word="waiting", said=seen)
             self._waits = False
         if self._doubt and not turning:
             return Decision(word="waiting", said=f"waits: {self._doubt}")

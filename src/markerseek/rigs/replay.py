@@ -9,7 +9,7 @@ from typing import Literal, SupportsFloat
 import msgspec
 import numpy as np
 
-from markerseek.core import RigFacts, require_range
+from markerseek.core import ConfigError, RigFacts, require_range
 from markerseek.guard import Admission, FiringLimits, Guard, Limits
 from markerseek.records.banks import DEFAULT_FORMAT, FrameBank, IntensityBank, TableFormat
 from markerseek.rigs.bank_probe import preset_of, read_recording
@@ -61,7 +61,7 @@ def replayed(
     RecordError
         If the recording cannot be read.
     ConfigError
-        If the preset is unknown, or the reference lies beyond one turn.
+        If the preset is unknown or of another number of channels, or the reference lies beyond one turn.
     """
     path = Path(path)
     reference_deg = None if reference_deg is None else float(reference_deg)
@@ -79,6 +79,8 @@ def replayed(
         # The angles of a scan that crosses 360 degrees were unwrapped.
         turns = (reference_deg, reference_deg - 360, reference_deg + 360)
         reference_deg = next((each for each in turns if each in bank.range), reference_deg)
+    if isinstance(bank, FrameBank):
+        _require_channels(path, bank, preset)
     imaging = ImageReader(preset) if frames else None
     interpolated = between == "interpolated" and not frames
     guard = Guard(
@@ -127,6 +129,16 @@ def replayed(
             table=table,
         ),
     )
+
+
+def _require_channels(path: Path, bank: FrameBank, preset: ProbePreset) -> None:
+    """Refuse frames of another probe before anything is searched."""
+    channels = bank.frame(0).samples.shape[0]
+    if channels != preset.array.elements:
+        raise ConfigError(
+            f"{path}: its frames have {channels} channels, and the probe {preset.name} has {preset.array.elements}; "
+            "name the probe that took them, `probe=NAME`, or describe it, `probe=FILE.toml`"
+        )
 
 
 def _fingerprint(bank: IntensityBank | FrameBank) -> str:

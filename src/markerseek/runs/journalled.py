@@ -202,6 +202,7 @@ def _thinned(
     # Zeros for some way beside what is seen: a chart leaves out points that are nearer than a pixel, and a line from
     # the last one that is not zero to the end of the range would look like probability.
     beside = int(np.ceil(ZEROS_DEG / (angles_deg[1] - angles_deg[0])))
-    kept = np.convolve(seen, np.ones(2 * beside + 1), mode="same") > 0
+    # A range of angles can be shorter than the way of zeros: "same" would return the longer of both.
+    kept = np.convolve(seen, np.ones(2 * beside + 1))[beside : beside + seen.size] > 0
     kept[[0, -1]] = True
     return angles_deg[kept], np.where(seen, density_per_deg, 0.0)[kept]

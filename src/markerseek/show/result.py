@@ -18,6 +18,7 @@ from markerseek.core import (
     Found,
     MarkerCandidate,
     MarkerPosition,
+    NotFound,
     PriorEvidence,
     Sample,
     SearchError,
@@ -364,11 +365,14 @@ def _truth_rows(result: SearchResult) -> list[tuple[str, str]]:
     """Return how far the angle is from what is known of it, and for a recording what a search would have said."""
     rows = []
     facts = result.run.facts
-    error_deg = result.error_deg
+    # An answer without an angle has no error.
+    missed = isinstance(result.estimate, NotFound)
     if facts.truth_deg is not None:
-        rows.append(("truth (simulated)", f"{facts.truth_deg:.3f}°, error {error_deg:.3f}°"))
+        error = "not found" if missed else f"error {result.error_deg:.3f}°"
+        rows.append(("truth (simulated)", f"{facts.truth_deg:.3f}°, {error}"))
     elif facts.reference_deg is not None:
-        rows.append(("reference", f"{facts.reference_deg:.3f}°, difference {error_deg:.3f}°"))
+        difference = "not found" if missed else f"difference {result.error_deg:.3f}°"
+        rows.append(("reference", f"{facts.reference_deg:.3f}°, {difference}"))
     if result.comparison is not None:
         rows.append(("a search would have said", result.comparison))
     return rows

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from markerseek.core import ConfigError, Within, require_fields
-from markerseek.files import read_toml, recorded_settings, settings_from
+from markerseek.files import nearest_key, read_toml, recorded_settings, settings_from
 
 
 @pytest.mark.parametrize(
@@ -143,3 +143,8 @@ def test_keys_that_only_another_version_knows_are_left_out_of_a_record() -> None
 def test_a_record_of_other_settings_is_refused(text: bytes) -> None:
     with pytest.raises(msgspec.MsgspecError):
         recorded_settings(text, Settings)
+
+
+def test_a_table_without_keys_of_its_own_says_so():
+    with pytest.raises(ConfigError, match=r"^the key stage\.zero is unknown; no further key is known here$"):
+        nearest_key("zero", (), prefix="stage.")

@@ -193,7 +193,7 @@ class ChildRegistration(ChildSearch):
         if self.outcome is None:
             return super().next_step
         if self.view.ended is not None and not self.outcome.failed:
-            return f"recorded in {self.journal}"
+            return ""
         if self.view.moved:
             return "Start begins a new session"
         goes_on = f"markerseek {shlex.join(self.goes_on)}"

@@ -181,6 +181,7 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
             report_button(f"report {form.upper()}", f"report.{form}", lambda: _make_report(searches.registration))
             for form in ("html", "pdf")
         ]
+        folder = ui.label().classes("ms-note")
     save.on_click(lambda: _download(searches.registration))
 
     def update() -> None:
@@ -201,6 +202,7 @@ def build_registration_page(searches: PageSearches, query: Mapping[str, str]) ->
         save.set_visibility(live is not None and live.view.registration is not None)
         for each in reports:
             each.set_visibility(live is not None and live.view.ended is not None)
+        folder.set_text(f"recorded in {live.journal}" if live is not None and live.view.begun is not None else "")
         shell.show_emulated(live.run if live else None)
 
     shell.run(update)

@@ -115,6 +115,8 @@ def bank_of_arrays(
     count = len(values) if frames else values.size
     degrees = _degrees(path, arrays, angle, table, count, titles=titles)
     _require_units(path, units, arrays, frames=value if frames else None)
+    if frames and not ordered:
+        _note_unread(path, arrays)
     facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
@@ -309,6 +311,22 @@ def _require_units(
             )
     if frames is not None and frames in units and decibels(False, f"[{units[frames]}]"):
         raise RecordError(f"{path}: {frames} has the unit {units[frames]!r}; save the frames as they were sampled")
+
+
+_MOST_UNREAD = 8
+"""Most variables that a note names."""
+
+
+def _note_unread(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Note the single numbers under names that say nothing here: one may be the sampling frequency."""
+    single = [name for name, each in arrays.items() if each.size == 1 and each.dtype.kind in "iuf"]
+    unread = sorted({*single} - {*_UNITS_OF_FACTS, "pulses", "energy"})
+    if not unread:
+        return
+    listed = ", ".join(f"{name[:40]} ({float(arrays[name].flat[0]):g})" for name in unread[:_MOST_UNREAD])
+    more = f" and {len(unread) - _MOST_UNREAD} more" if len(unread) > _MOST_UNREAD else ""
+    cure = "" if "sampling_hz" in arrays else "; a sampling frequency is read under the name sampling_hz, in Hz"
+    note(path, f"not read, because their names say nothing here: {listed}{more}{cure}")
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:

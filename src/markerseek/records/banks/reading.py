@@ -60,8 +60,9 @@ def _read(path: Path, table: TableFormat, *, blanked: int) -> IntensityBank | Fr
         if not path.exists():
             record = record_of(path)
             imported = f"`journal_bank({quoted(record)}, {quoted(path)})`"
-            kept = f"; its scan did not become a bank, and is kept: {imported}"
-            raise RecordError(f"{path}: there is no such file or folder{kept if record.exists() else ''}")
+            kept = f"its scan did not become a bank, and is kept: {imported}"
+            cure = kept if record.exists() else "check the name and the rights"
+            raise RecordError(f"{path}: there is no such file or folder; {cure}")
         if path.is_file() and is_journal(path):
             raise RecordError(
                 f"{path}: it is the journal of a run and no bank; its run is computed again by "

@@ -657,8 +657,9 @@ def answer_of(
     settled = first.strength_known and (spent or known.unresolved_rival is None)
     rivals = rivals_of(known.sources) if others and settled else []
     side = _side(posterior, limits)
+    falls = None if side is None else _falls_before(known, mean_deg=mean_deg)
     # How strong a source beyond an end is cannot be measured: one inside may as well be the marker.
-    if side is not None and not rivals:
+    if side is not None and falls is None and not rivals:
         return AtBound(mean_deg=mean_deg, side=side, **seen_so_far)
     at_rivals = (mean_deg, *(limits.nearest(each.posterior.mean_deg) for each in rivals))
     modes = at_rivals if rivals else modes_deg(posterior, limits=limits)
@@ -671,7 +672,7 @@ def answer_of(
     found = Found(mean_deg=mean_deg, other_probability=probability, curve=_curve(first), **seen_so_far)
     found = with_half_width(found, radius_m=from_axis_m)
     # An answer that is unsure for its width alone is of the marker: registration takes it.
-    other = weaker_than_predicted or unmeasured or known.misfit or known.inconsistency
+    other = weaker_than_predicted or falls or unmeasured or known.misfit or known.inconsistency
     if other is None and probability > STATED:
         other = _other(known, probability, more=f"{more}{', or state that there is a single source' if others else ''}")
     moves = _moves(known)
@@ -681,6 +682,17 @@ def answer_of(
     if too_wide is None:
         return found
     return found.as_unsure("width", f"{too_wide}; {moves or _cure(posterior, more=more)}")
+
+
+def _falls_before(known: Analysis, *, mean_deg: float) -> str | None:
+    """Return why the strongest source is not at the end of the range, where its curve puts it; None if it may be."""
+    first = known.sources[0]
+    weaker = inconsistency(
+        first.samples, mean_deg=mean_deg, noise=known.noise, relative_error=first.posterior.sample_error
+    )
+    if weaker is None:
+        return None
+    return f"{weaker}, and the curve of a marker is wider than that: check unit and scale of the angles"
 
 
 def _moves(known: Analysis) -> str | None:

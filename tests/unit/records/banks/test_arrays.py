@@ -107,7 +107,8 @@ def test_variables_and_units_are_named(tmp_path, suffix):
     bank = read_arrays(path, TableFormat(columns=("theta", "peak"), unit="rad", db=True))
     assert bank.angles_deg == pytest.approx(ANGLES[list(ORDER)])
     assert bank.intensities == pytest.approx(INTENSITIES[list(ORDER)])
-    frames = read_arrays(path, TableFormat(columns=("theta", "rf"), unit="rad"))
+    with noted(r"n \(3\); a sampling frequency is read under"):
+        frames = read_arrays(path, TableFormat(columns=("theta", "rf"), unit="rad"))
     np.testing.assert_array_equal(frames.frame(1).samples, FRAMES[ORDER[1]])
     with pytest.raises(RecordError, match=r"there is no variable phi, it holds .*theta float64"):
         read_arrays(path, TableFormat(columns=("phi", "peak")))
@@ -214,3 +215,10 @@ def test_frames_of_repeated_angles_are_averaged_or_left_out_as_one_direction(tmp
         bank = read_arrays(twice)
     np.testing.assert_array_equal(bank.frame(0).samples, FRAMES[ORDER[0]])
     assert bank.pulses == (2, 2, 2)
+
+
+def test_single_numbers_under_names_that_say_nothing_are_named(tmp_path):
+    with noted(r"nothing here: fs \(3.125e\+07\), gain \(3\); a sampling frequency is read under the name sampling_hz"):
+        read_arrays(save(tmp_path / "a.npz", angle_deg=ANGLES, frames=FRAMES, fs=31.25e6, gain=3))
+    with noted(r"nothing here: fs \(3.125e\+07\)$"):
+        read_arrays(save(tmp_path / "b.npz", angle_deg=ANGLES, frames=FRAMES, fs=31.25e6, sampling_hz=31.25e6))
