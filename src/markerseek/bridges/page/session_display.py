@@ -169,7 +169,7 @@ def _target(
 ) -> str:
     """Draw the target and its 95 % ellipse; empty before a registration, or if the target is behind the camera.
 
-    ``markers``: their places in the image, beside which the label stands.
+    ``markers``: their places in the image. The label stands on the side that is farthest from them and their names.
     """
     if report is None or report.davinci_to_trus is None:
         return ""
@@ -184,9 +184,11 @@ def _target(
     width = stereo.left.size_px[0]
     # The ellipse of a millimetre is small in the image: from two metres away, its label is easier to find.
     letters = width // 26
-    middles = (y + large + letters, y - large - letters)
-    middle = max(middles, key=lambda at: min((math.dist((x, at), marker) for marker in markers), default=0.0))
-    label = f'x="{x:.1f}" y="{middle + letters / 3:.1f}" font-size="{letters}" text-anchor="middle"'
+    away = (large + letters, large + 2 * letters)
+    places = ((x, y + away[0]), (x, y - away[0]), (x + away[1], y), (x - away[1], y))
+    named = [*markers, *((u + width / 40, v - width / 40) for u, v in markers)]
+    across, down = max(places, key=lambda place: min((math.dist(place, each) for each in named), default=0.0))
+    label = f'x="{across:.1f}" y="{down + letters / 3:.1f}" font-size="{letters}" text-anchor="middle"'
     return (
         f'<g transform="translate({x:.1f} {y:.1f}) rotate({turn_deg:.1f})">'
         f'<ellipse class="ms-mark-target" rx="{large:.1f}" ry="{small:.1f}"/></g>'

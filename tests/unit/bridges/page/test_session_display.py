@@ -74,8 +74,8 @@ def test_the_name_of_the_target_stands_off_a_marker_beside_it(way):
     x, y = target_pixels(state.last.report, stereo=STEREO)[0][0]
     beside = structs.replace(SPOT, left_px=(x, y + 40.0 * way))
     marks = session_marks(state.after(structs.replace(marker("1"), spot=beside)), "left")
-    at = float(re.search(r'ms-mark-name" x="\S+" y="(\S+)"', marks)[1])
-    assert (at - y) * way < 0
+    across, down = map(float, re.search(r'ms-mark-name" x="(\S+)" y="(\S+)"', marks).groups())
+    assert math.dist((across, down), (x, y + 40.0 * way)) > 60.0
 
 
 def test_a_refused_spot_stays_said_until_one_is_seen():
