@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[1]
 VERSION_FILE, CHANGELOG = ROOT / "src" / "markerseek" / "_version.py", ROOT / "CHANGELOG.md"
 CHANGES = ROOT / "changelog.d"
 MADE, OUT = ROOT / "out" / "dist", ROOT / "out" / "release"
+SUMS = "SHA256SUMS"
 
 
 def main() -> None:
@@ -44,7 +45,9 @@ def main() -> None:
         for path, text in before.items():
             path.write_bytes(text)
         raise
-    run("git", "tag", "--annotate", "--message", f"markerseek {version}", f"v{version}")
+    # The sums stand in the tag, so that whoever has a wheel can compare it without its folder.
+    message = f"markerseek {version}\n\n{(OUT / SUMS).read_text(encoding='utf-8')}"
+    run("git", "tag", "--annotate", "--message", message, f"v{version}")
     sys.stdout.write(f"{OUT}: markerseek {version}, committed and tagged v{version}; nothing was sent anywhere\n")
 
 
@@ -127,7 +130,7 @@ def collect(version: Version, notes: str) -> None:
     )
     (OUT / "NOTES.md").write_text(f"# markerseek {version}\n\n{notes}\n", encoding="utf-8")
     sums = [f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in sorted(OUT.iterdir())]
-    (OUT / "SHA256SUMS").write_text("\n".join(sums) + "\n", encoding="utf-8")
+    (OUT / SUMS).write_text("\n".join(sums) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
