@@ -115,9 +115,9 @@ def bank_of_arrays(
     count = len(values) if frames else values.size
     degrees = _degrees(path, arrays, angle, table, count, titles=titles)
     _require_units(path, units, arrays, frames=value if frames else None)
-    if frames and not ordered:
-        _note_unread(path, arrays)
     facts = msgspec.convert({name: _scalar(path, arrays, name) for name in NUMERIC_FACTS}, BankFacts)
+    if frames and not ordered and facts.sampling_hz is None:
+        _note_unread(path, arrays)
     # Only now: a frame that was lost has its place in the scan.
     held_by = filled(path, values, arrays.get(NUMBERS, np.arange(1, count + 1))) if frames else True
     if frames:
@@ -325,8 +325,8 @@ def _note_unread(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
         return
     listed = ", ".join(f"{name[:40]} ({float(arrays[name].flat[0]):g})" for name in unread[:_MOST_UNREAD])
     more = f" and {len(unread) - _MOST_UNREAD} more" if len(unread) > _MOST_UNREAD else ""
-    cure = "" if "sampling_hz" in arrays else "; a sampling frequency is read under the name sampling_hz, in Hz"
-    note(path, f"not read, because their names say nothing here: {listed}{more}{cure}")
+    cure = "a sampling frequency is read under the name sampling_hz, in Hz"
+    note(path, f"not read, because their names say nothing here: {listed}{more}; {cure}")
 
 
 def _samples_before(path: Path, arrays: Mapping[str, np.ndarray], sampling_hz: float | None, *, samples: int) -> int:
