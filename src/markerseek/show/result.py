@@ -365,14 +365,12 @@ def _truth_rows(result: SearchResult) -> list[tuple[str, str]]:
     """Return how far the angle is from what is known of it, and for a recording what a search would have said."""
     rows = []
     facts = result.run.facts
-    # An answer without an angle has no error.
-    missed = isinstance(result.estimate, NotFound)
-    if facts.truth_deg is not None:
-        error = "not found" if missed else f"error {result.error_deg:.3f}°"
-        rows.append(("truth (simulated)", f"{facts.truth_deg:.3f}°, {error}"))
-    elif facts.reference_deg is not None:
-        difference = "not found" if missed else f"difference {result.error_deg:.3f}°"
-        rows.append(("reference", f"{facts.reference_deg:.3f}°, {difference}"))
+    if facts.known_deg is not None:
+        name, away = ("reference", "difference") if facts.truth_deg is None else ("truth (simulated)", "error")
+        # An answer without an angle has no error.
+        missed = isinstance(result.estimate, NotFound)
+        how_far = "not found" if missed else f"{away} {result.error_deg:.3f}°"
+        rows.append((name, f"{facts.known_deg:.3f}°, {how_far}"))
     if result.comparison is not None:
         rows.append(("a search would have said", result.comparison))
     return rows

@@ -88,14 +88,15 @@ def session_marks(view: SessionView, side: Side) -> str:
     stereo = calibration_of(view.begun.cameras)
     width, height = (stereo.left if side == "left" else stereo.right).size_px
     parts = []
-    for marker in _in_view(view):
-        x, y = _pixel(marker.spot, side)
+    markers = _in_view(view)
+    places = [_pixel(marker.spot, side) for marker in markers]
+    for marker, (x, y) in zip(markers, places, strict=True):
         parts.append(_circle("out" if view.use_of(marker) != "used" else "marker", x, y, width / 80))
         place = f'x="{x + width / 60:.1f}" y="{y - width / 60:.1f}" font-size="{width // 22}"'
         parts.append(f"<text {place}>{marker.name}</text>")
     report = _report(view)
     parts += [_check(each, stereo, side, width) for each in (() if report is None else report.checks)]
-    parts.append(_target(report, stereo, side, [_pixel(marker.spot, side) for marker in _in_view(view)]))
+    parts.append(_target(report, stereo, side, places))
     if view.waiting is not None and view.waiting.place is not None:
         parts.append(_circle("place", *_pixel(view.waiting.place, side), width / 18))
     if view.searched is not None:
