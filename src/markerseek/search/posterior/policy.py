@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,13 +30,8 @@ from markerseek.core import (
 from markerseek.search.evidence import KNOWN_SIGMA_DEG, marker_radius_m
 from markerseek.search.floor import above_background
 from markerseek.search.policy import SearchPolicy, check_acquisitions, check_sample, check_start
-from markerseek.search.posterior.answer import (
-    Analysis,
-    Progress,
-    answer_of,
-    rivals_of,
-    weaker_than_predicted,
-)
+from markerseek.search.posterior.analysis import Analysis
+from markerseek.search.posterior.answer import answer_of
 from markerseek.search.posterior.inference import Inference
 from markerseek.search.posterior.likelihood import displaced_sigma_deg, later, radius_m, with_light
 from markerseek.search.posterior.next_angle import (
@@ -50,6 +46,8 @@ from markerseek.search.posterior.next_angle import (
     planned_deg,
     step_near_deg,
 )
+from markerseek.search.posterior.prediction import weaker_than_predicted
+from markerseek.search.posterior.rivals import rivals_of
 from markerseek.search.posterior.sources import BESIDE_DEG, Candidate, top_deg
 from markerseek.search.posterior.survey import (
     LATE_WORTH,
@@ -87,8 +85,20 @@ TOLERATED_SIGMAS = 3.0
 FLOOR_SNR = 4.2
 """Largest of some ten thousand Rayleigh cells over σ, as it usually comes out."""
 
-
 _USUAL = Tolerance()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """How well the centre of the strongest source's curve is known."""
+
+    mean_deg: float
+    sigma_deg: float
+    """``mean_deg`` and ``sigma_deg``: mean and standard deviation of the centre's angle."""
+    fwhm_deg: float
+    """Full width of the curve at half maximum."""
+    target_deg: float
+    """Standard deviation with which it is known well enough."""
 
 
 class Posterior(SearchPolicy):
