@@ -80,7 +80,7 @@ check: .venv/dev  ## look for faults without running: lint, format, types, impor
 bench: .venv-bench/ready  ## time the kernels side by side with other people's programs
 	.venv-bench/bin/python -m benchmarks $(BENCH)
 
-faults: .venv/dev  ## break a device in 100,000 simulated searches and 10,000 runs that follow, and judge them by the truth (12 to 60 min)
+faults: .venv/dev  ## break a device in 100,000 simulated searches and 10,000 runs that follow, and judge them by the truth (70 min on two cores)
 	$(BIN)/python -m tests.faults.campaign --runs 100000 --follows 10000 --workers 2 --out docs/data/fault-tables.md
 
 kills: .venv/dev  ## kill 500 searches and scans with -9, and see that what was acknowledged is readable and the next run starts

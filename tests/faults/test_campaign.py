@@ -26,6 +26,7 @@ pytest.importorskip("serial", reason="the supervisor's lines need the extra devi
 
 from tests.faults.campaign import runs as campaign_runs  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.checker import OFF_DEG, check  # type: ignore[import-not-found, unused-ignore]
+from tests.faults.campaign.faulty import HostKilled  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.held_lines import HeldLines  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.report import observable_keys, promises  # type: ignore[import-not-found, unused-ignore]
 from tests.faults.campaign.tally import readings, summed, upper95  # type: ignore[import-not-found, unused-ignore]
@@ -314,6 +315,17 @@ def test_the_checker_sees_light_after_the_end_after_a_fault_and_on_a_probe_that_
         ]
         world.lights = held
         assert seen(trace) == {"P3"}, turn
+
+
+def test_light_after_the_death_of_the_host_is_judged_by_its_lease_alone(tmp_path: Path) -> None:
+    """The host of this run dies as a sweep comes to rest, so that the last pulses fall on a probe that stands."""
+    with HeldLines() as lines:
+        trace = campaign_runs.Campaign(tmp_path, lines).perform(campaign_runs.draw_plan(1, 90994))
+    assert isinstance(trace.raised, HostKilled)
+    assert trace.world.lights[-1].at_s - trace.ended_s == pytest.approx(campaign_runs.LEASE_S, abs=0.1)
+    assert seen(trace) == set()
+    trace.world.lights = [replace(light, at_s=light.at_s + 0.3) for light in trace.world.lights]
+    assert "P2" in seen(trace)
 
 
 def test_a_search_by_sweeps_answers_in_the_campaign_and_is_judged_by_the_marker(

@@ -204,7 +204,9 @@ def _beyond_sweep(sweep: Sweep, lights: list[Light], trace: Trace, injected_deg:
     apart_s = min((after.at_s - before.at_s for before, after in pairwise(lights)), default=math.inf)
     if not apart_s >= 0.999 * PERIOD_S:
         said.append(f"two pulses {apart_s:.4f} s apart in a sweep, the laser's period is {PERIOD_S:g} s")
-    return said + _unnoticed(sweep, lights, blind_s)
+    # A host that has died notices nothing more: P2 judges the light after that.
+    ends_s = trace.ended_s if isinstance(trace.raised, HostKilled) else math.inf
+    return said + _unnoticed(sweep, [light for light in lights if light.at_s <= ends_s], blind_s)
 
 
 def _unnoticed(sweep: Sweep, lights: list[Light], blind_s: float) -> list[str]:
