@@ -9,7 +9,8 @@ A marker is left out only against evidence. Any three markers fit, so that four 
 The newest is never left out: if the endoscope has moved before it, it is the only one that is right, and the next
 marker tells whether it has. Sets that may not be taken compete all the same. So does the explanation that all markers
 are displaced among themselves, as in moving tissue. A registration is decided only if all of these are improbable
-beside it.
+beside it, but for sets with the newest marker that put target and markers at the same places as it does: which of them
+is right does not matter.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from msgspec import structs
 from scipy.special import chdtri, softmax
 
 from markerseek.core import ConfigError, Float64, MarkerCandidate, SpotToSource
-from markerseek.geometry import MIN_POINTS, OFFSET_FACTORS
+from markerseek.geometry import MIN_POINTS, OFFSET_FACTORS, RigidTransform
 from markerseek.registration.report import (
     MEDIAN_LENGTH,
     MIN_PROBABILITY,
@@ -40,6 +41,9 @@ from markerseek.registration.shared_errors import source_shared_m, sources_m, tr
 
 _MIN_SHARE = 0.99
 """Least probability, among all sets, of the set that is taken."""
+
+_SAME_SHARE = 0.5
+"""Share of the expected error at the target: two sets that put target and markers by no more apart say the same."""
 
 MOVED = 0.05
 """Probability that the newest marker does not belong to the others because the endoscope has moved before it."""
@@ -155,23 +159,35 @@ def choose(
     logs = [best.log_probability, displaced.log_probability if left else -math.inf]
     shares = softmax(logs + [fit.log_probability for fit in rivals])
     report = register_pairs(chosen_pairs(useful, best.chosen), target_trus_m=target_trus_m, spot=spot)
-    if shares[0] >= _MIN_SHARE:
-        return Choice(report=report, decided=report.registered, chosen=best.chosen, left_out=left)
-    doubtful = [fit for fit, share in zip(rivals, shares[2:], strict=True) if share > (1 - _MIN_SHARE) / len(fits)]
+    same = [rival for rival in rivals if _say_the_same(best, rival, useful, report)]
+    others = [(rival, float(share)) for rival, share in zip(rivals, shares[2:], strict=True)]
+    doubted = [(rival, share) for rival, share in others if rival not in same]
+    certain = 1.0 - float(shares[1]) - sum(share for _, share in doubted)
+    if certain >= _MIN_SHARE:
+        # Where a marker is probably wrong, the report with it is not accepted, and the one without it is.
+        likely = [rival for rival, share in others if share > 1 - _MIN_SHARE and rival in same and rival in accepted]
+        likely.sort(key=lambda fit: -fit.log_probability)
+        for fit in (best, *likely):
+            tried = register_pairs(chosen_pairs(useful, fit.chosen), target_trus_m=target_trus_m, spot=spot)
+            if tried.registered:
+                left = tuple(name for name in first if name not in fit.chosen)
+                return Choice(report=tried, decided=True, chosen=fit.chosen, left_out=left)
+        return Choice(report=report, decided=False, chosen=best.chosen, left_out=left)
+    doubtful = [rival for rival, share in doubted if share > (1 - _MIN_SHARE) / len(fits)]
     unsure = tuple(name for name in first if any(best.chosen.get(name) != rival.chosen.get(name) for rival in doubtful))
     over = len(useful) >= OVER_AFTER and bool(shares[0] < shares[1])
-    if shares[1] > shares[2:].sum():
+    if shares[1] > sum(share for _, share in doubted):
         reason = f"{_in_words(displaced)}: {_HELD_STILL if over else 'one more marker decides'}"
     else:
         missing = {name for rival in doubtful for name in best.chosen if name not in rival.chosen}
         what = "may be wrong, or the endoscope has moved before it" if missing else "may be another source"
-        reason = f"marker {' or '.join(unsure)} {what} ({100 * (1 - shares[0]):.0f} %): one more marker decides"
+        reason = f"marker {' or '.join(unsure)} {what} ({100 * (1 - certain):.0f} %): one more marker decides"
     return Choice(
         report=report, decided=False, chosen=best.chosen, left_out=left, open=unsure, reason=reason, over=over
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Fit:
     """A set of candidates, and how well it fits."""
 
@@ -181,6 +197,21 @@ class _Fit:
     probability: float
     """Probability of residuals as large or larger."""
     offset_sigma_m: float
+    transform: RigidTransform
+    """From the camera to the probe."""
+
+
+def _say_the_same(best: _Fit, rival: _Fit, markers: Sequence[SeenMarker], report: RegistrationReport) -> bool:
+    """Return whether two sets put target and markers at the same places, as far as these are known.
+
+    Not if the rival is without the newest marker: the endoscope may then have moved, and neither transform may hold.
+    """
+    if markers[-1].name not in rival.chosen:
+        return False
+    target_m = best.transform.inverse().apply(np.array(report.target_trus_m))
+    places_m = np.array([target_m, *(marker.camera_m for marker in markers)])
+    apart_m = np.linalg.norm(rival.transform.apply(places_m) - best.transform.apply(places_m), axis=1)
+    return bool(apart_m.max() <= _SAME_SHARE * report.tre_m)
 
 
 def _fits(markers: Sequence[SeenMarker], spot: SpotToSource, *, most_left_out: int) -> tuple[list[_Fit], str]:
@@ -206,6 +237,7 @@ def _fit(markers: Sequence[SeenMarker], chosen: dict[str, int], spot: SpotToSour
         log_probability=_log_prior(markers, chosen) + found.log_evidence,
         probability=found.probability,
         offset_sigma_m=found.offset_sigma_m,
+        transform=found.transform,
     )
 
 

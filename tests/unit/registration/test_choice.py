@@ -11,7 +11,7 @@ from msgspec import structs
 
 from benchmarks.registration.forged_markers import ForgedScene
 from markerseek.core import MarkerPosition
-from markerseek.registration.choice import SeenMarker, choose
+from markerseek.registration.choice import Choice, SeenMarker, choose
 from tests.sizes import examples
 
 
@@ -161,3 +161,51 @@ def test_a_wrong_marker_among_five_is_left_out_once_the_next_agrees_with_the_oth
         assert choice.left_out in ((), ("4",))
         left_out += choice.decided and choice.left_out == ("4",)
     assert left_out >= 6
+
+
+def found_beside(markers: list[SeenMarker], number: int, off_m: tuple[float, float, float]) -> None:
+    """Let the search of a marker have found a place beside it."""
+    (own,) = markers[number].candidates
+    place = tuple(np.add(own.position.position_m, off_m).tolist())
+    position = structs.replace(own.position, position_m=place)
+    markers[number] = replace(markers[number], candidates=(structs.replace(own, position=position),))
+
+
+def off_target_m(scene: ForgedScene, choice: Choice) -> tuple[float, float]:
+    """How far a registration puts its target from where it is, and the length that 95 % of such errors stay below."""
+    assert choice.report is not None
+    target_m = np.array(choice.report.target_trus_m)
+    found_m = np.array(choice.report.davinci_to_trus) @ [*scene.true.inverse().apply(target_m), 1.0]
+    return float(np.linalg.norm(found_m[:3] - target_m)), choice.report.tre95_m
+
+
+def test_a_doubt_that_does_not_matter_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether one of many markers is a little off or not, the target is at the same place."""
+    settled = 0
+    for seed in range(12):
+        scene = ForgedScene(seed)
+        markers = scene.markers(scene.wide(8))
+        found_beside(markers, 2, (0.9e-3, 0, 0))
+        choice = choose(markers)
+        if choice.decided:
+            off_m, most_m = off_target_m(scene, choice)
+            assert off_m < most_m
+        with monkeypatch.context() as patch:
+            # As if sets that say the same competed as well.
+            patch.setattr("markerseek.registration.choice._say_the_same", lambda *_given: False)
+            settled += choice.decided and not choose(markers).decided
+    assert settled >= 2
+
+
+def test_a_doubt_about_the_newest_marker_always_matters() -> None:
+    """The endoscope may have moved before it, by so little that the target seems to be at the same place."""
+    for seed in range(12):
+        scene = ForgedScene(seed)
+        spots = scene.wide(7)
+        markers = scene.markers(spots[:6])
+        moved_endoscope(scene, (1.5e-3, 0, 0))
+        markers.append(scene.seen("7", spots[6]))
+        choice = choose(markers)
+        if choice.decided:
+            off_m, most_m = off_target_m(scene, choice)
+            assert off_m < 1.5 * most_m
