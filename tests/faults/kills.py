@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from markerseek import rigs, runs
-from markerseek.core import Event, Measured, SearchPlan
+from markerseek.core import Measured, SearchPlan
 from markerseek.records.banks import read_bank, record_of
 from markerseek.records.journal import Journal, JournalEvent, RunView, read_journal
 from markerseek.rigs import Rig
@@ -86,8 +86,8 @@ def killed(events: Callable[[], Iterable[JournalEvent]], chance: random.Random, 
 
 
 def events_in(path: Path) -> int:
-    """Events that can be read; 0 where the file was not begun."""
-    return sum(isinstance(entry.event, Event) for entry in read_journal(path).entries) if path.exists() else 0
+    """Events that can be read, those of a resumption too; 0 where the file was not begun."""
+    return len(read_journal(path).entries) if path.exists() else 0
 
 
 def angles(events: Iterable[JournalEvent]) -> int:
@@ -105,7 +105,7 @@ def kill_a_search(folder: Path, chance: random.Random, *, times: int) -> None:
         if not path.exists() or RunView.of(read_journal(path)).state == "finished":
             break
         before = events_in(path)
-        acknowledged = before + max(0, killed(lambda: resume(folder), chance, most=12) - 1)
+        acknowledged = before + killed(lambda: resume(folder), chance, most=12)
     else:
         before = events_in(path)
     if not path.exists():

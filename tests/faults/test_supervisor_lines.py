@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import signal
@@ -214,6 +215,17 @@ def test_a_line_that_another_program_holds_is_refused(held: Supervisor, laser: D
         Supervisor(lines=[Line(name="laser", path=laser.path, safe_command=b"x")])
     with pytest.raises(NotConnectedError, match="/dev/nowhere cannot be opened"):
         Supervisor(lines=[Line(name="laser", path="/dev/nowhere", safe_command=b"x")])
+
+
+def test_a_process_that_cannot_be_started_is_a_device_that_is_not_connected(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_given: object, **_named: object) -> None:
+        raise OSError(errno.EAGAIN, "no more processes")
+
+    monkeypatch.setattr("markerseek.supervisor.client.subprocess.Popen", refused)
+    before = threading.active_count()
+    with pytest.raises(NotConnectedError, match="its process cannot be started: no more processes; end other programs"):
+        Supervisor(lines=[Line(name="laser", path="/dev/null", safe_command=b"x")])
+    assert threading.active_count() == before
 
 
 def test_a_missing_package_is_named_before_a_process_starts(monkeypatch: pytest.MonkeyPatch) -> None:

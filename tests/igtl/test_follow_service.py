@@ -19,6 +19,7 @@ from markerseek.bridges.igtl.follow_service import follow_messages
 from markerseek.core import ConfigError
 from markerseek.following import FollowStep
 from markerseek.wire import igtl
+from tests.waiting import wait_until
 
 STEP = FollowStep(
     at_s=1.0,
@@ -87,6 +88,20 @@ def test_it_opens_where_an_event_loop_runs_already_as_in_a_notebook() -> None:
 def test_a_port_that_is_taken_is_the_callers_error() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(ConfigError, match="port"):
         FollowService("127.0.0.1", taken.getsockname()[1], simulated=True, on_note=print)
+
+
+def test_a_failure_to_send_is_raised_once_and_leaves_no_thread_and_no_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(*_given: object, **_named: object) -> None:
+        raise RuntimeError("as this test says")
+
+    monkeypatch.setattr("markerseek.bridges.igtl.follow_service.follow_messages", failing)
+    service = FollowService("127.0.0.1", 0, simulated=True, on_note=print)
+    wait_until(service._sending.done)
+    with pytest.raises(RuntimeError, match="as this test says"):
+        service.close()
+    service.close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", service.port))
 
 
 @pytest.mark.real_time

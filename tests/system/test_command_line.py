@@ -159,7 +159,7 @@ def test_a_frame_reports_its_source_as_text_and_as_json(shell: Shell, scan_folde
         (("bank", "scan"), "missing argument 'OUT'; see 'markerseek bank scan --help'"),
         (("search", "--method", "ternery"), "did you mean ternary"),
         (("search", "--tissue", "beef"), "the simulated ones are"),
-        (("ros2", "sim", "--write-rig", "/none/a.toml"), "/none/a.toml: the rig file cannot be written: No such file"),
+        (("ros2", "sim", "--write-rig", "/none/a.toml"), "/none/a.toml: it cannot be written: No such file"),
         (("search", "--colour", "red"), "no such option: --colour"),
         # What a bridge uses is not in the help, and is not proposed.
         (("search", "--heartbeet", "x"), "no such option: --heartbeet; see"),

@@ -141,6 +141,7 @@ def test_find_marker_takes_a_policy() -> None:
     ("arguments", "said"),
     [
         ({"policy": 3}, "policy: it made 3, which has not all of ask, tell and estimate"),
+        ({"policy": Noting}, r"policy: it is the class Noting, and no policy; make one, Noting\(…\)"),
         ({"policy": Noting(Interval(low_deg=-35, high_deg=35)), "method": "ternary"}, "leave one of them out"),
     ],
 )

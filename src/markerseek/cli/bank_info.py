@@ -8,7 +8,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 from rich.markup import escape
@@ -83,8 +83,6 @@ def command(
 def _values(bank: IntensityBank | FrameBank, probe: str | None) -> dict[str, Any]:
     """Return what is in a bank.
 
-    Beside them stand the statistics of its peak with the names of bluesky: com, cen, fwhm, max.
-
     ``probe``: that with which the intensities are computed again; None takes the bank's.
     """
     from markerseek.records.banks import FrameBank
@@ -110,7 +108,10 @@ def _values(bank: IntensityBank | FrameBank, probe: str | None) -> dict[str, Any
 
 
 def _peak(curve: Curve, estimate: Estimate) -> Peak:
-    """Return the statistics of the highest peak, of the samples and above the background by which the answer judges."""
+    """Return the statistics of the highest peak, with the names of bluesky: com, cen, fwhm, max.
+
+    Of the samples and above the background by which the answer judges.
+    """
     import numpy as np
 
     from markerseek.search import Curve, peak_of
@@ -121,15 +122,24 @@ def _peak(curve: Curve, estimate: Estimate) -> Peak:
     return peak_of(judged, background=background or 0.0)
 
 
+class _Scaled(NamedTuple):
+    """How a value is printed for people."""
+
+    title: str
+    form: str
+    unit: str
+    scale: float
+    """Units in one unit of SI."""
+
+
 _SCALED = {
-    "sampling_hz": "sampling {:g} MHz",
-    "sound_speed_m_s": "speed of sound {:g} m/s",
-    "pitch_m": "pitch {:.4g} mm",
-    "face_radius_m": "face radius {:.4g} mm",
-    "wavelength_m": "wavelength {:.4g} nm",
-    "pulse_energy_j": "pulse energy {:.4g} mJ",
+    "sampling_hz": _Scaled("sampling", "g", "MHz", 1e-6),
+    "sound_speed_m_s": _Scaled("speed of sound", "g", "m/s", 1.0),
+    "pitch_m": _Scaled("pitch", ".4g", "mm", 1e3),
+    "face_radius_m": _Scaled("face radius", ".4g", "mm", 1e3),
+    "wavelength_m": _Scaled("wavelength", ".4g", "nm", 1e9),
+    "pulse_energy_j": _Scaled("pulse energy", ".4g", "mJ", 1e3),
 }
-_UNITS = {"MHz": 1e-6, "m/s": 1.0, "mm": 1e3, "nm": 1e9, "mJ": 1e3, "°": 1.0}
 
 
 def _rows(values: dict[str, Any], estimate: Estimate) -> Iterator[tuple[str, str | None]]:
@@ -160,9 +170,12 @@ def _rows(values: dict[str, Any], estimate: Estimate) -> Iterator[tuple[str, str
         yield title + above, None if values[name] is None else f"{values[name]:.3f}°"
     yield "answer from all angles", estimate_line(estimate)
     yield "reference", None if values["reference_deg"] is None else f"{values['reference_deg']:.3f}°"
-    for name, text in _SCALED.items():
-        title, form, unit = text.rsplit(" ", 2)
-        yield title, None if values[name] is None else f"{form.format(values[name] * _UNITS[unit])} {unit}"
+    for name, as_shown in _SCALED.items():
+        value = values[name]
+        yield (
+            as_shown.title,
+            None if value is None else f"{value * as_shown.scale:{as_shown.form}} {as_shown.unit}",
+        )
     for name in ("probe", "made_with", "configuration", "seed"):
         yield name.replace("_", " "), None if values[name] is None else str(values[name])
 

@@ -87,7 +87,7 @@ def command(
     from markerseek.records.banks import FrameBank
 
     if delay == (bank is not None):
-        raise ConfigError("name a scan of a point source, or measure the delay of a rig with --delay, and not both")
+        raise ConfigError("name a scan of a point source, or --delay with a rig, and not both")
     if bank is None:
         if (probe, source_deg, zero_deg, direction, pickup_us) != (None, 0.0, 0.0, "forward", None):
             raise ConfigError("--delay takes --rig, --arm, --trace and --json; leave the options of a scan out")

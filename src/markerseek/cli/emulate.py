@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import select
 import shlex
 import sys
@@ -117,11 +118,11 @@ def _serve(
         opened.callback(emulated.daq.close)
         stdout.print(emulated.daq.said)
         rig_file = folder / "rig.toml"
-        write_rig_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
+        write_text_file(rig_file, _rig_toml(folder, settings, pace=pace, emulated=emulated))
         stdout.print(f"try: markerseek search --rig {quoted(rig_file)} --arm")
         if images is not None:
             stereo = folder / "stereo.toml"
-            write_rig_file(stereo, _stereo_toml(images))
+            write_text_file(stereo, _stereo_toml(images))
             left, right = images.folders
             stdout.print(
                 f"try: markerseek register --rig {quoted(rig_file)} --cameras {quoted(stereo)} "
@@ -131,8 +132,10 @@ def _serve(
         stdout.print("Ctrl-C ends it")
         sys.stdout.flush()
 
+        typed = _TypedLines()
+
         def until() -> bool:
-            if images is not None and (line := _typed_line()):
+            if images is not None and (line := typed.next()):
                 stdout.print(images.type(line))
             return bool(stop)
 
@@ -150,10 +153,26 @@ def _free(link: Path) -> Path:
     return link
 
 
-def _typed_line() -> str:
-    """Return the line that the user has typed since the last call; empty if there is none."""
-    ready, _, _ = select.select([sys.stdin], [], [], 0)
-    return sys.stdin.readline() if ready else ""
+class _TypedLines:
+    """The lines that a person, or another program, writes to this one."""
+
+    def __init__(self) -> None:
+        self._came = b""
+
+    def next(self) -> str:
+        """Return the next line; empty if there is none yet."""
+        # Not by `readline`: it keeps what came after the line, of which `select` then knows nothing.
+        if sys.stdin is not None and select.select([sys.stdin], [], [], 0)[0]:
+            self._came += os.read(sys.stdin.fileno(), _MOST_TYPED)
+        line, end, rest = self._came.partition(b"\n")
+        if not end:
+            return ""
+        self._came = rest
+        return line.decode(errors="replace")
+
+
+_MOST_TYPED = 4096
+"""Most bytes that are read at once of what a person writes."""
 
 
 def _rig_toml(folder: Path, settings: SimulatedSettings, *, pace: float, emulated: emulators.EmulatedBench) -> str:
@@ -233,13 +252,13 @@ high_deg = {limits.travel.high_deg}
 """
 
 
-def write_rig_file(path: Path, text: str) -> None:
-    """Write a rig file whole, or not at all."""
+def write_text_file(path: Path, text: str) -> None:
+    """Write a file whole, or not at all."""
     try:
         with replace_file(path) as part:
             part.write_text(text, encoding="utf-8")
     except OSError as problem:
-        raise ConfigError(f"{path}: the rig file cannot be written: {problem.strerror}; name another") from problem
+        raise ConfigError(f"{path}: it cannot be written: {problem.strerror}; name another folder or file") from problem
 
 
 def true_marker(truth_deg: float | None) -> str:

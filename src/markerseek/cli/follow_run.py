@@ -108,7 +108,7 @@ class FollowPlace:
         str | None,
         typer.Option(
             help="How the simulated target moves: still, sine, steps, jump, or lost for a while.",
-            show_default="steps for a spot, sine for a tip",
+            show_default="steps for a spot, sine for a tip, still for a pixel",
         ),
     ] = None
     speed_mm_s: Annotated[
@@ -170,6 +170,8 @@ class FollowPlace:
             require_range("--seconds", self.seconds, low=0, high=86_400, unit="s")
         if (self.images is None) != (not self.cameras):
             raise ConfigError("--cameras FILE and --images 'LEFT RIGHT' belong together; name both, or leave both out")
+        if self.calibration_sigma_px is not None and not self.cameras:
+            raise ConfigError("--calibration-sigma-px belongs to a calibration; name it by --cameras, or leave it out")
         if not self.simulate and (self.rig is None or self.registration is None):
             raise ConfigError(
                 "nothing to follow with: name a registration by --registration FOLDER and a rig by --rig RIG.toml, or "
@@ -221,26 +223,35 @@ def note(sentence: str) -> None:
 class PointedAt:
     """The pixel at which somebody points meanwhile, as the page or another program writes it into the session's folder.
 
-    Called, it returns that of the file, which it removes; None: there is none, or it holds no two numbers.
+    Called, it returns that of the file once; None: there is no new one, or it holds no two numbers.
     """
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / registration.POINTED_AT
         # What somebody has pointed at before this run is not meant now.
-        self._path.unlink(missing_ok=True)
+        self._known = self._version()
 
     def __call__(self) -> tuple[float, float] | None:
         """Return the pixel since the last call."""
-        if not self._path.exists():
+        version = self._version()
+        if version in (None, self._known):
             return None
+        # The file is not removed: another click may have replaced it in the meantime.
+        self._known = version
         try:
             text = read_input(self._path, most_bytes=_PIXEL_BYTES)
             x, y = (float(word) for word in text.split())
         except (OSError, RecordError, ConfigError, ValueError):
             return None
-        finally:
-            self._path.unlink(missing_ok=True)
         return x, y
+
+    def _version(self) -> tuple[int, int] | None:
+        """Return what tells one file of that name from the next; None: there is none."""
+        try:
+            found = self._path.stat()
+        except OSError:
+            return None
+        return found.st_mtime_ns, found.st_ino
 
 
 _PIXEL_BYTES = 256
@@ -249,22 +260,18 @@ _PIXEL_BYTES = 256
 def _looking_on(
     folder: Path | None, newest: Callable[[], StereoPair | None], now_s: Callable[[], float]
 ) -> Callable[[], None]:
-    """Return what puts the newest images into the folder of a session, at most once in `SHOWN_S`."""
+    """Return what puts the newest images into the folder of a session, at most once in `registration.SHOWN_S`."""
     if folder is None:
         return lambda: None
     shown_s = -math.inf
 
     def look_on() -> None:
         nonlocal shown_s
-        if now_s() - shown_s >= SHOWN_S and (pair := newest()) is not None:
+        if now_s() - shown_s >= registration.SHOWN_S and (pair := newest()) is not None:
             shown_s = now_s()
             registration.show_pair(folder, pair)
 
     return look_on
-
-
-SHOWN_S = 0.5
-"""Time between two image pairs that are shown to those who look on, in seconds."""
 
 
 @contextmanager
@@ -282,12 +289,15 @@ def simulated_run(
             raise ConfigError(f"{name} is for a rig of devices; the simulated room has its own, leave it out")
     if followed.tip not in (None, "simulated"):
         raise ConfigError(f"--tip {followed.tip}: with --simulate there is a simulated tip; name 'simulated'")
+    for name, stated in (("--tool-offset-mm", followed.tool_offset_mm), ("--tip-sigma-mm", followed.tip_sigma_mm)):
+        if stated is not None:
+            raise ConfigError(f"{name} is of a robot's tip; the simulated one has its own, leave it out")
     require_no_trace(place.trace)
     session = _simulated_session(place, simulation)
     if session is not None:
         _require_confirmed(followed, place)
     announce_compilation()
-    motion = _motion(place.moves or ("steps" if followed.spot else "still" if followed.pixel else "sine"))
+    motion = _motion(place.moves or _usual_motion(followed))
     room = _simulated_room(followed, place, simulation, motion, session)
     clock = room.rig.scanner.clock
     error_mm = ERROR_MM if place.error_mm is None else place.error_mm
@@ -419,6 +429,13 @@ _CONFIRMING_S = 8.0
 """Time for which a simulated spot stands still, in seconds."""
 
 
+def _usual_motion(followed: Followed) -> following.Motion:
+    """Return how a simulated target moves unless `--moves` says otherwise."""
+    if followed.spot:
+        return "steps"
+    return "sine" if followed.pixel is None else "still"
+
+
 def _motion(name: str) -> following.Motion:
     """Return the motion of that name."""
     match name:
@@ -447,10 +464,10 @@ def run_on_rig(
     with ExitStack() as opened:
         rig, _ = opened.enter_context(open_rig(place.rig, sweeps=followed.spot, trace=place.trace))
         clock = rig.scanner.clock
-        seen = _Seen()
+        cameras = _CameraSources()
         if place.images is not None:
-            seen = _seen(followed, place, rig, session, opened)
-        source = seen.source
+            cameras = _open_cameras(followed, place, rig, session, opened)
+        source = cameras.source
         links = None
         if followed.tip is not None:
             offset_mm = followed.tool_offset_mm or (0.0, 0.0, 0.0)
@@ -463,7 +480,7 @@ def run_on_rig(
             source = following.FixedPoint(clock, camera_mm=followed.point)
         assert source is not None  # noqa: S101  one of them is followed
         held = opened.enter_context(
-            held_registration(named, rig, stereo=seen.stereo, lit=followed.spot, still_valid=place.still_valid)
+            held_registration(named, rig, stereo=cameras.stereo, lit=followed.spot, still_valid=place.still_valid)
         )
         arm_rig(rig, file=place.rig, arm=place.arm, what="follow", as_json=as_json, asked_by=place.asked_by)
         follower = following.Follower(
@@ -473,7 +490,7 @@ def run_on_rig(
             plan=plan,
             by=person(),
             reach=following.probe_reach(rig),
-            endoscope=seen.endoscope,
+            endoscope=cameras.endoscope,
             is_set=SpotIsSet(session) if followed.spot else None,
             links=links,
         )
@@ -483,14 +500,14 @@ def run_on_rig(
             what=source.name,
             rig=rig.facts.description,
             simulated=named.known.simulated,
-            look_on=_looking_on(session, seen.newest, clock.now_s),
+            look_on=_looking_on(session, cameras.newest, clock.now_s),
             ends_s=None if place.seconds is None else clock.now_s() + place.seconds,
             hints={**_HINTS, **_DARK} if followed.spot and not plan.light_while_waiting else _HINTS,
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Seen:
+class _CameraSources:
     """What the cameras give to a run: nothing where there are none."""
 
     source: following.TargetSource | following.LitSource | None = None
@@ -503,8 +520,10 @@ class _Seen:
     """Newest pair, for those who look on."""
 
 
-def _seen(followed: Followed, place: FollowPlace, rig: rigs.Rig, session: Path | None, opened: ExitStack) -> _Seen:
-    """Open the cameras."""
+def _open_cameras(
+    followed: Followed, place: FollowPlace, rig: rigs.Rig, session: Path | None, opened: ExitStack
+) -> _CameraSources:
+    """Open the cameras, and return what they give to the run."""
     assert place.images is not None  # noqa: S101  as it is called
     stereo = registration.read_stereo(place.cameras or (), calibration_sigma_px=place.calibration_sigma_px)
     images = opened.enter_context(
@@ -528,7 +547,7 @@ def _seen(followed: Followed, place: FollowPlace, rig: rigs.Rig, session: Path |
     check = None
     if not place.endoscope_held:
         check = opened.enter_context(following.EndoscopeCheck(stereo, dark, session)).glance
-    return _Seen(source=source, stereo=stereo, endoscope=check, newest=dark.newest)
+    return _CameraSources(source=source, stereo=stereo, endoscope=check, newest=dark.newest)
 
 
 _HINTS: Mapping[following.Word, str] = MappingProxyType(

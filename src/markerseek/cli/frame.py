@@ -60,11 +60,13 @@ def command(
     markerseek frame scan.hdf5 --number 3 --json
     markerseek frame pa.rf --plot
     """
+    from markerseek.cli.searching import FOUND, OTHER_ANSWER
     from markerseek.records.banks import HDF5_SUFFIXES
 
     output = Output.asked(as_json=as_json, plot=plot, out=out)
     suffix = file.suffix.lower()
-    if number != 1 and suffix not in (".rf", *HDF5_SUFFIXES):
+    of_several = suffix in (".rf", *HDF5_SUFFIXES)
+    if number != 1 and not of_several:
         raise ConfigError(f"--number: {file} holds one frame; leave it out")
     reader, frame = _read(file, probe, number=number)
     announce_compilation()
@@ -72,14 +74,19 @@ def command(
         findings = reader.findings(frame)
     except AcquisitionError as problem:
         raise RecordError(f"{file}: {problem}") from problem
-    at = f", frame {number} at {frame.header.commanded_deg:g} deg" if suffix in HDF5_SUFFIXES else ""
+    at = ""
+    if of_several:
+        at = f", frame {number}"
+    if suffix in HDF5_SUFFIXES:
+        at += f" at {frame.header.commanded_deg:g} deg"
     title = f"{file.name}{at}, probe {reader.preset.name}, {reader.method}"
-    name = f"{file.stem if file.is_file() else file.name}.png"
+    stem = file.stem if file.is_file() else file.name
+    name = f"{stem}.png" if number == 1 else f"{stem}-{number}.png"
     report = Report(
         values=_values(findings, reader.preset.name, method=reader.method),
         shown=_shown(findings, file, reader.preset.name),
         pictures={name: drawn(lambda: _figure(findings, reader.picture(frame), title=title))},
-        exit_code=0 if findings.found else 3,
+        exit_code=FOUND if findings.found else OTHER_ANSWER,
     )
     output.show(report)
 
@@ -142,7 +149,7 @@ def _figure(findings: signals.FrameFindings, picture: PaImage, *, title: str) ->
 def _read(
     file: Path, probe: str | None, *, number: int
 ) -> tuple[signals.ImageReader | signals.SpareReader, ChannelFrame]:
-    """Return one frame of a file, counted from 1, and its reader."""
+    """Return the reader of a file, and its frame with that number, counted from 1."""
     from markerseek.records.banks import HDF5_SUFFIXES, MAT_PROBE, FrameBank, load_frame, read_bank
 
     if file.suffix.lower() in HDF5_SUFFIXES:
@@ -162,7 +169,7 @@ def _read(
 
 
 def _lines_of(path: Path, preset: signals.ProbePreset, *, number: int) -> tuple[signals.SpareReader, ChannelFrame]:
-    """Return one frame of an ``.rf`` file, counted from 1, and the reader of its lines.
+    """Return the reader of the lines of an ``.rf`` file, and its frame with that number, counted from 1.
 
     Its header gives the sampling frequency, and how many lines cover the probe, whose length and band are the preset's.
     """

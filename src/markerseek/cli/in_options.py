@@ -13,8 +13,9 @@ _OPTIONS = {
     "without_channels": "--without-channel",
     "searches": "--journal",
     "stereo": "--cameras",
+    "target_trus_m": "--target-mm",
 }
-"""Options of arguments that have another name; of the others it is the argument's, with hyphens."""
+"""Options whose name is not that of the argument with hyphens."""
 
 _COMMANDS = {
     "answer_again": "journal replay",
@@ -48,8 +49,8 @@ _CURES = {
 }
 """What a message tells a person to do that no single argument or function does, and the option or command for it."""
 
-_CURE = re.compile(rf"\b({'|'.join(_CURES)})\b(?! \()")
-"""A cure whose command does not stand behind it yet: an error of a child was worded by the child."""
+_CURE = re.compile(rf"\b({'|'.join(_CURES)})\b(?! \(|[./\\]\w)")
+"""A cure whose command does not stand behind it yet, as in the error of a child, and which is no part of a path."""
 
 _PAIR = re.compile(r"`first_and_step_deg=\((\S+), (\S+)\)`")
 _COMMA = re.compile(r", (?=(?:[^']*'[^']*')*[^']*$)")

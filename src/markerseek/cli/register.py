@@ -287,7 +287,7 @@ def _shown(
             "point": point.name,
             **{f"{axis} [mm]": f"{1e3 * value:.2f}" for axis, value in zip("xyz", point.trus_m, strict=True)},
             "residual [mm]": f"{1e3 * point.residual_m:.2f}",
-            "left out [mm]": "–" if point.left_out_m is None else f"{1e3 * point.left_out_m:.2f}",
+            "without it [mm]": "–" if point.left_out_m is None else f"{1e3 * point.left_out_m:.2f}",
         }
         for point in report.points
     )

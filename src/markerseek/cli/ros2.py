@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from markerseek import bridges, drivers, rigs, ros
 from markerseek.bridges import ros2
-from markerseek.cli.emulate import true_marker, world_text, write_rig_file
+from markerseek.cli.emulate import true_marker, world_text, write_text_file
 from markerseek.cli.follow import follow_target
 from markerseek.cli.follow_run import Followed, FollowPlace, FollowRun
 from markerseek.cli.open_rig import NOT_ARMED, confirmed, person, print_permissions
@@ -274,7 +274,7 @@ def sim(
     pump = ros2.MessagePump()
     world = rigs.simulated(seed=seed, settings=settings, pace=pace, beat=pump)
     if write_rig is not None:
-        write_rig_file(write_rig, _rig_text(settings))
+        write_text_file(write_rig, _rig_text(settings))
     served: list[ros2.Serving] = []
     with ExitStack() as opened:
         for name, topic in (_STAGE, _ACQUISITION):

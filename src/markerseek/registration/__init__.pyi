@@ -35,7 +35,7 @@ from .report import (
     target_pixels,
 )
 from .robot_frames import dvrk_base_frame, static_transform_command
-from .room import DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
+from .room import SHOWN_S, DeviceRoom, EndoscopeMove, Room, SimulatedRoom, SimulatedRoomSettings, SimulatedTruth
 from .search_scene import SearchScene
 from .session import RegistrationSession
 from .shared_errors import seen_point
@@ -71,6 +71,7 @@ __all__ = [
     "REGISTRATION_FILE",
     "REGISTRATION_TOLERANCE_MM",
     "REPORTS",
+    "SHOWN_S",
     "SPOT_IS_SET",
     "Begun",
     "Continued",

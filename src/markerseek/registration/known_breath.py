@@ -175,7 +175,7 @@ class KnownBreath:
         shown = watch.clock()
         if shown is not None and (self.offset is None or shown.sigma_s < self.offset.sigma_s):
             self.offset = shown
-        scene = watch.told(self.offset)
+        scene = watch.scene(self.offset)
         self.moves = newer_breath(self.moves, scene, during_s=during_s)
         return scene
 

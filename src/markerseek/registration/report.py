@@ -264,7 +264,11 @@ def register_pairs(
     trus_m = np.array([pair.trus_m for pair in pairs])
     mirror_fre_m = mirror_image_fre(np.array([pair.camera_m for pair in pairs]), trus_m)
     right = _all_right(found, rests)
-    reason = None if fit.accepted and right >= MIN_RIGHT else _refusal(found, fit, rest_fits, worst, mirror_fre_m)
+    reason = None
+    if not fit.accepted:
+        reason = _why_not_fitting(found, fit, rest_fits, worst, mirror_fre_m, weighed=weighed)
+    elif right < MIN_RIGHT:
+        reason = _why_doubtful(right, rest_fits, worst)
     target = default_target(trus_m) if target_trus_m is None else target_trus_m
     shared, doubts = _shared(found, pairs, spot, target_m=np.array(target)) if weighed else ([], [])
     return RegistrationReport(
@@ -302,7 +306,10 @@ def register_pairs(
 
 
 def registered_pairs(pairs: Sequence[PointPair], *, spot: SpotToSource) -> Registration:
-    """The transform of point pairs with its covariance, not judged; ``spot``: where the light of a spot is absorbed."""
+    """Return the transform of point pairs with its covariance, not judged.
+
+    ``spot``: where the light of a spot is absorbed.
+    """
     pairs = _alike(pairs)
     camera_m = np.array([pair.camera_m for pair in pairs], dtype=float).reshape(-1, 3)
     trus_m = np.array([pair.trus_m for pair in pairs], dtype=float).reshape(-1, 3)
@@ -339,14 +346,14 @@ def motion_m(pairs: Sequence[PointPair]) -> Float64[np.ndarray, "points 3 motion
 
 
 def _camera_shared(pairs: Sequence[PointPair]) -> Float64[np.ndarray, "points 3 errors"] | None:
-    """Displacements by errors of the camera, of points that are alike; None: their pixels are not known."""
+    """Return the displacements by errors of the camera, of points that are alike; None: their pixels are not known."""
     known = [pair.camera_shared_m for pair in pairs if pair.camera_shared_m is not None]
     # A record of points on which no error acts has no column.
     return np.array(known) if known and known[0].shape[1] > 0 else None
 
 
 def _alike(pairs: Sequence[PointPair]) -> list[PointPair]:
-    """The points without covariances unless all have both, and without shared errors unless all have them."""
+    """Return the points, without covariances unless all have both, and without shared errors unless all have them."""
     if any(pair.trus_covariance_m2 is None or pair.camera_covariance_m2 is None for pair in pairs):
         pairs = [replace(pair, trus_covariance_m2=None, camera_covariance_m2=None) for pair in pairs]
     if any(pair.camera_shared_m is None for pair in pairs):
@@ -355,7 +362,7 @@ def _alike(pairs: Sequence[PointPair]) -> list[PointPair]:
 
 
 def _without_each(pairs: Sequence[PointPair], spot: SpotToSource) -> dict[str, Registration]:
-    """The registration of the others, by the name of each point without which they determine one."""
+    """Return the registration of the others, by the name of each point without which they determine one."""
     rests = {}
     for pair in pairs:
         # The others may be too few, or lie on a line.
@@ -365,12 +372,12 @@ def _without_each(pairs: Sequence[PointPair], spot: SpotToSource) -> dict[str, R
 
 
 def _rank(fit: _Fit) -> float:
-    """The smaller, the better points fit: by their evidence or, without sigmas, by their residuals."""
+    """Return a rank of a fit, smaller for a better one: minus its evidence or, without sigmas, chi squared."""
     return fit.chi_squared if fit.log_evidence is None else -fit.log_evidence
 
 
 def _all_right(found: Registration, rests: Mapping[str, Registration]) -> float:
-    """Probability that no point is wrong, against one of them being so; 1 without sigmas."""
+    """Return the probability that no point is wrong, against one of them being so; 1 without sigmas."""
     if found.log_evidence is None:
         return 1.0
     prior = math.log(POINT_WRONG / (1 - POINT_WRONG) / POINT_WRONG_M3)
@@ -379,7 +386,7 @@ def _all_right(found: Registration, rests: Mapping[str, Registration]) -> float:
 
 
 def _distance_m(pair: PointPair, rest: Registration, spot: SpotToSource) -> float:
-    """Distance of a point from where a registration puts it."""
+    """Return the distance of a point from where a registration puts it."""
     weighed = rest.offset_sigma_m is not None
     camera_m = sources_m(pair.camera_m[None], spot)[0] if weighed else pair.camera_m
     return float(np.linalg.norm(rest.transform.apply(camera_m) - pair.trus_m))
@@ -422,8 +429,20 @@ class _Fit:
         return self.probability >= MIN_PROBABILITY
 
 
-def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: str, mirror_fre_m: float) -> str:
-    """Why the points do not fit, and what to do."""
+def _why_doubtful(right: float, rests: Mapping[str, _Fit], worst: str) -> str:
+    """Return why points that fit may hold a wrong one, and what to do."""
+    others = " or ".join(_suspects(rests)) or worst
+    return (
+        "the residuals are as small as expected, but one point is wrong with a probability of "
+        f"{100 * (1 - right):.3g} %: the others agree better without {others}; {_SAME_SPOT}, "
+        "or leave it out of the registration"
+    )
+
+
+def _why_not_fitting(
+    found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: str, mirror_fre_m: float, *, weighed: bool
+) -> str:
+    """Return why the points do not fit, and what to do."""
     fre_mm = 1e3 * found.fre_m
     expected_mm = 1e3 * fit.expected_fre_m
     if mirror_fre_m < MIRROR_SHARE * found.fre_m:
@@ -431,11 +450,13 @@ def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: s
             f"a mirror image fits better: FRE {1e3 * mirror_fre_m:.2f} mm and {fre_mm:.2f} mm without; one of the "
             f"frames is left-handed, or points are swapped (the worst is point {worst}); check the sign of each axis"
         )
+    expected_by = "their sigmas let expect"
+    if not weighed:
+        expected_by = f"{1e3 * ASSUMED_SIGMA_M:g} mm along each direction, which is assumed, lets expect"
     larger = (
-        f"the residuals are {math.sqrt(fit.chi_squared / fit.freedom):.1f} times as large as their sigmas let expect "
+        f"the residuals are {math.sqrt(fit.chi_squared / fit.freedom):.1f} times as large as {expected_by} "
         f"(FRE {fre_mm:.2f} mm, {expected_mm:.2f} mm expected); point {worst} fits worst"
     )
-    same = "check that its marker and its camera point are the same spot"
     fitting = _suspects(rests)
     if len(fitting) > 1:
         return (
@@ -443,13 +464,17 @@ def _refusal(found: Registration, fit: _Fit, rests: Mapping[str, _Fit], worst: s
             f"one out, such as {worst}"
         )
     if fitting:
-        return f"{larger}: {same}, or leave it out of the registration"
+        return f"{larger}: {_SAME_SPOT}, or leave it out of the registration"
     alone = ", and without it the others do not fit either" if rests else ""
-    return f"{larger}{alone}: {same}, and that no sigma is too small"
+    small = ", and that no sigma is too small" if weighed else ""
+    return f"{larger}{alone}: {_SAME_SPOT}{small}"
+
+
+_SAME_SPOT = "check that its marker and its camera point are the same spot"
 
 
 def _suspects(rests: Mapping[str, _Fit]) -> list[str]:
-    """Points without which the others fit, the likeliest to be wrong first; far less likely ones are left out."""
+    """Return the points without which the others fit, the likeliest to be wrong first, without far less likely ones."""
     fitting = [name for name in sorted(rests, key=lambda name: _rank(rests[name])) if rests[name].accepted]
     known = {name: log for name in fitting if (log := rests[name].log_evidence) is not None}
     most = max(known.values(), default=0.0)
@@ -573,7 +598,7 @@ def target_pixels(report: RegistrationReport, *, stereo: StereoSettings) -> tupl
         place_m = step.apply(place_m)
         covariance_m2 = step.rotation @ covariance_m2 @ step.rotation.T
         if not place_m[2] > 0:
-            raise ConfigError(f"the target is behind the {name} camera; name another by `target_mm`")
+            raise ConfigError(f"the target is behind the {name} camera; name another by `target_trus_m`")
         seen.append((camera.project(place_m[None])[0], camera.project_covariance(place_m, covariance_m2)))
     return seen[0], seen[1]
 

@@ -102,7 +102,7 @@ class SearchWatch:
         rng = np.random.default_rng(0)
         self._watch = None if isinstance(texture, NotKnown) else SceneWatch(texture, spot_m=spot_m, rng=rng)
         self._reason = texture.reason if isinstance(texture, NotKnown) else None
-        # A single pair scatters by no more than all pairs of the look, if these scattered independently.
+        # That of the mean of up to `SPOT_PAIRS` pairs is smaller than that of one by the root of their number.
         self._single_px = looked.spot.sigma_px * SPOT_PAIRS**0.5
         self._lit: deque[StereoPair] = deque(maxlen=2 * SPOT_PAIRS)
         self._firsts: dict[str, QuickSpot | None] = {}
@@ -225,15 +225,15 @@ class SearchWatch:
         elsewhere = [_stands_elsewhere(moment, self._spot_m) for moment in lately]
         if not any(elsewhere):
             return True
-        told = self._told()
+        told = self._told_apart()
         # One step fits the begin of a breath as well as a move of the endoscope.
         came_back = any(was and not now for was, now in pairwise(elsewhere))
         if came_back and told.tissue and told.tissue[-1].period_s is not None:
             return True
         return bool(told.endoscope) and told.endoscope[-1].until_s <= last_s - RETURN_S
 
-    def _told(self, clock: ClockOffset | None = None) -> ToldApart:
-        """Tell what moved."""
+    def _told_apart(self, clock: ClockOffset | None = None) -> ToldApart:
+        """Return what moved, told apart: endoscope, tissue and spot."""
         return told_apart(sorted(self._seen(clock), key=lambda moment: moment.at_s))
 
     def _seen(self, clock: ClockOffset | None) -> list[Moment]:
@@ -247,9 +247,12 @@ class SearchWatch:
         since_s = clock.rig_s(camera_s) - np.array(self._flashes_s)
         return bool(np.any((since_s >= -_FLASH_S) & (since_s <= _EXPOSURE_S + _FLASH_S)))
 
-    def told(self, clock: ClockOffset | None = None) -> SearchScene:
-        """Tell what moved; ``clock``: the offset of the cameras' clock, None if it is not known."""
-        told = self._told(clock)
+    def scene(self, clock: ClockOffset | None = None) -> SearchScene:
+        """Return what moved, at times of the rig's clock.
+
+        ``clock``: the offset of the cameras' clock; None if it is not known.
+        """
+        told = self._told_apart(clock)
         tissue = told.tissue[-1] if told.tissue else None
         by_s = 0.0 if clock is None else clock.offset_s
         return SearchScene(
@@ -299,7 +302,7 @@ class SearchWatch:
         )
 
     def at_end(self, seen: SeenMarker, end: SceneMove, *, clock: ClockOffset | None = None) -> SeenMarker:
-        """Return the spot at the end of the search, where the tissue rests; ``clock``: as of `told`.
+        """Return the spot at the end of the search, where the tissue rests; ``clock``: as of `scene`.
 
         It lies there where it lay on the tissue in the mean of all pairs that show it, or before the search if fewer
         than three do.

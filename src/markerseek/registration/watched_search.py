@@ -90,11 +90,12 @@ class WatchedSearch:
                 raise
             problem = error
         scene = self._breath.learn(self._watch, during_s=self._clock.now_s() - begun_s)
-        if self._tissue is None and (problem is not None or not self._run.result().candidates):
-            self._require_no_breath(scene)
-        if problem is not None and self._tissue is None:
-            raise problem
-        if problem is not None:
+        if self._tissue is None:
+            if problem is not None or not self._run.result().candidates:
+                self._require_no_breath(scene)
+            if problem is not None:
+                raise problem
+        elif problem is not None:
             raise SpotError.at(self._spot, str(problem)) from problem
         return scene
 
@@ -134,7 +135,7 @@ class WatchedSearch:
             self._clock.wait(_REST_POLL_S)
 
     def _looked_on(self, events: Generator[JournalEvent, None, None]) -> Generator[JournalEvent, None, None]:
-        """Give the events of the search, and look on after it, also where it is given up."""
+        """Yield the events of the search, and then watch the scene, also after a search that was given up."""
         try:
             yield from events
         except AcquisitionError:

@@ -2,10 +2,11 @@
 
 Each way has a curve whose centre is, by the stage's readings, at
 
-    c = θ − v·d + sign(v)·b,                                                                                   (1)
+    c = θ − v·d + sign(v)·a·b,                                                                                 (1)
 
-with the marker at θ, the light d after its stamp, and the backlash b in the direction away from the side of approach,
-each beyond what the rig states. Two speeds tell the delay from the backlash.
+with the marker at θ, the light d after its stamp, and the backlash b, both beyond what the rig states. a is 1 for ways
+against the direction of approach, in which the probe lags, and 0 for the others. Two speeds tell the delay from the
+backlash.
 """
 
 from __future__ import annotations
@@ -115,7 +116,9 @@ class DelayRun:
         low_deg = rig.limits.search.low_deg
         high_deg = rig.limits.search.high_deg
         fast = self._devices.stage.fastest_sweep_deg_s
-        speeds = [fast] * times + [self._slow_deg_s(low_deg, high_deg)] * round(SLOW_SHARE * times)
+        slow = self._slow_deg_s(low_deg, high_deg)
+        self._between_deg_s = (fast + slow) / 2
+        speeds = [fast] * times + [slow] * round(SLOW_SHARE * times)
         if self._devices.in_bursts:
             each = [Sweep(from_deg=low_deg, to_deg=high_deg, back_deg=low_deg, speed_deg_s=speed) for speed in speeds]
         else:
@@ -124,7 +127,7 @@ class DelayRun:
         self._policy = ThereAndBack(each)
         stage = self._devices.stage
         self._stated_backlash_deg = max(stage.play_deg(sign) for sign in (1.0, -1.0))
-        # Away from the side of approach, which is below unless the stage says otherwise.
+        # Against the direction of approach, which is rising unless the stage says otherwise.
         rules = getattr(stage, "rules", None)
         self._lagging = 1.0 if getattr(rules, "approach_from", "below") == "above" else -1.0
 
@@ -158,7 +161,7 @@ class DelayRun:
         Raises
         ------
         AcquisitionError
-            If fewer than four ways, or those of one direction alone, show a marker with both flanks.
+            If fewer than four ways show a marker with both flanks, or those of one direction or one speed alone.
         """
         from markerseek.search.posterior import with_light
 
@@ -169,31 +172,28 @@ class DelayRun:
                 rows.append(way)
         table = np.array(rows).reshape(-1, 4)
         speeds = table[:, 1]
-        if not (len(table) >= 4 and speeds.min() < 0 < speeds.max()):
+        # Three of the four kinds of ways, there and back, fast and slow, tell marker, delay and backlash apart.
+        kinds = {(speed > 0, abs(speed) > self._between_deg_s) for speed in speeds}
+        if len(table) < 4 or len(kinds) < 3:
             raise AcquisitionError(
-                f"{len(table)} ways show a marker with both of its flanks, at least 4 in both directions are needed; "
-                "put one marker in mid-range, and raise the laser's energy"
+                f"{len(table)} ways show a marker with both of its flanks, at least 4 are needed, there and back and "
+                "at both speeds; put one marker in mid-range, and raise the laser's energy"
             )
         design = np.stack([np.ones(len(table)), -speeds, np.sign(speeds) * table[:, 3]], axis=1)
-        unknown = design.any(axis=0)
         weight = 1 / table[:, 2]
-        weighted = design[:, unknown] * weight[:, None]
+        weighted = design * weight[:, None]
         centre = table[:, 0] * weight
-        found, *_ = np.linalg.lstsq(weighted, centre, rcond=None)
-        rest = centre - weighted @ found
+        (marker_deg, delay_s, backlash_deg), *_ = np.linalg.lstsq(weighted, centre, rcond=None)
+        rest = centre - weighted @ (marker_deg, delay_s, backlash_deg)
         # Of their scatter: what all curves share, their form, shifts none against another.
-        variance = float(rest @ rest) / max(1, len(table) - int(unknown.sum()))
-        covariance = variance * np.linalg.inv(weighted.T @ weighted)
-        sigmas = np.zeros(3)
-        values = np.zeros(3)
-        values[unknown] = found
-        sigmas[unknown] = np.sqrt(np.diag(covariance))
+        variance = float(rest @ rest) / (len(table) - 3)
+        _, delay_sigma_s, backlash_sigma_deg = np.sqrt(np.diag(variance * np.linalg.inv(weighted.T @ weighted)))
         return MeasuredDelay(
-            stamp_delay_s=self._devices.laser.stamp_delay_s + float(values[1]),
-            stamp_delay_sigma_s=max(float(sigmas[1]), LEAST_SIGMA_S),
-            backlash_deg=max(0.0, self._stated_backlash_deg + float(values[2])),
-            backlash_sigma_deg=float(sigmas[2]),
-            marker_deg=float(values[0]),
+            stamp_delay_s=self._devices.laser.stamp_delay_s + float(delay_s),
+            stamp_delay_sigma_s=max(float(delay_sigma_s), LEAST_SIGMA_S),
+            backlash_deg=max(0.0, self._stated_backlash_deg + float(backlash_deg)),
+            backlash_sigma_deg=float(backlash_sigma_deg),
+            marker_deg=float(marker_deg),
             ways=len(table),
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeGuard
 
 import msgspec
 import numpy as np
@@ -23,7 +24,7 @@ from markerseek.core import (
 )
 from markerseek.records.journal import Configuration, Journal
 from markerseek.rigs import Rig
-from markerseek.scan import RunLimits, Tally, run
+from markerseek.scan import RunLimits, run
 from markerseek.search import THRESHOLD, BracketSearch, CheckedPolicy, WholeRecording
 from markerseek.search.posterior import Posterior, SweepPosterior
 
@@ -39,7 +40,10 @@ def is_scan(configuration: Configuration) -> bool:
 
 
 def limits_of(configuration: Configuration, *, angles: int | None = None) -> RunLimits:
-    """Return the limits of a run, new or repeated: a scan or a whole recording may take longer for more angles.
+    """Return the limits of a run, new or repeated.
+
+    A scan may take more acquisitions and time for more angles, a whole recording more acquisitions. With a prior over
+    the angle there are twice as many, because it may be given up.
 
     ``angles``: number of angles of a scan; None: as many as its plan names.
     """
@@ -90,15 +94,15 @@ def committed(
     journal: Journal,
     *,
     ahead_s: float = 0.0,
-    earlier: Tally | None = None,
+    earlier: Iterable[object] = (),
 ) -> Generator[Event, None, None]:
     """Yield the events of a run, each committed before it is yielded, and so before the policy receives it.
 
     ``ahead_s``: seconds by which the clock of the record is ahead of that of the rig, after a restart. ``earlier``:
-    what the run had measured before it.
+    events of the run before it, of which the policy has the samples.
     """
     clock = rig.scanner.clock
-    intensities = [sample.reading.intensity for sample in (earlier or Tally()).lit]
+    intensities = [event.sample.reading.intensity for event in earlier if _is_of_search(event)]
     try:
         for event in with_beliefs(events, policy, journal.configuration.plan, intensities=intensities):
             journal.commit(event, clock_s=clock.now_s() + ahead_s)
@@ -108,8 +112,13 @@ def committed(
             # Stops the rig. A failure to stop it is recorded unless the run is over, or ended with another fault.
             events.close()
         except Exception as error:
-            journal.fail(error, clock_s=clock.now_s())
+            journal.fail(error, clock_s=clock.now_s() + ahead_s)
             raise
+
+
+def _is_of_search(event: object) -> TypeGuard[Measured]:
+    """Return whether an event is an acquisition with light that the policy asked for, and no confirmation."""
+    return isinstance(event, Measured) and event.role == "search"
 
 
 ZEROS_DEG = 0.6
@@ -144,7 +153,7 @@ class _Beliefs:
 
     def add(self, event: Event) -> Event:
         """Return the event, with the belief of the policy if it is to have one."""
-        if isinstance(event, Measured) and event.role == "search":
+        if _is_of_search(event):
             self._intensities.append(event.sample.reading.intensity)
         if not self._intensities or not isinstance(event, Asked | Finished) or not isinstance(event, self._of):
             return event

@@ -98,7 +98,11 @@ def own_errors(method: str) -> Iterator[None]:
 
 
 def require_policy(policy: object, *, name: str) -> Policy:
-    """Return what has all three functions of a policy."""
+    """Return the policy; refuse what lacks `ask`, `tell` or `estimate`, and a class that was not called."""
+    if isinstance(policy, type):
+        raise ConfigError(
+            f"{name}: it is the class {policy.__qualname__}, and no policy; make one, {policy.__name__}(…)"
+        )
     if not isinstance(policy, Policy):
         raise ConfigError(f"{name}: it made {policy!r:.80}, which has not all of ask, tell and estimate")
     return policy

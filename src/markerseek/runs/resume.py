@@ -42,10 +42,13 @@ from markerseek.runs.journalled import committed, limits_of
 from markerseek.scan import RunLimits, Tally, larger_noise, moved_source, run
 
 _SHARE = 0.1
+"""Allowed relative change of an intensity: about the drift of a laser's energy."""
+
 PULSE_SHARE = 0.4
+"""The same for a single pulse, which differs by up to 10 % from the mean."""
+
 HAND_SHARE = 0.3
-"""Allowed relative change of an intensity: about the drift of a laser's energy; where it was a single pulse, which
-differs by up to 10 % from the mean; where a person turns the probe, who comes to rest beside the angle of before."""
+"""The same where a person turns the probe, and stops beside the angle of before."""
 
 BEYOND_DEG = 1.0
 """Farthest that a recorded acquisition may lie outside of the search range, in degrees: a hand drifts by less."""
@@ -68,8 +71,9 @@ def resumed(
 ) -> Generator[JournalEvent, None, None]:
     """Yield the events of a run from where it was interrupted.
 
-    The policy gets the recorded samples, the rig is armed, and the strongest angle is measured again. If the intensity
-    has changed by more than noise, `Checked` says so, and the search begins again; otherwise it goes on.
+    The policy gets the recorded samples, `Resuming` is yielded, the rig is armed, and the strongest angle is measured
+    again. If the intensity has changed by more than noise, `Checked` says so, and the search begins again; otherwise it
+    goes on.
 
     ``policy``: in its state before the run; ``anew`` makes another. ``by``: name of the person who arms the rig.
     ``reset_fault``: whether that person has inspected the rig after a fault, and resets it. ``check``: False for a
@@ -99,15 +103,14 @@ def resumed(
     rig.scanner.guard.disarm()
     _recall(rig, entries)
     strongest = strongest_of(entries) if check else None
-    journal.commit(
-        Resuming(
-            by=by,
-            check_deg=None if strongest is None else commanded_deg(strongest),
-            fault_reset=view.state == "fault",
-            versions=versions(),
-        ),
-        clock_s=clock.now_s() + ahead_s,
+    resuming = Resuming(
+        by=by,
+        check_deg=None if strongest is None else commanded_deg(strongest),
+        fault_reset=view.state == "fault",
+        versions=versions(),
     )
+    journal.commit(resuming, clock_s=clock.now_s() + ahead_s)
+    yield resuming
     # Samples that are not at their angles say nothing.
     changed = getattr(policy, "disorder", None) is not None
     try:
@@ -124,11 +127,13 @@ def resumed(
             # A fault outlives this process: only a person's reset ends it.
             journal.fail(error, clock_s=clock.now_s() + ahead_s)
         raise
-    earlier: Tally | None = Tally.of((entry.event for entry in entries), elapsed_s=clock.now_s() + ahead_s - begun_s)
+    earlier = [entry.event for entry in entries]
+    tally: Tally | None = Tally.of(earlier, elapsed_s=clock.now_s() + ahead_s - begun_s)
     if changed:
         policy = anew()
-        earlier = None
-    events = run(policy, rig.scanner, journal.configuration.plan, limits=limits, earlier=earlier)
+        earlier = []
+        tally = None
+    events = run(policy, rig.scanner, journal.configuration.plan, limits=limits, earlier=tally)
     yield from committed(events, policy, rig, journal, ahead_s=ahead_s, earlier=earlier)
 
 
@@ -214,7 +219,7 @@ def _recall(rig: Rig, entries: Sequence[JournalEntry]) -> None:
 
 
 def _checked(before: Sample, rig: Rig, *, by_hand: bool, attempts: int) -> Checked:
-    """Return the acquisition at the strongest angle again, and whether it has changed."""
+    """Measure at the strongest angle again, and return the reading with what has changed."""
     wanted_deg = before.angle_deg if by_hand else commanded_deg(before)
     # A stage that was sent to an end of the range may have stopped slightly outside of it.
     angle_deg = rig.limits.search.nearest(wanted_deg)
@@ -229,12 +234,18 @@ def _checked(before: Sample, rig: Rig, *, by_hand: bool, attempts: int) -> Check
             # A retry would saturate again, and fire at the tissue for nothing.
             if attempts < 1 or isinstance(refusal, SaturationError):
                 raise
-    share = HAND_SHARE if by_hand else _SHARE if before.sweep is None else PULSE_SHARE
-    difference = change_of(before.reading, now.reading, share=share)
+    difference = change_of(before.reading, now.reading, share=_allowed_share(before, by_hand=by_hand))
     if difference is not None:
         difference = f"measured again at {angle_deg:.3f} deg, {difference}"
     frame = None if isinstance(now.frame, ReadingFrame) else now.frame
     return Checked(reading=now.reading, difference=difference, frame=frame)
+
+
+def _allowed_share(before: Sample, *, by_hand: bool) -> float:
+    """Return by how much an intensity may have changed, relative to the one before."""
+    if by_hand:
+        return HAND_SHARE
+    return _SHARE if before.sweep is None else PULSE_SHARE
 
 
 def commanded_deg(sample: Sample) -> float:

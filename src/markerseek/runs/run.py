@@ -65,13 +65,16 @@ class Run:
     def events(self) -> Generator[JournalEvent, None, None]:
         """Run the search; if closed early, the stage stops and the laser is disarmed.
 
-        Yields as `markerseek.scan.run`, each committed to the journal before; a resumed run yields `Checked` first, and
-        its earlier events are in the view. Raises `RecordError` if an event cannot be written; the rig is stopped.
+        Yields as `markerseek.scan.run`, each committed to the journal before. A resumed run yields `Resuming` and
+        `Checked` first; its earlier events are in the view. Raises `RecordError` if an event cannot be written; the
+        rig is stopped.
         """
         # Closed here, because a generator that is only dropped stops the rig whenever it is collected.
         with closing(self._run()) as events, own_errors(self.configuration.plan.method):
             for event in events:
-                self.view = self.view.add(event, clock_s=self.rig.scanner.clock.now_s())
+                # That of the rig may begin anew when a run is resumed; that of the journal goes on.
+                clock_s = self.rig.scanner.clock.now_s() if self.journal is None else self.journal.clock_s
+                self.view = self.view.add(event, clock_s=clock_s)
                 yield event
 
     def _run(self) -> Generator[JournalEvent, None, None]:
@@ -121,8 +124,8 @@ class Run:
 def plan_on(rig: Rig, plan: SearchPlan) -> SearchPlan:
     """Return the plan with what follows from the rig.
 
-    The paper's form of a method takes no dark frames before the search. All other methods take the angles of a
-    recording that they left after it, and the answer is from all of them.
+    The paper's form of a method and a search by sweeps take no dark frames before the search. Every other method, after
+    its search of a recording, takes the angles that are left, and answers from all of them.
 
     Raises `ConfigError` if a recording holds fewer angles than the method needs.
     """
@@ -260,8 +263,8 @@ def resumed_run(rig: Rig, journal: Journal, recorded: RecordedRun, *, by: str, r
 def answer_from_all(rig: Rig, plan: SearchPlan) -> Estimate:
     """Return the answer from every angle of a recording, without a search.
 
-    ``rig``: a replayed rig that has measured nothing yet, not interpolated. ``plan``: of a search of it, whose method
-    may be another.
+    ``rig``: a replayed rig that has measured nothing yet, not interpolated. ``plan``: that of a search of the
+    recording, by any method.
     """
     if rig.angles_deg is None:
         raise ConfigError(f"rig is {rig}, it must be a recording that is not interpolated")

@@ -98,13 +98,15 @@ class Tally:
                 self.place_deg = start_deg
             case Asked(sweep=sweep):
                 self.sweep_from_deg = None if sweep is None else sweep.from_deg
-                self.sweeps = self.sweeps + (sweep is not None)
-                self.steps = self.steps + (sweep is not None)
+                if sweep is not None:
+                    self.sweeps += 1
+                    self.steps += 1
                 self.turn(self.sweep_from_deg)
             case Measured(role=role, sample=sample):
                 self.counts[role] += 1
                 if not sample.dark:
-                    self.steps += role == "search" and sample.sweep is None
+                    if role == "search" and sample.sweep is None:
+                        self.steps += 1
                     self.confirmed = role == "confirmation"
                     self.confirmation = sample if self.confirmed else self.confirmation
                     self.lit.append(structs.replace(sample, frame=None))
@@ -240,7 +242,7 @@ def _step(
     tissue: FollowedTissue | None = None,
 ) -> Generator[Event, None, None]:
     """Yield one step, at rest or in motion, and again while it is refused."""
-    step = asked if role == "dark" else _planned(asked, policy, scanner.limits, tally)
+    step = asked if role == "dark" else _planned_step(asked, policy, scanner.limits, tally)
     angle_deg = step.to_deg if isinstance(step, Sweep) else step
     before = tally.counts[role]
     for attempt in range(1, attempts + 1):
@@ -255,7 +257,7 @@ def _step(
                 goes_on=lambda: policy.ask() == asked,
                 tissue=tissue,
             )
-            yield from _told(policy, outcomes, tally, role)
+            yield from _tell(policy, outcomes, tally, role)
             break
         except SaturationError:
             # Pulses are averaged: the same acquisition would be saturated again.
@@ -275,7 +277,7 @@ def _step(
             yield Refused(angle_deg=angle_deg, reason=str(refusal), frame=scanner.refused_frame)
 
 
-def _told(
+def _tell(
     policy: AnyPolicy, outcomes: Generator[Sample | Event, None, None], tally: Tally, role: Role
 ) -> Generator[Event, None, None]:
     """Yield the events of a step that is taken; the policy learns of each once it was yielded."""
@@ -295,11 +297,8 @@ def _told(
                     policy.end_sweep()
 
 
-def _planned(asked: float | Sweep, policy: AnyPolicy, limits: Limits, tally: Tally) -> float | Sweep:
-    """Return the step that answers a question.
-
-    One that would leave the search range is refused, and nothing has moved.
-    """
+def _planned_step(asked: float | Sweep, policy: AnyPolicy, limits: Limits, tally: Tally) -> float | Sweep:
+    """Return the step that the policy asked for; refuse one that would leave the search range before anything moves."""
     # Refused before it is yielded as `Asked`: the journal cannot record an angle that is no number.
     if not isinstance(asked, Sweep):
         limits.require_search(asked)
@@ -316,7 +315,7 @@ def _planned(asked: float | Sweep, policy: AnyPolicy, limits: Limits, tally: Tal
 
 
 def _require_order(scanner: Scanner, policy: AnyPolicy) -> None:
-    """Raise a fault where a policy has seen that the frames of its sweeps are not of the pulses in their order."""
+    """Put the rig in FAULT if the policy has seen frames of a sweep in another order than their pulses."""
     disorder = getattr(policy, "disorder", None)
     if disorder is not None:
         scanner.guard.fail(disorder)

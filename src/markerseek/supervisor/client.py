@@ -32,8 +32,8 @@ _ANSWER_S = 2.0
 class Supervisor(Closing):
     """A separate process that holds the lines, and sends each its safe command when this one dies or hangs.
 
-    It dies with this process, and with nothing else: Ctrl-C in the terminal does not reach it. When it is itself
-    killed, what remains is each device's own lease.
+    It ends with this process; Ctrl-C in the terminal does not reach it. If it is killed, each device's own lease
+    remains.
 
     ``lines``: what to hold, each name once. ``period_s``: longest silence of the control loop while the lease is held,
     in (0, 1] s. ``start_s``: longest time for the process to start. Raises `NotConnectedError` if a line cannot be
@@ -61,27 +61,37 @@ class Supervisor(Closing):
         }
         self._socket, other = socket.socketpair()
         self._socket.settimeout(_ANSWER_S)
-        # The system announces the death of the thread that starts a process, not that of its program: so this thread
-        # does nothing else and stays. It also dies sooner than a thread that computes, and need not free the memory.
+        # The system tells a process that the thread which started it has ended (`end_with_parent`), not that the
+        # program has. So one thread starts it, then only waits, and lives as long as this program. If the program is
+        # killed, an idle thread ends before the memory is freed.
         self._starter = ThreadPoolExecutor(
             max_workers=1, thread_name_prefix="supervisor", initializer=set_realtime_priority
         )
         with other:
-            self._process = self._starter.submit(
+            command = [
+                sys.executable,
+                "-P",  # else a file of the current folder could pass for a library
+                "-m",
+                "markerseek.supervisor",
+                str(other.fileno()),
+                msgspec.json.encode({"lines": lines, "period_s": period_s, "parent": os.getpid()}).decode(),
+            ]
+            started = self._starter.submit(
                 subprocess.Popen,
-                [
-                    sys.executable,
-                    "-P",  # else a file of the current folder could pass for a library
-                    "-m",
-                    "markerseek.supervisor",
-                    str(other.fileno()),
-                    msgspec.json.encode({"lines": lines, "period_s": period_s, "parent": os.getpid()}).decode(),
-                ],
+                command,
                 pass_fds=[other.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,  # Ctrl-C goes to the terminal's process group only
-            ).result()
+            )
+            try:
+                self._process = started.result()
+            except OSError as problem:
+                self._socket.close()
+                self._starter.shutdown()
+                raise NotConnectedError(
+                    f"supervisor: its process cannot be started: {problem.strerror}; end other programs"
+                ) from problem
         try:
             self._await_ready(start_s)
         except BaseException:

@@ -30,7 +30,7 @@ MIN_EXPLAINED = 0.6
 _HARMONICS = 4
 _PHASES = 200
 _SIGMAS = 4.0
-"""Standard deviations of the swing by which it exceeds nothing."""
+"""Least swing that is called a motion, in its standard deviations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,8 +148,9 @@ def _best_period(at_s: Float64[np.ndarray, " times"], moved_mm: Float64[np.ndarr
     drift = ((at_s - at_s.mean()) / span_s)[:, None]
     without_period = np.concatenate([np.ones((len(at_s), 1)), drift], axis=1)
     whole = float(np.sum(_least_squares(without_period, moved_mm)[1] ** 2))
-    # A tenth of the width of a peak, in frequency.
-    rates_hz = np.arange(1 / longest_s, 1 / PERIODS_S[0], 0.1 / span_s)
+    # A tenth of the width of a peak.
+    step_hz = 0.1 / span_s
+    rates_hz = np.arange(1 / longest_s, 1 / PERIODS_S[0], step_hz)
     sums = np.array([float(np.sum(_least_squares(_terms(at_s, drift, rate), moved_mm)[1] ** 2)) for rate in rates_hz])
     best = float(sums.min())
     if whole <= 0 or 1 - best / whole < MIN_EXPLAINED:
@@ -164,13 +165,13 @@ def _best_period(at_s: Float64[np.ndarray, " times"], moved_mm: Float64[np.ndarr
     if 0 < at < len(sums) - 1:
         curvature = float(sums[at - 1] - 2 * sums[at] + sums[at + 1])
         if curvature > 0:
-            rate_hz += 0.1 / span_s * 0.5 * float(sums[at - 1] - sums[at + 1]) / curvature
+            rate_hz += step_hz * 0.5 * float(sums[at - 1] - sums[at + 1]) / curvature
     terms = _terms(at_s, drift, rate_hz)
     coefficients, residuals = _least_squares(terms, moved_mm)
     freedom = max(1, len(at_s) - terms.shape[1])
     residual_mm2 = residuals.T @ residuals / freedom
     variance = float(np.trace(residual_mm2)) / 3
-    sigma_hz = 0.1 / span_s * math.sqrt(2 * variance / curvature) if curvature > 0 else 0.1 / span_s
+    sigma_hz = step_hz * math.sqrt(2 * variance / curvature) if curvature > 0 else step_hz
     # The drift is not part of a cycle.
     kept = [0, *range(2, terms.shape[1])]
     return _Fit(

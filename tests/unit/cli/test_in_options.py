@@ -34,6 +34,7 @@ CASES = {
         "check the cable, and measure the delay ('markerseek calibrate --delay')",
     ),
     "a cure with its command": ("register points ('markerseek')", "register points ('markerseek')"),
+    "a cure in a path": ("register points.csv: it has no column x", "register points.csv: it has no column x"),
     "no name": ("the key `[probe]`, and `A`", "the key `[probe]`, and `A`"),
 }
 

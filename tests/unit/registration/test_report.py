@@ -96,7 +96,16 @@ def test_without_sigmas_1_mm_is_assumed_of_each_coordinate() -> None:
     assert good.misfit == pytest.approx(9 * good.fre_m**2 / 1e-6 / 21)
     bad = report(np.random.default_rng(1), sigmas=False, off_m=(9e-3, 0, 0))
     assert not bad.registered
-    assert "(FRE 2." in str(bad.reason)
+    assert "1 mm along each direction, which is assumed, lets expect (FRE 2." in str(bad.reason)
+    assert "their sigmas" not in str(bad.reason)
+
+
+def test_where_the_residuals_are_small_the_probability_of_a_wrong_point_is_the_reason() -> None:
+    said = report(np.random.default_rng(1), off_m=(1.5e-3, 0, 0))
+    assert not said.registered
+    assert said.misfit < 1.5
+    assert "as small as expected, but one point is wrong with a probability of 6" in str(said.reason)
+    assert "agree better without 2;" in str(said.reason)
 
 
 def test_points_of_which_none_can_be_left_out_are_refused_too() -> None:
@@ -201,7 +210,7 @@ def test_the_ellipse_holds_95_percent_of_the_pixels_of_the_target() -> None:
 def test_what_cannot_be_seen_is_said() -> None:
     rng = np.random.default_rng(2)
     behind = register_pairs(pairs(rng), target_trus_m=(0.0, 0.0, -0.3))
-    with pytest.raises(ConfigError, match="behind the left camera; name another by `target_mm`"):
+    with pytest.raises(ConfigError, match="behind the left camera; name another by `target_trus_m`"):
         target_pixels(behind, stereo=STEREO)
     points = pairs(rng)
     points[3] = replace(points[3], trus_m=points[3].trus_m + 0.02)

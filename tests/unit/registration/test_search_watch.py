@@ -88,7 +88,7 @@ def followed(
 
 def test_nothing_moves_in_a_still_scene_and_the_spot_is_seen_in_its_lit_pairs(world: World) -> None:
     watch = followed(world, [moved()] * 20)
-    told = watch.told()
+    told = watch.scene()
     assert not told.moved
     assert told.end is None
     assert told.known == 1.0
@@ -116,12 +116,12 @@ def test_what_looks_like_a_spot_while_the_laser_is_dark_is_not_drawn_as_one(worl
 
 def test_a_spot_that_slides_is_told_and_one_that_stays_on_moving_tissue_is_not(world: World) -> None:
     still = moved()
-    slid = followed(world, [still] * 24, slid_mm=(0.0,) * 12 + (1.5,) * 12).told()
+    slid = followed(world, [still] * 24, slid_mm=(0.0,) * 12 + (1.5,) * 12).scene()
     assert slid.spot is not None
     assert slid.spot.displacement_mm[0] == pytest.approx(1.5, abs=0.3)
     assert "the spot slid on the tissue by 1." in slid.said
     there = moved(shift_mm=(1.5, 0, 0))
-    carried = followed(world, [still] * 12 + [there] * 18).told()
+    carried = followed(world, [still] * 12 + [there] * 18).scene()
     assert carried.spot is None
     assert len(carried.endoscope) == 1
 
@@ -129,7 +129,7 @@ def test_a_spot_that_slides_is_told_and_one_that_stays_on_moving_tissue_is_not(w
 def test_a_spot_is_carried_to_the_end_of_a_search_in_which_the_endoscope_moved(world: World) -> None:
     truth = moved(turn_deg=(1, -2, 3), shift_mm=(2, -1, 3))
     watch = followed(world, [moved()] * 10 + [truth] * 18)
-    told = watch.told()
+    told = watch.scene()
     assert told.end is not None
     assert np.linalg.norm(
         Rotation.from_rotvec(told.end.rotation_deg, degrees=True).as_matrix() - truth.rotation
@@ -161,7 +161,7 @@ def test_tissue_that_breathes_is_told_with_its_period_and_its_rest(world: World)
     depths = [moved(shift_mm=(0, depth, 0)) for depth in (0.0, 0.5, 1.0, 1.5, 2.0)]
     cycle = [0, 0, 0, 0, 1, 2, 3, 4, 3, 2, 1, 0]
     watch = followed(world, [depths[cycle[number % 12]] for number in range(40)], every_s=0.3)
-    told = watch.told()
+    told = watch.scene()
     assert told.endoscope == ()
     assert told.tissue is not None
     assert told.tissue.period_s == pytest.approx(3.6, abs=0.1)
@@ -180,6 +180,6 @@ def test_a_scene_without_texture_is_not_followed_and_says_why() -> None:
         stereo=StereoSettings.of(CAMERAS, calibration_sigma_px=0.1),
     )
     assert not watch.follows
-    told = watch.told()
+    told = watch.scene()
     assert not told.is_known
     assert told.said == "motion during the search is not known: the picture has too little texture"

@@ -70,3 +70,17 @@ def test_without_a_marker_nothing_is_measured() -> None:
     list(run.events())
     with pytest.raises(AcquisitionError, match="0 ways show a marker with both of its flanks"):
         run.result()
+
+
+def test_ways_of_one_speed_do_not_tell_the_delay_from_the_backlash(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = DelayRun(rig_with(SETTINGS), times=3)
+    list(run.events())
+    centre = run._centre
+
+    def of_fast_ways(swept):  # type: ignore[no-untyped-def]
+        way = centre(swept)
+        return way if way is not None and abs(way[1]) > 20.0 else None
+
+    monkeypatch.setattr(run, "_centre", of_fast_ways)
+    with pytest.raises(AcquisitionError, match=r"6 ways show .* there and back and at both speeds"):
+        run.result()

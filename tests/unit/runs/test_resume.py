@@ -35,7 +35,7 @@ from markerseek.records.journal import (
     since_started,
 )
 from markerseek.rigs import Rig
-from markerseek.runs import answer_again, rebuild_policy, rebuild_rig
+from markerseek.runs import answer_again, rebuild_policy, rebuild_rig, resumed_run
 from markerseek.runs.journalled import journalled
 from markerseek.runs.resume import change_of, pulses_before, resumed
 from markerseek.show import SearchResult
@@ -88,7 +88,7 @@ def test_stopped_after_any_acquisition_a_search_ends_with_an_answer_as_good(meth
 def test_a_run_that_never_started_begins_when_it_is_armed(tmp_path: Path) -> None:
     path = tmp_path / "run.journal"
     Journal.create(path, begin()[2]).close()
-    assert isinstance(resume_run(path)[0], Started)
+    assert [type(event) for event in resume_run(path)[:2]] == [Resuming, Started]
     assert RunView.of(read_journal(path)).state == "finished"
 
 
@@ -116,9 +116,11 @@ def test_where_the_marker_has_moved_that_is_said_and_the_search_begins_anew(move
     live(path, until=20)
     _, other, _ = begin(marker_deg=MARKER_DEG + moved_deg)
     events = resume_run(path, rig=other)
-    assert isinstance(events[0], Checked)
-    assert "the intensity is" in str(events[0].difference)
-    assert isinstance(events[1], Started)
+    resuming, checked, started = events[:3]
+    assert isinstance(resuming, Resuming)
+    assert isinstance(checked, Checked)
+    assert "the intensity is" in str(checked.difference)
+    assert isinstance(started, Started)
     held = read_journal(path)
     result = SearchResult.of(RunView.of(held))
     assert result.angle_deg == pytest.approx(MARKER_DEG + moved_deg, abs=2.5)
@@ -213,6 +215,56 @@ def test_a_fault_is_kept_and_left_by_a_reset_only(when: str, tmp_path: Path) -> 
 
 def _no_stop() -> None:
     raise MoveError("the stage does not stop")
+
+
+def test_the_view_of_a_resumed_run_is_that_of_its_journal(tmp_path: Path) -> None:
+    """Also where the clock of the rig has begun anew, and where a person has reset a fault."""
+    path = tmp_path / "run.journal"
+    _, rig, configuration = begin_method("posterior")
+    sticking(rig, at_move=4)
+    with Journal.create(path, configuration) as journal, pytest.raises(MoveError):
+        list(journalled(rebuild_policy(configuration), rig, journal))
+    _, again, _ = begin_method("posterior", resumed_after=1)
+    journal, held = Journal.reopen(path)
+    assert again.scanner.clock.now_s() < held.entries[-1].clock_s
+    with journal:
+        run = resumed_run(again, journal, held, by="a person", reset_fault=True)
+        list(run.events())
+    kept = RunView.of(read_journal(path))
+    for name in ("number", "phase", "fault", "elapsed_s", "known_s", "travel_deg", "pulses", "acquisitions"):
+        assert getattr(run.view, name) == getattr(kept, name), name
+    assert kept.known_s is not None
+    assert kept.fault is None
+
+
+def test_the_clock_of_a_journal_goes_on_where_a_resumed_run_cannot_be_stopped(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    live(path, until=20)
+    policy, rig, _ = begin()
+    journal, held = Journal.reopen(path)
+    with journal:
+        events = resumed(policy, rig, journal, held, by="a person", anew=pytest.fail)
+        for event in events:
+            if isinstance(event, Measured):
+                break
+        rig.stage.stop = _no_stop  # type: ignore[method-assign]
+        with pytest.raises(MoveError):
+            events.close()
+    entries = read_journal(path).entries
+    assert isinstance(entries[-1].event, Failed)
+    assert entries[-1].clock_s >= entries[-2].clock_s
+
+
+def test_a_run_killed_after_its_confirmation_has_a_weight_for_each_acquisition_of_the_search(tmp_path: Path) -> None:
+    path = tmp_path / "run.journal"
+    events = live(path, begun=lambda: begin_method("weighted-average"))
+    at = next(index for index, each in enumerate(events) if isinstance(each, Measured) and each.role == "confirmation")
+    again = tmp_path / "again.journal"
+    live(again, until=at + 1, begun=lambda: begin_method("weighted-average"))
+    finished = resume_run(again, begun=lambda: begin_method("weighted-average", resumed_after=1))[-1]
+    assert isinstance(finished, Finished)
+    assert finished.belief is not None
+    assert len(finished.belief.weights) == finished.acquisitions
 
 
 def test_nothing_moves_or_fires_before_the_rig_is_armed(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Serves OpenIGTLink clients what a run that follows says: the transform of the camera, again and again, and its state.
+"""Serves the state of a run that follows a target over OpenIGTLink: the transform of the camera, and its state.
 
 TRANSFORM ``DaVinciToProbeHome`` is as `streams` sends it, with ``TransformStatus`` and ``tre_m`` in its metadata; it is
 NaN while no registration holds, and once the run says nothing any more. STRING ``FollowState`` is the newest step, or
@@ -62,8 +62,10 @@ class FollowService(Closing):
         """End all connections; allowed twice."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._closing.set)
-            self._sending.result()
-            self._end_loop()
+            try:
+                self._sending.result()
+            finally:
+                self._end_loop()
 
     def _end_loop(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
@@ -73,11 +75,13 @@ class FollowService(Closing):
     async def _send(self) -> None:
         simulated = self._feed.simulated
         metadata = {"registration": "simulated" if simulated else "measured"}
-        while not self._closing.is_set():
-            for message in follow_messages(self._feed.step, simulated=simulated):
-                self._server.publish(message, metadata=metadata)
-            await asyncio.sleep(SENT_S)
-        await self._server.close()
+        try:
+            while not self._closing.is_set():
+                for message in follow_messages(self._feed.step, simulated=simulated):
+                    self._server.publish(message, metadata=metadata)
+                await asyncio.sleep(SENT_S)
+        finally:
+            await self._server.close()
 
 
 def follow_messages(step: FollowStep | None, *, simulated: bool) -> list[StreamMessage]:

@@ -54,7 +54,7 @@ _HINTS = {
     "left": "The image of the left camera, with the spot, the place for the next one, and the target.",
     "right": "The same for the right camera.",
     "tre": "The expected error at the target, which falls with each marker to its goal.",
-    "markers": "One line for each marker: its angle, its distance from where the others expect it, and its use.",
+    "markers": "One line for each marker: its angle, its residual in the registration, and its use.",
     "follow": "The angles of the target and of the probe over time.",
     "holds": "Target, transform, what the image of the probe said, and the permit.",
     "motion": "What the cameras see of the tissue while a marker is searched: how far it is from where it was.",

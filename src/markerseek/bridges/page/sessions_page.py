@@ -125,7 +125,7 @@ def build_sessions_page(searches: PageSearches, query: Mapping[str, str]) -> Non
 
 
 def _when(kept: KeptSession) -> str:
-    """Return when a session began, in the zone of this computer."""
+    """Return when a session began, in UTC; the name of its folder if the record does not say."""
     try:
         return f"{datetime.fromisoformat(kept.begun or ''):%Y-%m-%d %H:%M} UTC"
     except ValueError:

@@ -85,7 +85,6 @@ def _header(image: PaImage, series: Series) -> str:
         frame = f"Seq_Frame{number:04d}"
         transforms = {"ProbeToProbeHome": probe_to_probe_home(angle_deg)}
         if radius_m is not None:
-            # Without the face radius this transform would be wrong by it, so that it is left out.
             transforms["ImageToProbe"] = image_to_probe(image.geometry, face_radius_m=radius_m)
         for name, matrix in transforms.items():
             lines.append(f"{frame}_{name}Transform = {' '.join(f'{value:.12g}' for value in matrix.flat)}")
@@ -128,7 +127,8 @@ def image_to_probe(geometry: ScanGeometry, *, face_radius_m: float) -> Float64[n
     one millimetre of x long.
     """
     matrix = np.zeros((4, 4))
-    matrix[0, 2] = matrix[3, 3] = 1.0
+    matrix[0, 2] = 1.0
+    matrix[3, 3] = 1.0
     matrix[1, 0] = 1e3 * geometry.lateral_step_m
     matrix[1, 3] = 1e3 * geometry.first_lateral_m
     # Depth counts from the face, which is the face radius away from the axis of rotation.

@@ -119,8 +119,7 @@ class Journal:
         Raises `RecordError` if it cannot be written.
         """
         if not isinstance(self.last, Finished | Failed | Interrupted | None):
-            clock_s = 0.0 if self._last is None else self._last.clock_s
-            self.commit(Interrupted(reason=reason), clock_s=clock_s)
+            self.commit(Interrupted(reason=reason), clock_s=self.clock_s)
 
     def fail(self, error: Exception, *, clock_s: float) -> None:
         """Record the error that ended the run; does nothing if it is over or has failed already."""
@@ -131,6 +130,11 @@ class Journal:
     def last(self) -> JournalEvent | None:
         """What was committed last; None before the first."""
         return None if self._last is None else self._last.event
+
+    @property
+    def clock_s(self) -> float:
+        """Clock of the run at what was committed last, in seconds; 0 before the first."""
+        return 0.0 if self._last is None else self._last.clock_s
 
     def close(self) -> None:
         """Release the file; allowed twice.
