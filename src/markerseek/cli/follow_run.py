@@ -22,7 +22,7 @@ from markerseek.cli.registering import SpotIsSet
 from markerseek.cli.signals import Heartbeat, require_pipe
 from markerseek.cli.terminal import announce_compilation, stderr
 from markerseek.core import USUAL_SEED, ConfigError, RecordError, SceneOptions, StereoPair, counted, require_range
-from markerseek.files import read_input
+from markerseek.files import FileVersion, read_input, version_of
 
 SPEED_MM_S = 2.0
 ERROR_MM = 0.5
@@ -245,13 +245,12 @@ class PointedAt:
             return None
         return x, y
 
-    def _version(self) -> tuple[int, int] | None:
+    def _version(self) -> FileVersion | None:
         """Return what tells one file of that name from the next; None: there is none."""
         try:
-            found = self._path.stat()
+            return version_of(self._path.stat())
         except OSError:
             return None
-        return found.st_mtime_ns, found.st_ino
 
 
 _PIXEL_BYTES = 256

@@ -8,13 +8,13 @@ import time
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
 from markerseek.core import MAX_PAIRS, AcquisitionError, ConfigError, NotConnectedError, RecordError, UInt8
 from markerseek.drivers._pair_source import ALONE_IMAGES, ALONE_S, Key, Pairing, PairSource
-from markerseek.files import MIB, endings, os_reason, read_input
+from markerseek.files import MIB, FileVersion, endings, os_reason, read_input, version_of
 from markerseek.geometry import Camera
 from markerseek.vision import SUFFIXES, decoded_image, says_its_end
 
@@ -48,14 +48,13 @@ _MOST_COUNTED = 10_000
 _MOST_BYTES = 64 * MIB
 """Largest image file: 16 megapixels of 4 bytes."""
 
-_Id: TypeAlias = tuple[int, int, int]
 """Inode, time of the last change in nanoseconds and size of a file: renamed it is the same, written again another."""
 
 
 class _File(NamedTuple):
     """A file of a folder."""
 
-    id: _Id
+    id: FileVersion
     name: str
     since_s: float
     """Monotonic time of the last look without it."""
@@ -190,11 +189,11 @@ class _Folder:
         self._path = path
         self._looked_s = time.monotonic()
         # Of before, taken, or named as incomplete.
-        self._done: set[_Id] = set()
+        self._done: set[FileVersion] = set()
         # Since when it is as it is, in monotonic seconds, its name, and why it could not be read.
-        self._waiting: dict[_Id, tuple[float, str, str]] = {}
+        self._waiting: dict[FileVersion, tuple[float, str, str]] = {}
         # Since when it is there and not read.
-        self._first_s: dict[_Id, float] = {}
+        self._first_s: dict[FileVersion, float] = {}
         self._left_out = 0
         self._unreadable: tuple[float, str] | None = None
         self._last_key: Key | None = None
@@ -273,7 +272,7 @@ class _Folder:
                     if name.startswith(".") or not entry.is_file():
                         continue
                     if name.lower().endswith(SUFFIXES):
-                        files.append(_File(id=_id(entry.stat()), name=name, since_s=self._looked_s))
+                        files.append(_File(id=version_of(entry.stat()), name=name, since_s=self._looked_s))
                     else:
                         others.add(name)
         self._others = others
@@ -284,7 +283,7 @@ class _Folder:
         path = self._path / file.name
         try:
             data = read_input(path, most_bytes=_MOST_BYTES)
-            unchanged = file.id == _id(path.stat())
+            unchanged = file.id == version_of(path.stat())
         except FileNotFoundError:
             return None
         except OSError as problem:
@@ -354,7 +353,3 @@ class _Folder:
         repeated = key == self._last_key
         self._last_key = key
         return None if repeated or not key else key
-
-
-def _id(status: os.stat_result) -> _Id:
-    return status.st_ino, status.st_mtime_ns, status.st_size

@@ -39,7 +39,7 @@ from markerseek.core import (
 from markerseek.drivers.clock import polls
 from markerseek.drivers.entry import Entry, Opening, ReceiverKeys
 from markerseek.drivers.standard_receiver import Frames, armed_for, in_the_dark
-from markerseek.files import MIB, open_input, os_reason, read_input
+from markerseek.files import MIB, FileVersion, open_input, os_reason, read_input, version_of
 from markerseek.wire import sonixdaq as wire
 
 _POLL_S = 0.05
@@ -88,7 +88,7 @@ class SonixDaqSettings(ReceiverKeys, frozen=True, kw_only=True, tag="sonixdaq"):
 _MAX_BYTES = 64 * MIB
 """Largest channel file that is read: 800 pulses of 40,000 samples."""
 
-FolderState: TypeAlias = dict[str, tuple[int, int, int]]
+FolderState: TypeAlias = dict[str, FileVersion]
 """Channel files by name: time of the last change in ns, size in bytes, inode."""
 
 
@@ -115,7 +115,7 @@ class DaqFolder:
                     except FileNotFoundError:  # replaced between listing and stat
                         continue
                     if is_file:
-                        state[entry.name] = (status.st_mtime_ns, status.st_size, status.st_ino)
+                        state[entry.name] = version_of(status)
         except OSError as error:
             raise self._unreadable(error) from error
         return state

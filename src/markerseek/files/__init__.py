@@ -21,6 +21,7 @@ from markerseek.files.atomic import (
 from markerseek.files.csv_rows import DECIMAL_COMMA, CsvRows, csv_rows, is_number, may_be_number
 from markerseek.files.inputs import (
     MIB,
+    FileVersion,
     as_read_error,
     open_input,
     os_reason,
@@ -29,6 +30,7 @@ from markerseek.files.inputs import (
     read_json,
     read_text,
     require_input,
+    version_of,
 )
 from markerseek.files.names import NamedAngle, angle_in, data_folder, endings, in_natural_order, natural, series_indices
 from markerseek.files.own_code import is_class_name, own_lines, own_module
@@ -50,6 +52,7 @@ __all__ = [
     "SERIAL_ERRORS",
     "AngleUnit",
     "CsvRows",
+    "FileVersion",
     "Line",
     "NamedAngle",
     "Parity",
@@ -89,4 +92,5 @@ __all__ = [
     "settings_from",
     "sync_folder",
     "unit_in",
+    "version_of",
 ]

@@ -14,7 +14,7 @@ import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO, TypeAlias, TypeVar
 
 import msgspec
 
@@ -27,10 +27,18 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 ContentT = TypeVar("ContentT")
 
+FileVersion: TypeAlias = tuple[int, int, int]
+"""Inode, time of the last change in nanoseconds and size."""
+
 
 def os_reason(problem: OSError) -> str:
     """Return the name and message of an error of the file system."""
     return f"{errno.errorcode.get(problem.errno or 0, 'error')}: {problem.strerror or problem}"
+
+
+def version_of(status: os.stat_result) -> FileVersion:
+    """Return what tells a file from one that has replaced it, or from what it was before it was written again."""
+    return status.st_ino, status.st_mtime_ns, status.st_size
 
 
 def quoted(path: Path) -> str:

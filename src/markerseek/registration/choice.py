@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import msgspec
 import numpy as np
@@ -152,27 +153,34 @@ def choose(
     if not accepted:
         return _unfit(useful, fits, problem, target_trus_m, spot)
     best = max(accepted, key=lambda fit: fit.log_probability)
-    left = tuple(name for name in first if name not in best.chosen)
+    left = _left_out(useful, best)
     displaced = _displaced(useful, best.chosen, spot)
     rivals = [fit for fit in fits if fit is not best]
     # Where all fit, the offset counts what they are displaced.
     logs = [best.log_probability, displaced.log_probability if left else -math.inf]
     shares = softmax(logs + [fit.log_probability for fit in rivals])
-    report = register_pairs(chosen_pairs(useful, best.chosen), target_trus_m=target_trus_m, spot=spot)
-    same = [rival for rival in rivals if _say_the_same(best, rival, useful, report)]
-    others = [(rival, float(share)) for rival, share in zip(rivals, shares[2:], strict=True)]
-    doubted = [(rival, share) for rival, share in others if rival not in same]
+
+    def registered(fit: _Fit) -> RegistrationReport:
+        return register_pairs(chosen_pairs(useful, fit.chosen), target_trus_m=target_trus_m, spot=spot)
+
+    report = registered(best)
+    agreeing: list[tuple[_Fit, float]] = []
+    doubted: list[tuple[_Fit, float]] = []
+    for rival, share in zip(rivals, shares[2:].tolist(), strict=True):
+        (agreeing if _say_the_same(best, rival, useful, report) else doubted).append((rival, share))
     certain = 1.0 - float(shares[1]) - sum(share for _, share in doubted)
     if certain >= _MIN_SHARE:
         # Where a marker is probably wrong, the report with it is not accepted, and the one without it is.
-        likely = [rival for rival, share in others if share > 1 - _MIN_SHARE and rival in same and rival in accepted]
-        likely.sort(key=lambda fit: -fit.log_probability)
-        for fit in (best, *likely):
-            tried = register_pairs(chosen_pairs(useful, fit.chosen), target_trus_m=target_trus_m, spot=spot)
-            if tried.registered:
-                left = tuple(name for name in first if name not in fit.chosen)
-                return Choice(report=tried, decided=True, chosen=fit.chosen, left_out=left)
-        return Choice(report=report, decided=False, chosen=best.chosen, left_out=left)
+        likely = [(fit, share) for fit, share in agreeing if share > 1 - _MIN_SHARE and fit in accepted]
+        likely.sort(key=lambda each: -each[1])
+        tried = chain([(best, report)], ((fit, registered(fit)) for fit, _ in likely))
+        taken, its_report = next((each for each in tried if each[1].registered), (best, report))
+        return Choice(
+            report=its_report,
+            decided=its_report.registered,
+            chosen=taken.chosen,
+            left_out=_left_out(useful, taken),
+        )
     doubtful = [rival for rival, share in doubted if share > (1 - _MIN_SHARE) / len(fits)]
     unsure = tuple(name for name in first if any(best.chosen.get(name) != rival.chosen.get(name) for rival in doubtful))
     over = len(useful) >= OVER_AFTER and bool(shares[0] < shares[1])
@@ -199,6 +207,11 @@ class _Fit:
     offset_sigma_m: float
     transform: RigidTransform
     """From the camera to the probe."""
+
+
+def _left_out(markers: Sequence[SeenMarker], fit: _Fit) -> tuple[str, ...]:
+    """Return the names of the markers that are not in a set."""
+    return tuple(marker.name for marker in markers if marker.name not in fit.chosen)
 
 
 def _say_the_same(best: _Fit, rival: _Fit, markers: Sequence[SeenMarker], report: RegistrationReport) -> bool:

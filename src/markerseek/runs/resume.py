@@ -87,7 +87,7 @@ def resumed(
     clock = rig.scanner.clock
     limits = limits or limits_of(journal.configuration)
     begun_s = entries[0].clock_s if entries else 0.0
-    ahead_s = (recorded.entries[-1].clock_s if recorded.entries else 0.0) - clock.now_s()
+    ahead_s = journal.clock_s - clock.now_s()
     tell_recorded(policy, entries)
     # The budget of pulses is that of the tissue, not of a process.
     firing = FiringLimits() if rig.bench is None else rig.bench.firing
@@ -127,12 +127,10 @@ def resumed(
             # A fault outlives this process: only a person's reset ends it.
             journal.fail(error, clock_s=clock.now_s() + ahead_s)
         raise
-    earlier = [entry.event for entry in entries]
-    tally: Tally | None = Tally.of(earlier, elapsed_s=clock.now_s() + ahead_s - begun_s)
+    earlier = [] if changed else [entry.event for entry in entries]
+    tally = None if changed else Tally.of(earlier, elapsed_s=clock.now_s() + ahead_s - begun_s)
     if changed:
         policy = anew()
-        earlier = []
-        tally = None
     events = run(policy, rig.scanner, journal.configuration.plan, limits=limits, earlier=tally)
     yield from committed(events, policy, rig, journal, ahead_s=ahead_s, earlier=earlier)
 
